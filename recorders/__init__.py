@@ -1,0 +1,1 @@
+"""The log: message types, codec, topics, MCAP writer and reader, and the wire they travel on."""

@@ -1,0 +1,50 @@
+"""The errors of the project: one root, one clear line each, and the exit status that goes with it."""
+
+from typing import ClassVar
+
+
+class ReenactError(Exception):
+    """Root of every error raised on purpose; its text is one line for the user.
+
+    The line says what was expected, what was found and, where it helps, what to do.
+    """
+
+    exit_status: ClassVar[int] = 2
+
+
+class LogError(ReenactError):
+    """A log is missing, is not MCAP, is cut off, damaged, or lacks what is asked of it."""
+
+
+class MessageError(ReenactError):
+    """A message is of the wrong type, does not decode, holds NaN, or comes out of order."""
+
+
+class JointError(ReenactError):
+    """Joint names or counts are not those of the robot."""
+
+
+class RobotError(ReenactError):
+    """A robot is unknown, or its description or configuration is not usable."""
+
+
+class MotionError(ReenactError):
+    """A motion is unknown, malformed, or leaves the robot's reach."""
+
+
+class ControllerError(ReenactError):
+    """A controller file is missing, malformed, or made for something else."""
+
+
+class ConfigError(ReenactError):
+    """A configuration value is out of range, or a key is unknown."""
+
+
+class WireError(ReenactError):
+    """A network session could not be opened, a consumer did not answer, or a stream has a gap."""
+
+
+class CheckFailed(ReenactError):
+    """A check was made and does not hold."""
+
+    exit_status: ClassVar[int] = 1

@@ -1,0 +1,126 @@
+"""The manifest of a log: what made it, on what, and the hash of what it holds."""
+
+import hashlib
+import json
+import platform
+import struct
+from collections.abc import Iterable, Mapping
+from importlib.metadata import PackageNotFoundError, version
+from pathlib import Path
+from typing import Any
+
+from recorders.errors import LogError
+from recorders.records import Stamped
+
+FORMAT_VERSION = 1
+METADATA_NAME = "reenact"  # the name of the MCAP metadata record
+
+_CHECKSUM = "manifest_sha256"
+_PACKAGES = ("reenact", "drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
+_FRAME = struct.Struct("<IQQ")  # sequence, log time [ns], length of the data
+
+
+class ContentHash:
+    """SHA-256 over the messages of a log, in file order: topic, sequence, log time and bytes of each.
+
+    Every field of varying length is preceded by its length, so no two different logs are hashed alike.
+    """
+
+    def __init__(self) -> None:
+        self._hash = hashlib.sha256()
+        self._topics: dict[str, bytes] = {}
+
+    def add(self, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
+        """Take in one message."""
+        framed = self._topics.get(topic)
+        if framed is None:
+            name = topic.encode()
+            framed = self._topics[topic] = len(name).to_bytes(4, "little") + name
+        self._hash.update(framed + _FRAME.pack(sequence, log_time_ns, len(data)) + data)
+
+    def hexdigest(self) -> str:
+        """Return the hash of everything taken in so far."""
+        return self._hash.hexdigest()
+
+
+def content_sha256(records: Iterable[Stamped]) -> str:
+    """Return the `content_sha256` that a log of these records has in its manifest."""
+    content = ContentHash()
+    for record in records:
+        content.add(record.topic, record.sequence, record.log_time_ns, record.data)
+    return content.hexdigest()
+
+
+def environment() -> dict[str, Any]:
+    """Return the environment fingerprint: interpreter, machine and package versions; no time, user, host or path."""
+    return {
+        "python": platform.python_version(),
+        "implementation": platform.python_implementation(),
+        "system": platform.system(),
+        "machine": platform.machine(),
+        "cpu": _cpu_model(),
+        "packages": {name: found for name in _PACKAGES if (found := _version(name))},
+    }
+
+
+def to_metadata(manifest: Mapping[str, Any]) -> dict[str, str]:
+    """Return the manifest as MCAP metadata: each value as JSON, and a checksum over them all.
+
+    Raises
+    ------
+    LogError
+        If a key is not a string or a value is not JSON (NaN is not).
+    """
+    texts = {key: _to_json(key, manifest[key]) for key in manifest}
+    texts = dict(sorted(texts.items()))
+    return {**texts, _CHECKSUM: _checksum(texts)}
+
+
+def from_metadata(metadata: Mapping[str, str]) -> dict[str, Any]:
+    """Return the manifest that `to_metadata` wrote.
+
+    Raises
+    ------
+    LogError
+        If the checksum does not hold, or the log is of a later format than this program knows.
+    """
+    texts = {key: text for key, text in metadata.items() if key != _CHECKSUM}
+    if metadata.get(_CHECKSUM) != _checksum(texts):
+        raise LogError("the manifest is damaged: its checksum does not hold")
+    try:
+        manifest = {key: json.loads(text) for key, text in texts.items()}
+    except (ValueError, RecursionError):
+        raise LogError("the manifest is not JSON") from None
+    found = manifest.get("format_version")
+    if not isinstance(found, int) or found > FORMAT_VERSION:
+        raise LogError(f"expected log format {FORMAT_VERSION} or older, found {found!r}: it needs a newer reenact")
+    return manifest
+
+
+def _to_json(key: Any, value: Any) -> str:
+    if not isinstance(key, str):
+        raise LogError(f"manifest: expected keys that are strings, found {key!r}")
+    try:
+        return json.dumps(value, allow_nan=False, sort_keys=True)
+    except (TypeError, ValueError, RecursionError) as error:
+        raise LogError(f"manifest: {key} cannot be written as JSON: {error}") from None
+
+
+def _checksum(texts: Mapping[str, str]) -> str:
+    return hashlib.sha256(json.dumps(sorted(texts.items())).encode()).hexdigest()
+
+
+def _version(package: str) -> str | None:
+    try:
+        return version(package)
+    except PackageNotFoundError:
+        return None
+
+
+def _cpu_model() -> str:
+    try:
+        lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()
+    except OSError:
+        lines = []
+    models = (line.partition(":")[2].strip() for line in lines if line.startswith("model name"))
+    return next(models, platform.processor())

@@ -1,0 +1,187 @@
+import random
+import subprocess
+import sys
+from collections import Counter
+from contextlib import suppress
+
+import pytest
+from mcap.writer import CompressionType, IndexType, Writer
+
+from recorders.errors import LogError
+from recorders.messages import PoseStamped
+from recorders.reader import LogReader
+from recorders.records import Stamped
+from recorders.topics import LEFT_TARGET, SAMPLE_JOINTS, TOPICS
+
+
+def read_until_damage(path):
+    """Return the records before the damage, and the error's text (None if there was none)."""
+    records = []
+    try:
+        for record in LogReader(path):
+            records.append(record)  # one by one: the last step may raise
+    except LogError as error:
+        return records, str(error)
+    return records, None
+
+
+def test_records_come_in_file_order_with_their_own_bytes(log, ticks):
+    assert list(LogReader(log)) == ticks(40)
+    assert all(type(record) is Stamped for record in LogReader(log))
+
+
+def test_topics_filter(log, ticks):
+    wanted = [LEFT_TARGET, SAMPLE_JOINTS]
+    assert list(LogReader(log).records(topics=wanted)) == [record for record in ticks(40) if record.topic in wanted]
+    assert list(LogReader(log).records(topics=["/none"])) == []
+
+
+def test_contents(log, ticks):
+    reader = LogReader(log)
+    assert reader.counts == Counter(record.topic for record in ticks(40))
+    assert reader.topics == {name: TOPICS[name].type for name in reader.counts}
+    assert reader.attachments == ("robot.urdf",)
+    assert reader.attachment("robot.urdf") == b"<robot/>"
+    with pytest.raises(LogError, match=r"no attachment 'robot.toml'; there are: robot.urdf"):
+        reader.attachment("robot.toml")
+
+
+@pytest.mark.parametrize(
+    ("content", "expected"),
+    [
+        (None, "no such file"),
+        (b"", "expected an MCAP file, found an empty one"),
+        (b"PK\x03\x04 and more", "expected an MCAP file, found one that begins with b'PK"),
+    ],
+)
+def test_what_is_not_a_log_is_refused_at_once(tmp_path, content, expected):
+    path = tmp_path / "log.mcap"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(LogError, match=f"log.mcap: {expected}"):
+        LogReader(path)
+
+
+def test_a_directory_is_refused(tmp_path):
+    with pytest.raises(LogError, match="expected an MCAP file, found a directory"):
+        LogReader(tmp_path)
+
+
+def test_a_cut_off_log_gives_everything_before_the_cut_and_one_error(log, tmp_path, ticks):
+    whole = log.read_bytes()
+    expected = ticks(40)
+    cut = tmp_path / "cut.mcap"
+    lengths = set()
+    for size in sorted(random.Random(0).sample(range(8, len(whole)), 150)):
+        cut.write_bytes(whole[:size])
+        records, error = read_until_damage(cut)
+        assert records == expected[: len(records)]
+        assert "cut off at byte" in error
+        assert "\n" not in error
+        lengths.add(len(records))
+        with pytest.raises(LogError, match=r"cut.mcap: the log is cut off"):
+            _ = LogReader(cut).manifest
+    assert {0, 64, 128, 192, 256, 280} == lengths
+
+
+def test_a_flipped_bit_never_gives_a_wrong_message(log, tmp_path, ticks):
+    whole = log.read_bytes()
+    expected = ticks(40)
+    bad = tmp_path / "bad.mcap"
+    draw = random.Random(1)
+    for place in draw.sample(range(8, len(whole)), 200):
+        raw = bytearray(whole)
+        raw[place] ^= 1 << draw.randrange(8)
+        bad.write_bytes(raw)
+        records, error = read_until_damage(bad)
+        assert records == expected[: len(records)]
+        assert error is not None
+        assert "\n" not in error
+        for ask in (lambda: LogReader(bad).manifest, lambda: LogReader(bad).attachment("robot.urdf")):
+            with suppress(LogError):
+                assert ask() in (LogReader(log).manifest, b"<robot/>")
+
+
+def test_huge_lengths_are_refused_without_allocating(log, tmp_path):
+    whole = log.read_bytes()
+    bad = tmp_path / "bad.mcap"
+    chunk = whole.index(b"lz4") - 4 - 4 - 8 - 16 - 8  # the length field of the first chunk
+    for place, text in ((chunk, "cut off"), (chunk + 8 + 16, "claims 1152921504606846976 bytes")):
+        raw = bytearray(whole)
+        raw[place : place + 8] = (2**60).to_bytes(8, "little")
+        bad.write_bytes(raw)
+        records, error = read_until_damage(bad)
+        assert records == []
+        assert text in error
+
+
+def test_a_log_that_vanishes_is_one_error(log):
+    reader = LogReader(log)
+    log.unlink()
+    with pytest.raises(LogError, match="no such file"):
+        list(reader)
+
+
+def foreign(path, **options):
+    """Write a log as other programs do, with a protobuf, a JSON and a schemaless channel."""
+    with path.open("wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile="", library="other")
+        protobuf = writer.register_schema("foxglove.PoseInFrame", "protobuf", b"\x00descriptor")
+        json_schema = writer.register_schema("Note", "jsonschema", b"{}")
+        channels = [
+            writer.register_channel("/pose", "protobuf", protobuf),
+            writer.register_channel("/note", "json", json_schema),
+            writer.register_channel("/raw", "x", 0),
+        ]
+        for index in range(30):
+            writer.add_message(channels[index % 3], 100 - index, bytes([index]) * index, 5, index)
+        writer.add_metadata("other", {"a": "b"})
+        writer.add_attachment(1, 2, "notes.txt", "text/plain", b"hello")
+        writer.finish()
+    types = ["foxglove.PoseInFrame", "Note", ""]
+    topics = ["/pose", "/note", "/raw"]
+    return [Stamped(topics[i % 3], types[i % 3], bytes([i]) * i, i, 100 - i) for i in range(30)]
+
+
+@pytest.mark.parametrize("indexed", [True, False])
+@pytest.mark.parametrize("chunked", [True, False])
+@pytest.mark.parametrize("compression", CompressionType)
+def test_logs_of_other_writers_are_read_raw(tmp_path, compression, chunked, indexed):
+    path = tmp_path / "foreign.mcap"
+    bare = {
+        "index_types": IndexType.NONE,
+        "repeat_channels": False,
+        "repeat_schemas": False,
+        "use_statistics": False,
+        "use_summary_offsets": False,
+    }
+    records = foreign(path, compression=compression, use_chunking=chunked, chunk_size=200, **({} if indexed else bare))
+    reader = LogReader(path)
+    assert list(reader) == records
+    assert reader.counts == {"/pose": 10, "/note": 10, "/raw": 10}
+    assert reader.topics == {"/pose": "foxglove.PoseInFrame", "/note": "Note", "/raw": ""}
+    assert reader.manifest == {}
+    assert reader.attachment("notes.txt") == b"hello"
+
+
+def test_memory_does_not_grow_with_the_log(tmp_path):
+    small, large = (_peak_kib(tmp_path / f"{count}.mcap", count) for count in (2_000, 200_000))
+    assert large - small < 8 * 1024  # the large log is 80 MB of messages
+
+
+def _peak_kib(path, count):
+    write = (
+        "import sys; from recorders.writer import LogWriter; data = bytes(400)\n"
+        "with LogWriter(sys.argv[1], manifest={}) as log:\n"
+        "    for k in range(int(sys.argv[2])):\n"
+        f"        log.write('/x', data, log_time_ns=k, type_name={PoseStamped.TYPE!r})\n"
+    )
+    read = (
+        "import sys, resource; from recorders.reader import LogReader\n"
+        "assert sum(1 for _ in LogReader(sys.argv[1])) == int(sys.argv[2])\n"
+        "print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    )
+    subprocess.run([sys.executable, "-c", write, path, str(count)], check=True)
+    done = subprocess.run([sys.executable, "-c", read, path, str(count)], check=True, capture_output=True)
+    return int(done.stdout)
