@@ -1,0 +1,118 @@
+"""What travels on the data keys: single messages with their attachment, packed batches, the end and the abort."""
+
+import struct
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple
+
+from recorders.errors import MessageError
+from recorders.records import Stamped
+from recorders.stream import PROTOCOL_VERSION
+from recorders.topics import type_of
+
+DEFAULT_NAMESPACE = "reenact"
+
+_ATTACHMENT = struct.Struct("<BBxxI16sQq")  # version, kind, sequence, run, stream index, log time
+_RECORD = struct.Struct("<HIIq")  # topic length, data length, sequence, log time
+
+
+class Kind(IntEnum):
+    """What a frame's payload is."""
+
+    MESSAGE = 0  # one message; the payload is its CDR bytes, the key its topic
+    BATCH = 1  # several messages, packed
+    END = 2  # the stream ends at this index
+    ABORT = 3  # the sender failed; the payload says why
+
+
+class Frame(NamedTuple):
+    """One Zenoh sample of a stream: its place, and the messages it carries."""
+
+    kind: Kind
+    run: bytes
+    index: int
+    messages: tuple[Stamped, ...] = ()
+    reason: str = ""
+
+    @property
+    def end(self) -> int:
+        """The stream index after this frame."""
+        return self.index + len(self.messages)
+
+
+def batch_key(namespace: str) -> str:
+    """Return the key that batches, the end and the abort travel on."""
+    return f"{namespace}/replay/batch"
+
+
+def control_key(namespace: str, consumer: str, verb: str) -> str:
+    """Return the key of a consumer's `hello`, `status` or `ack`."""
+    return f"{namespace}/@consumer/{consumer}/{verb}"
+
+
+def message_key(namespace: str, topic: str) -> str:
+    """Return the key of a topic: the namespace and the topic without its leading slash."""
+    return f"{namespace}/{topic.lstrip('/')}"
+
+
+def pack(frame: Frame) -> tuple[bytes, bytes]:
+    """Return (payload, attachment) of a frame."""
+    sequence, log_time_ns, payload = 0, 0, b""
+    if frame.kind is Kind.MESSAGE:
+        (message,) = frame.messages
+        sequence, log_time_ns, payload = message.sequence, message.log_time_ns, message.data
+    elif frame.kind is Kind.BATCH:
+        payload = _pack_messages(frame.messages)
+    elif frame.kind is Kind.ABORT:
+        payload = frame.reason.encode()
+    attachment = _ATTACHMENT.pack(PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.index, log_time_ns)
+    return payload, attachment
+
+
+def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
+    """Read a frame back.
+
+    Parameters
+    ----------
+    topic : str
+        Topic of the key that the sample came on; only a single message has one.
+
+    Raises
+    ------
+    MessageError
+        If attachment or payload are not what `pack` makes.
+    """
+    try:
+        version, kind, sequence, run, index, log_time_ns = _ATTACHMENT.unpack(attachment)
+        frame = Frame(Kind(kind), run, index)
+        if version != PROTOCOL_VERSION:
+            raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
+        if frame.kind is Kind.MESSAGE:
+            return frame._replace(messages=(Stamped(topic, type_of(topic) or "", payload, sequence, log_time_ns),))
+        if frame.kind is Kind.BATCH:
+            return frame._replace(messages=_unpack_messages(payload))
+        return frame._replace(reason=payload.decode(errors="replace"))
+    except (struct.error, ValueError) as error:
+        raise MessageError(f"{topic}: {len(payload)} bytes that are no frame of a replay ({error})") from error
+
+
+def _pack_messages(messages: Sequence[Stamped]) -> bytes:
+    parts: list[bytes] = []
+    for topic, _, data, sequence, log_time_ns in messages:
+        name = topic.encode()
+        parts += (_RECORD.pack(len(name), len(data), sequence, log_time_ns), name, data)
+    return b"".join(parts)
+
+
+def _unpack_messages(payload: bytes) -> tuple[Stamped, ...]:
+    messages, place = [], 0
+    while place < len(payload):
+        name_length, data_length, sequence, log_time_ns = _RECORD.unpack_from(payload, place)
+        name_at = place + _RECORD.size
+        data_at = name_at + name_length
+        place = data_at + data_length
+        if place > len(payload):
+            raise ValueError(f"a record of {data_length} bytes overruns the payload")
+        topic = payload[name_at:data_at].decode()
+        messages.append(Stamped(topic, type_of(topic) or "", payload[data_at:place], sequence, log_time_ns))
+    return tuple(messages)

@@ -1,0 +1,1 @@
+"""Logs turned back into an ordered stream: schedule, engine, transports and stream digests."""

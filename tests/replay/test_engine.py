@@ -1,0 +1,94 @@
+"""The engine presents logs as the schedule says, and can begin at any message."""
+
+from itertools import islice
+from pathlib import Path
+
+import pytest
+from episodes import write_episode
+
+from recorders.cdr import decode
+from recorders.errors import LogError
+from recorders.messages import String
+from recorders.phase import Phase
+from recorders.records import Stamped
+from recorders.topics import JOINT_STATES, SAMPLE_JOINTS, SESSION_PHASE
+from replay import engine
+from replay.engine import Replay
+from replay.schedule import Schedule
+
+SCHEDULE = Schedule(epochs=2, phases=(("washout", 1), ("learn", 2)))
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("engine") / "log.mcap", samples=4)
+
+
+def phase_of(message: Stamped) -> Phase:
+    marker = decode(message.type, message.data)
+    assert isinstance(marker, String)
+    return Phase.from_message(marker)
+
+
+def test_every_cycle_is_a_marker_and_the_whole_log(log: Path) -> None:
+    replay = Replay([log], SCHEDULE)
+    messages = list(replay.stream())
+    assert len(messages) == len(replay) == 2 * 3 * (1 + 15)
+    markers = [message for message in messages if message.topic == SESSION_PHASE]
+    assert [(phase_of(marker).epoch, phase_of(marker).cycle, phase_of(marker).phase) for marker in markers] == [
+        (epoch, cycle, phase) for epoch in range(2) for cycle, phase in enumerate(["washout", "learn", "learn"])
+    ]
+    assert [marker.sequence for marker in markers] == list(range(6))
+    cycles = [messages[1 + 16 * cycle : 16 * (cycle + 1)] for cycle in range(6)]
+    assert all(cycle == cycles[0] for cycle in cycles)
+
+
+def test_several_logs_are_presented_in_turn(log: Path, tmp_path: Path) -> None:
+    other = write_episode(tmp_path / "other.mcap", samples=2)
+    messages = list(Replay([log, other], SCHEDULE).stream())
+    markers = [phase_of(message) for message in messages if message.topic == SESSION_PHASE]
+    assert len(markers) == 12
+    assert len({marker.log for marker in markers}) == 2
+    assert [marker.cycle for marker in markers[:4]] == [0, 0, 1, 1]
+
+
+def test_it_begins_at_any_message(log: Path) -> None:
+    replay = Replay([log], SCHEDULE)
+    whole = list(replay.stream())
+    for start in range(len(whole) + 1):
+        assert list(replay.stream(start)) == whole[start:]
+
+
+def test_a_log_too_large_to_keep_gives_the_same_stream(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    kept = list(Replay([log], SCHEDULE).stream())
+    monkeypatch.setattr(engine, "CACHE_BYTES", 100)
+    assert list(Replay([log], SCHEDULE).stream()) == kept
+
+
+def test_the_stream_is_lazy(log: Path) -> None:
+    forever = Schedule(epochs=1_000_000)
+    assert len(list(islice(Replay([log], forever).stream(), 100))) == 100
+
+
+def test_the_run_names_the_content(log: Path, tmp_path: Path) -> None:
+    same = write_episode(tmp_path / "same.mcap", samples=4)
+    other = write_episode(tmp_path / "other.mcap", samples=5)
+    run = Replay([log], SCHEDULE).run
+    assert Replay([same], SCHEDULE).run == run
+    assert Replay([other], SCHEDULE).run != run
+    assert Replay([log], Schedule(epochs=3)).run != run
+
+
+def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
+    path = write_episode(
+        tmp_path / "log.mcap",
+        change=lambda tick, topic, message: [(JOINT_STATES if topic == SAMPLE_JOINTS else topic, message)],
+    )
+    with pytest.raises(LogError, match=r"expected messages on /sample/joint_states, found none"):
+        Replay([path], SCHEDULE)
+
+
+def test_logs_of_different_robots_are_refused(log: Path, tmp_path: Path) -> None:
+    other = write_episode(tmp_path / "other.mcap", attachments={"robot.urdf": b"<robot/>", "robot.toml": b""})
+    with pytest.raises(LogError, match="another robot"):
+        Replay([log, other], SCHEDULE)

@@ -1,0 +1,54 @@
+"""Small logs made without a simulator: the teacher's own postures, as if the robot followed at once."""
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.kinematics import Kinematics
+from pipeline.motions import circles
+from pipeline.robot import RobotConfig, load_robot
+from pipeline.teacher import Teacher
+from recorders.messages import JointState, Message, PoseStamped
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.writer import LogWriter
+
+PERIOD_NS = 200_000_000
+STEPS_PER_TICK = 40
+
+Change = Callable[[int, str, Message], Sequence[tuple[str, Message]]]
+"""What becomes of a message: given tick, topic and message, what is written instead."""
+
+
+def as_it_is(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
+    return [(topic, message)]
+
+
+def write_episode(
+    path: Path, *, samples: int = 24, change: Change = as_it_is, attachments: dict[str, bytes] | None = None
+) -> Path:
+    """Write the ticks of the first `samples` samples of the circles, and one more."""
+    robot = load_robot("asimo")
+    if attachments is None:
+        attachments = {"robot.urdf": robot.urdf_text.encode(), "robot.toml": robot.toml_text.encode()}
+    with LogWriter(path, manifest={"kind": "test"}, attachments=attachments) as writer:
+        for tick, (targets, q) in enumerate(_ticks(robot, samples + 1)):
+            stamp = tick * PERIOD_NS
+            messages: list[tuple[str, Message]] = [
+                (LEFT_TARGET, PoseStamped(stamp, targets[0])),
+                (RIGHT_TARGET, PoseStamped(stamp, targets[1])),
+                (SAMPLE_JOINTS, JointState(stamp, robot.joints, q)),
+            ]
+            for topic, message in messages:
+                for changed_topic, changed in change(tick, topic, message):
+                    writer.write(changed_topic, changed, log_time_ns=stamp)
+    return path
+
+
+def _ticks(robot: RobotConfig, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
+    teacher, q, ticks = Teacher(Kinematics(robot)), robot.comfort, []
+    for targets in circles(robot).targets[:count]:
+        ticks.append((targets, q))
+        for _ in range(STEPS_PER_TICK):
+            q = teacher.step(q, targets)
+    return ticks
