@@ -1,0 +1,1 @@
+"""Robot, teacher, simulation, learner and evaluation, and the commands that wire them."""

@@ -1,0 +1,5 @@
+"""`python -m pipeline` is `reenact`."""
+
+from pipeline.cli import main
+
+main()

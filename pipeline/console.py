@@ -1,0 +1,54 @@
+"""What the command line shows: progress on the terminal, results as a table or as JSON."""
+
+import json
+import sys
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from typing import Any
+
+from rich.console import Console
+from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.table import Table
+
+errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+
+@contextmanager
+def progress(description: str) -> Iterator[Callable[[float], None]]:
+    """Show a bar on standard error while the block runs, and nothing where there is no terminal.
+
+    Yields
+    ------
+    callable
+        Takes the fraction done, from 0 to 1.
+    """
+    columns = (TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    with Progress(*columns, console=errors, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(description, total=1.0)
+        yield lambda fraction: bar.update(task, completed=fraction)
+
+
+def say(line: str) -> None:
+    """Print one line for the reader, on standard error, so that standard output holds the result alone."""
+    errors.print(line, markup=False)
+
+
+def show(result: Mapping[str, Any], *, as_json: bool) -> None:
+    """Print a result: one JSON object, or a line for each entry."""
+    if as_json:
+        print(json.dumps(result))
+        return
+    width = max(map(len, result))
+    for name, value in result.items():
+        print(f"{name:<{width}}  {_text(value)}")
+
+
+def table(content: Table) -> None:
+    """Print a table, as wide as it needs to be where there is no terminal."""
+    Console(highlight=False, width=None if sys.stdout.isatty() else 120).print(content)
+
+
+def _text(value: Any) -> str:
+    if value is None:
+        return "-"
+    return f"{value:.2f}" if isinstance(value, float) else str(value)

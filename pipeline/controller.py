@@ -1,0 +1,243 @@
+"""A learned controller as one file: configuration, constants, state, robot and provenance in an .npz.
+
+The file is a zip of .npy members, so that `numpy.load(path)` opens it anywhere; everything that is not an array is
+JSON in the member `header`. Which connections exist is drawn again from the seed rather than stored: the
+drawing is a fixed integer computation, and a digest in the header shows if it ever changed.
+"""
+
+import dataclasses
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, Self
+
+import numpy as np
+
+from pipeline import npz
+from pipeline.kernels import FloatArray
+from pipeline.learner import Learner, LearnerConfig, state_digest
+from pipeline.network import check_state, state_shapes
+from recorders.errors import ConfigError, ControllerError
+
+FORMAT = "reenact-controller"
+VERSION = 1
+_CONSTANTS = ("input_centre", "output_centre", "pending")
+_HEADER_TEXTS = ("robot_toml", "robot_urdf", "state_digest", "connections_digest")
+
+
+@dataclasses.dataclass(frozen=True, kw_only=True, eq=False)
+class Controller:
+    """Everything needed to run, check and explain a learned controller; arrays are copied and read-only.
+
+    Parameters
+    ----------
+    config : LearnerConfig
+        Configuration of the learner.
+    input_centre, output_centre : ndarray, shapes (inputs,) and (outputs,)
+        Constants that centre inputs and outputs [m, rad].
+    joints : tuple of str
+        Joint names, in the order of the last outputs [rad]; the outputs before them predict the next u [m].
+    robot_toml, robot_urdf : str
+        The robot's configuration and description, as text.
+    state : mapping of str to ndarray
+        State of the learner, see `Learner.state`.
+    pending : ndarray, shape (inputs,) or (0,)
+        The u that waits for its target, empty if none does.
+    provenance : mapping
+        Where it came from, plain JSON values given by the caller: logs, digests, versions.
+
+    Raises
+    ------
+    ControllerError
+        If parts do not fit one another.
+    """
+
+    config: LearnerConfig
+    input_centre: FloatArray
+    output_centre: FloatArray
+    joints: tuple[str, ...]
+    robot_toml: str
+    robot_urdf: str
+    state: Mapping[str, FloatArray]
+    pending: FloatArray
+    provenance: Mapping[str, Any]
+
+    def __post_init__(self) -> None:
+        inputs, outputs = self.config.inputs, self.config.outputs
+        if inputs + len(self.joints) != outputs or len(set(self.joints)) != len(self.joints):
+            raise ControllerError(
+                f"expected {outputs - inputs} different joints for {outputs} outputs, found {len(self.joints)}"
+            )
+        shapes = {"input_centre": {(inputs,)}, "output_centre": {(outputs,)}, "pending": {(inputs,), (0,)}}
+        for name, allowed in shapes.items():
+            values = getattr(self, name)
+            if np.shape(values) not in allowed or not np.isfinite(values).all():
+                raise ControllerError(
+                    f"expected {name} of shape {(*allowed,)[0]}, finite; found shape {np.shape(values)}"
+                )
+            object.__setattr__(self, name, _frozen(values))
+        check_state(self.config, self.state)
+        object.__setattr__(self, "state", {name: _frozen(self.state[name]) for name in state_shapes(self.config)})
+
+    @classmethod
+    def from_learner(
+        cls,
+        learner: Learner,
+        *,
+        joints: tuple[str, ...],
+        robot_toml: str,
+        robot_urdf: str,
+        pending: FloatArray | None = None,
+        provenance: Mapping[str, Any] | None = None,
+    ) -> Self:
+        """Take a learner's present state; `pending` is the u that waits for its target."""
+        return cls(
+            config=learner.config,
+            input_centre=learner.input_centre,
+            output_centre=learner.output_centre,
+            joints=tuple(joints),
+            robot_toml=robot_toml,
+            robot_urdf=robot_urdf,
+            state=learner.state(),
+            pending=np.empty(0) if pending is None else pending,
+            provenance=dict(provenance or {}),
+        )
+
+    @property
+    def digest(self) -> str:
+        """State digest, pending u included: 64 hexadecimal digits."""
+        return state_digest(self.state, self.pending)
+
+    def learner(self) -> Learner:
+        """Make a learner at this state."""
+        learner = Learner(self.config, input_centre=self.input_centre, output_centre=self.output_centre)
+        learner.load_state(self.state)
+        return learner
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the file, whole or not at all; equal controllers give equal bytes.
+
+        Raises
+        ------
+        ControllerError
+            If the file cannot be written, or the provenance is not plain JSON.
+        """
+        header = {
+            "format": FORMAT,
+            "version": VERSION,
+            "config": self.config.to_dict(),
+            "joints": list(self.joints),
+            "robot_toml": self.robot_toml,
+            "robot_urdf": self.robot_urdf,
+            "state_digest": self.digest,
+            "connections_digest": self.learner().connections_digest(),
+            "provenance": self.provenance,
+        }
+        try:
+            text = json.dumps(header, allow_nan=False, sort_keys=True)
+        except (TypeError, ValueError, RecursionError) as error:
+            raise ControllerError(f"expected a provenance of plain JSON values: {error}") from error
+        constants = {name: getattr(self, name) for name in _CONSTANTS}
+        _write_atomically(Path(path), npz.pack({"header": text, **constants, **self.state}))
+
+    @classmethod
+    def load(cls, path: str | os.PathLike[str]) -> Self:
+        """Read a file written by `save`.
+
+        Raises
+        ------
+        ControllerError
+            If the file is missing, is not such a file, or does not agree with its own digests.
+        """
+        try:
+            return cls._parse(npz.unpack(_read(Path(path))))
+        except (ControllerError, ConfigError) as error:
+            raise ControllerError(f"cannot use controller {path}: {error}") from error
+
+    @classmethod
+    def _parse(cls, members: dict[str, str | FloatArray]) -> Self:
+        header = _parse_header(members.pop("header", None))
+        arrays = {name: values for name, values in members.items() if not isinstance(values, str)}
+        missing = [name for name in _CONSTANTS if name not in arrays]
+        if missing:
+            raise ControllerError(f"expected array {missing[0]}, found {', '.join(arrays)}")
+        controller = cls(
+            config=LearnerConfig.from_dict(header["config"]),
+            **{name: arrays.pop(name) for name in _CONSTANTS},
+            joints=tuple(header["joints"]),
+            robot_toml=header["robot_toml"],
+            robot_urdf=header["robot_urdf"],
+            state=arrays,
+            provenance=header["provenance"],
+        )
+        _check_digest("state", header["state_digest"], controller.digest)
+        _check_digest("connections", header["connections_digest"], controller.learner().connections_digest())
+        return controller
+
+
+def _frozen(values: FloatArray) -> FloatArray:
+    copy = np.array(values, dtype=np.float64)
+    copy.flags.writeable = False
+    return copy
+
+
+def _parse_header(text: object) -> dict[str, Any]:
+    if not isinstance(text, str):
+        raise ControllerError("expected a member header.npy with JSON, found none")
+    try:
+        header = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise ControllerError(f"its header is not JSON: {error}") from error
+    if not isinstance(header, dict) or header.get("format") != FORMAT:
+        raise ControllerError(f"its header does not say {FORMAT}")
+    if type(header.get("version")) is not int or header["version"] != VERSION:
+        raise ControllerError(f"expected format version {VERSION}, found {header.get('version')!r}")
+    kinds = {"config": dict, "joints": list, "provenance": dict, **dict.fromkeys(_HEADER_TEXTS, str)}
+    for name, kind in kinds.items():
+        if not isinstance(header.get(name), kind):
+            raise ControllerError(
+                f"expected {name} in its header to be a {kind.__name__}, found {header.get(name)!r:.40}"
+            )
+    if not all(isinstance(joint, str) for joint in header["joints"]):
+        raise ControllerError("expected joint names in its header to be strings")
+    return header
+
+
+def _check_digest(name: str, expected: str, found: str) -> None:
+    if expected != found:
+        raise ControllerError(f"its {name} digest is {found[:12]}, but its header says {expected[:12]}")
+
+
+def _read(path: Path) -> bytes:
+    try:
+        if path.stat().st_size > npz.MAX_BYTES:
+            raise ControllerError(f"expected at most {npz.MAX_BYTES} bytes, found {path.stat().st_size}")
+        return path.read_bytes()
+    except OSError as error:
+        raise ControllerError(error.strerror or str(error)) from error
+
+
+def _write_atomically(path: Path, data: bytes) -> None:
+    """Write beside the destination, sync, rename, sync the directory: a crash leaves the old file or the new."""
+    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    try:
+        try:
+            with temporary.open("xb") as file:
+                file.write(data)
+                file.flush()
+                os.fsync(file.fileno())
+            temporary.replace(path)
+        finally:
+            temporary.unlink(missing_ok=True)
+        _sync_directory(path.parent)
+    except OSError as error:
+        raise ControllerError(f"cannot write controller {path}: {error.strerror or error}") from error
+
+
+def _sync_directory(path: Path) -> None:
+    descriptor = os.open(path, os.O_RDONLY)
+    try:
+        os.fsync(descriptor)
+    finally:
+        os.close(descriptor)

@@ -1,0 +1,225 @@
+"""The main job end to end: explore, record, replay over Zenoh into a learner, check it against the recording, report."""
+
+import json
+import os
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from rich.table import Table
+
+from pipeline import console
+from pipeline.controller import Controller
+from pipeline.exploration import explore
+from pipeline.learner_config import LearnerConfig
+from pipeline.motions import PATTERNS, load_motion
+from pipeline.nodes import replay
+from pipeline.report import MotionTest, draw_report
+from pipeline.robot import load_robot
+from pipeline.training import train
+from pipeline.trials import Trial, robot_of, try_motion
+from recorders.errors import CheckFailed, ConfigError, WireError
+from recorders.rerun_recorder import record_motion
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig
+from replay.schedule import Schedule
+from replay.zenoh_transport import SenderConfig
+
+DRAWING = "right_hand_drawing"
+"""Stands for the user's demonstration; generated, see its file."""
+
+PAPER_CM = {"circles": 2.79, "eight": 2.95}
+"""The paper's errors, each of the network trained on that pattern (section III-B)."""
+
+_LEARNER_START_S = 60.0  # a cold start compiles the kernels
+_DEPLOYMENT_PERIOD_S = 0.1  # the paper presents targets at 10 Hz
+
+
+@dataclass(frozen=True, eq=False)
+class Demo:
+    """What a run of the demo came to.
+
+    Attributes
+    ----------
+    trials : the controller on pattern 1, pattern 2 and the drawing, in this order
+    errors_cm : eq. (10) of every epoch
+    zenoh_digest, file_digest : state digests of the learner fed over Zenoh and of the one trained from the file
+    seconds : time of each stage [s]
+    controller, logs : files
+    """
+
+    trials: tuple[Trial, Trial, Trial]
+    errors_cm: list[float]
+    zenoh_digest: str
+    file_digest: str
+    seconds: dict[str, float]
+    controller: Path
+    logs: list[Path]
+
+    def summary(self, out: Path) -> dict[str, Any]:
+        """Return the summary, with paths relative to the folder `out`."""
+        trained, other, drawing = self.trials
+        return {
+            "train_cm": trained.errors.mean_cm,
+            "other_cm": other.errors.mean_cm,
+            "demonstration_left_cm": drawing.errors.left_cm,
+            "demonstration_right_cm": drawing.errors.right_cm,
+            "teacher_cm": trained.teacher.mean_cm if trained.teacher else None,
+            "linear_cm": trained.linear.mean_cm if trained.linear else None,
+            "file_digest": self.file_digest,
+            "zenoh_digest": self.zenoh_digest,
+            "seconds": self.seconds,
+            "controller": str(self.controller.relative_to(out)),
+            "logs": [str(log.relative_to(out)) for log in self.logs],
+        }
+
+
+def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, robot: str = "asimo") -> Demo:
+    """Run the whole chain in the folder `out`, replacing what an earlier run left there.
+
+    Raises
+    ------
+    CheckFailed
+        If the learner fed over Zenoh and the one trained from the file differ; everything is written before.
+    ReenactError
+        If a stage fails.
+    """
+    _make_folder(out)
+    seconds: dict[str, float] = {}
+    logs = [out / f"{pattern}.mcap" for pattern in PATTERNS]
+    config = load_robot(robot)
+    for pattern, log in zip(PATTERNS, logs, strict=True):
+        with _stage(f"explore {pattern}", seconds) as advance:
+            explore(config, load_motion(pattern, config), seed=seed, out=log, overwrite=True, progress=advance)
+    controller_path = out / "controller.npz"
+    with _stage("learn over Zenoh", seconds) as advance:
+        zenoh_digest = _learn_over_zenoh(logs[0], controller_path, seed=seed, epochs=epochs, advance=advance)
+    with _stage("learn from the file", seconds) as advance:
+        trainer = train(
+            logs[:1],
+            schedule=Schedule(epochs=epochs),
+            config=LearnerConfig(seed=seed),
+            on_cycle=lambda cycle: advance((cycle.epoch + 1) / epochs),
+        )
+    with _stage("evaluate", seconds):
+        controller = Controller.load(controller_path)
+        trials = (try_motion(controller, logs[0]), try_motion(controller, logs[1]), try_motion(controller, DRAWING))
+    with _stage("report", seconds):
+        _draw(out / "report.png", trials, trainer.errors_cm)
+        _record(out / "robot.rrd", controller, trials[1])
+    file_digest = str(trainer.result()["digest"])
+    result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs)
+    _write_json(out / "summary.json", result.summary(out))
+    if zenoh_digest != file_digest:
+        raise CheckFailed(
+            f"the learner fed over Zenoh has state {zenoh_digest[:16]}, the one trained from the file {file_digest[:16]}; "
+            "expected the same"
+        )
+    return result
+
+
+def results_table(result: Demo) -> Table:
+    """Return the errors beside the teacher's, the baseline's and the paper's, for the terminal."""
+    table = Table(title="Distance of the hands from their targets, mean over time [cm]", title_justify="left")
+    table.add_column("motion")
+    for heading in ("learned", "left", "right", "worst", "teacher", "linear", "paper"):
+        table.add_column(heading, justify="right")
+    labels = ("circles (trained)", "eight (never seen)", "right-hand drawing (never seen)")
+    for label, trial in zip(labels, result.trials, strict=True):
+        errors, paper = trial.errors, PAPER_CM.get(trial.name)
+        beside = [part.mean_cm if part else None for part in (trial.teacher, trial.linear)]
+        cells = [errors.mean_cm, errors.left_cm, errors.right_cm, errors.max_cm, *beside, paper]
+        table.add_row(label, *("-" if cell is None else f"{cell:.2f}" for cell in cells))
+    table.caption = "linear: least squares on the same data. paper: its network trained on that very pattern."
+    table.caption_justify = "left"
+    return table
+
+
+@contextmanager
+def _stage(name: str, seconds: dict[str, float]) -> Iterator[Callable[[float], None]]:
+    began_s = time.monotonic()
+    with console.progress(name) as advance:
+        yield advance
+        advance(1.0)
+    seconds[name] = round(time.monotonic() - began_s, 2)
+
+
+def _learn_over_zenoh(log: Path, controller: Path, *, seed: int, epochs: int, advance: Callable[[float], None]) -> str:
+    """Feed a learner in a process of its own over loopback; return its state digest."""
+    endpoint = free_endpoint()
+    command = [sys.executable, "-m", "pipeline", "learn", "--connect", endpoint, "--seed", str(seed), "--json"]
+    with subprocess.Popen(
+        [*command, "--out", str(controller.resolve())],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as learner:
+        try:
+            results = replay(
+                [log],
+                schedule=Schedule(epochs=epochs),
+                session=SessionConfig(listen=(endpoint,)),
+                sender=SenderConfig(wait_s=_LEARNER_START_S),
+                on_progress=advance,
+            )
+        except BaseException:
+            learner.terminate()
+            raise
+        printed, complaints = learner.communicate()
+    if learner.returncode != 0:
+        raise WireError(f"the learner ended with status {learner.returncode}: {complaints.strip().splitlines()[-1:]}")
+    said, acknowledged = json.loads(printed)["digest"], results["consumers"]["learner"]["digest"]
+    if said != acknowledged:
+        raise CheckFailed(f"the learner acknowledged state {acknowledged[:16]} and ended with {said[:16]}")
+    return str(said)
+
+
+def _draw(path: Path, trials: tuple[Trial, Trial, Trial], errors_cm: list[float]) -> None:
+    titles = ("Circles (trained)", "Eight (never seen)", "Right-hand drawing (never seen)")
+    trained = trials[0]
+    draw_report(
+        path,
+        tests=[
+            MotionTest(title, trial.targets, trial.reached, trial.errors)
+            for title, trial in zip(titles, trials, strict=True)
+        ],
+        errors_cm=errors_cm,
+        teacher_cm=trained.teacher.mean_cm if trained.teacher else float("nan"),
+        linear_cm=trained.linear.mean_cm if trained.linear else float("nan"),
+        paper_cm=PAPER_CM["circles"],
+        title=f"Learned from one pattern of {len(trained.targets)} samples, both hands follow motions never seen",
+    )
+
+
+def _record(path: Path, controller: Controller, trial: Trial) -> None:
+    robot = robot_of(controller)
+    record_motion(
+        path,
+        urdf_text=robot.urdf_text,
+        joint_names=robot.joints,
+        times_s=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_S,
+        joints=trial.joints,
+        targets=trial.targets.reshape(-1, 2, 3),
+        reached=trial.reached,
+        title=f"learned controller on {trial.name}",
+    )
+
+
+def _make_folder(out: Path) -> None:
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
+    os.replace(temporary, path)

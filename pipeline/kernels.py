@@ -1,0 +1,317 @@
+"""The learner's arithmetic, compiled: every floating-point operation in a fixed order, none of it from libm.
+
+Equation numbers are those of the paper (see `pipeline.learner`). A sum runs over its slots one by one; what is
+vectorised runs across neurons or weights. Without fastmath the compiler may neither reorder nor fuse, so that
+every CPU gives the same bits. `error_model="numpy"` only drops the zero test from divisions, which would stop
+vectorisation.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.uint32]
+SizeArray = NDArray[np.int64]
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_LOG2_E = 1.4426950408889634
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 rounded to 33 bits: its product with |k| < 2**11 is exact
+_LN2_LOW = 1.90821492927058770002e-10  # the rest of ln 2
+_ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in the low bits of the sum
+_EXP_MIN, _EXP_MAX = -708.0, 709.0  # beyond these exp leaves the normal float64 numbers
+_LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive float64
+
+OK, BAD_INPUT, BAD_TARGET, DIVERGED = 0, 1, 2, 3
+
+
+def _compiled(function: _Function) -> _Function:
+    return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+
+
+class Sizes(NamedTuple):
+    """Sizes of a network; a slot is the place of one connection at the neuron that it leads to."""
+
+    inputs: int
+    outputs: int
+    reservoir: int
+    reservoir_slots: int  # of each reservoir neuron
+    output_slots: int  # of each output
+    feedback_slot: int  # the slots of an output from here on come from outputs: the sum in eq. (7)
+    sources: int  # length of z
+
+
+class Views(NamedTuple):
+    """What a step reads and changes, as views into one block of memory, and its scratch space.
+
+    All that a neuron can hear stands in one vector z = (u, y of the outputs, y of the reservoir, zeros); a slot without
+    a connection hears the last zero.
+    """
+
+    reservoir_weights: FloatArray  # (reservoir, reservoir_slots), fixed
+    output_weights: FloatArray  # (outputs, output_slots), adapted
+    a: FloatArray  # (reservoir,)
+    b: FloatArray  # (reservoir,)
+    x: FloatArray  # (outputs + reservoir,), in the order of eq. (4)
+    z: FloatArray  # (sources,)
+    error: FloatArray  # (outputs,), e(k-1) of eq. (7)
+    heard: FloatArray  # (outputs, output_slots), scratch: what the outputs heard in this step
+    gamma: FloatArray  # (outputs,), scratch
+    slope_error: FloatArray  # (sources,), scratch: f'(x_s) e_s at the outputs s, zero elsewhere
+
+
+class Rates(NamedTuple):
+    """Learning rates of one epoch and the constants of the rules, in the order in which the kernel takes them."""
+
+    eta: float
+    epsilon: float
+    zeta: float
+    mu: float
+
+
+def memory_size(sizes: Sizes) -> int:
+    """Float64 numbers in the block that `views` divides."""
+    weights = sizes.reservoir * sizes.reservoir_slots + 2 * sizes.outputs * sizes.output_slots
+    return weights + 3 * sizes.reservoir + 3 * sizes.outputs + 2 * sizes.sources
+
+
+@_compiled
+def exp(x: float) -> float:
+    """Exponential within 2 units in the last place for -708 <= x <= 709, held at the ends beyond.
+
+    exp(x) = 2**k exp(r), |r| <= ln(2) / 2, with the Taylor polynomial of degree 13 for exp(r), whose remainder is
+    4e-18; it is evaluated in Estrin's scheme, which waits less than Horner's.
+    """
+    x = _EXP_MIN if x < _EXP_MIN else x
+    x = _EXP_MAX if x > _EXP_MAX else x
+    shifted = x * _LOG2_E + _ROUND
+    k = shifted - _ROUND
+    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1.0 / 2.0 + r * (1.0 / 6.0)) + r2 * (1.0 / 24.0 + r * (1.0 / 120.0))
+    middle = (1.0 / 720.0 + r * (1.0 / 5040.0)) + r2 * (1.0 / 40320.0 + r * (1.0 / 362880.0))
+    high = (1.0 / 3628800.0 + r * (1.0 / 39916800.0)) + r2 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
+    power = 1.0 + (r + r2 * (low + r4 * (middle + r4 * high)))
+    exponent = np.float64(shifted).view(np.int64) << 52
+    return np.int64(np.float64(power).view(np.int64) + exponent).view(np.float64)
+
+
+@_compiled
+def log(x: float) -> float:
+    """Natural logarithm of a positive number, by Halley's iteration on `exp`."""
+    y = 0.0
+    for _ in range(_LOG_STEPS):
+        power = exp(y)
+        y += 2.0 * (x - power) / (x + power)
+    return y
+
+
+@_compiled
+def views(sizes: SizeArray, memory: FloatArray) -> Views:
+    """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
+    _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
+    neurons, heard = outputs + reservoir, outputs * output_slots
+    lengths = (reservoir * reservoir_slots, heard, reservoir, reservoir, neurons, sources, outputs, heard, outputs)
+    ends = np.cumsum(np.array(lengths))
+    return Views(
+        memory[: ends[0]].reshape(reservoir, reservoir_slots),
+        memory[ends[0] : ends[1]].reshape(outputs, output_slots),
+        memory[ends[1] : ends[2]],
+        memory[ends[2] : ends[3]],
+        memory[ends[3] : ends[4]],
+        memory[ends[4] : ends[5]],
+        memory[ends[5] : ends[6]],
+        memory[ends[6] : ends[7]].reshape(outputs, output_slots),
+        memory[ends[7] : ends[8]],
+        memory[ends[8] :],
+    )
+
+
+@_compiled
+def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
+    """Activations of the reservoir, eq. (1)."""
+    for i in range(x.size):
+        total = 0.0
+        for slot in range(weights.shape[1]):
+            total += weights[i, slot] * z[sources[i, slot]]
+        x[i] = total
+
+
+@_compiled
+def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, heard: FloatArray, x: FloatArray) -> None:
+    """Activations of the outputs, eq. (1), keeping what each slot heard for the update."""
+    for i in range(x.size):
+        total = 0.0
+        for slot in range(weights.shape[1]):
+            value = z[sources[i, slot]]
+            heard[i, slot] = value
+            total += weights[i, slot] * value
+        x[i] = total
+
+
+@_compiled
+def sum_of_squares(z: FloatArray) -> float:
+    """Squared norm of z, whose length is a multiple of four, as four interleaved sums."""
+    s0 = s1 = s2 = s3 = 0.0
+    for j in range(0, z.size, 4):
+        s0 += z[j] * z[j]
+        s1 += z[j + 1] * z[j + 1]
+        s2 += z[j + 2] * z[j + 2]
+        s3 += z[j + 3] * z[j + 3]
+    return (s0 + s1) + (s2 + s3)
+
+
+@_compiled
+def fermi(x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray) -> None:
+    """Activities of the reservoir, eq. (3)."""
+    for i in range(x.size):
+        y[i] = 1.0 / (1.0 + exp(-a[i] * x[i] - b[i]))
+
+
+@_compiled
+def fermi_outputs(x: FloatArray, y: FloatArray) -> None:
+    """Activities of the outputs, which are only fed back: eq. (3) with a = 1, b = 0."""
+    for i in range(x.size):
+        y[i] = 1.0 / (1.0 + exp(-x[i]))
+
+
+@_compiled
+def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, views: Views) -> None:
+    """Add to gamma the sum in eq. (7): the outputs' last errors, through the connections between outputs."""
+    for s in range(first_output, first_output + views.gamma.size):
+        y = views.z[s]
+        views.slope_error[s] = y * (1.0 - y) * views.error[s - first_output]
+    for i in range(views.gamma.size):
+        for slot in range(first_slot, sources.shape[1]):
+            views.gamma[i] += views.output_weights[i, slot] * views.slope_error[sources[i, slot]]
+
+
+@_compiled
+def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate: float) -> None:
+    """BPDC, eqs. (5) and (6): u and f(x) are both what a slot heard; an empty slot heard zero and stays zero."""
+    for i in range(gamma.size):
+        step = rate * gamma[i]
+        for slot in range(weights.shape[1]):
+            weights[i, slot] += step * heard[i, slot]
+
+
+@_compiled
+def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, zeta: float, mu: float) -> None:
+    """IP, eqs. (8) and (9), the latter read as delta a = zeta / a + x delta b."""
+    inverse = 1.0 / mu
+    for i in range(x.size):
+        delta_b = zeta * (1.0 - (2.0 + inverse) * y[i] + inverse * (y[i] * y[i]))
+        a[i] += zeta / a[i] + x[i] * delta_b
+        b[i] += delta_b
+
+
+@_compiled
+def all_finite(values: FloatArray) -> bool:
+    """Say whether there is neither NaN nor infinity."""
+    wrong = 0
+    flat = values.reshape(-1)
+    for i in range(flat.size):
+        wrong |= 0 if flat[i] - flat[i] == 0.0 else 1
+    return wrong == 0
+
+
+@_compiled
+def is_finite(views: Views) -> bool:
+    """Say whether all that a step changes is free of NaN and infinity."""
+    adapted = all_finite(views.output_weights) and all_finite(views.a) and all_finite(views.b)
+    return adapted and all_finite(views.x)
+
+
+@_compiled
+def teach(
+    d: FloatArray, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views
+) -> None:
+    """BPDC update of everything that leads to an output, eqs. (5) to (7); z still holds u(k) and y(k)."""
+    for i in range(d.size):
+        views.gamma[i] = -(views.x[i] - d[i])
+    add_feedback_error(sources, feedback_slot, first_output, views)
+    rate = rates.eta / (sum_of_squares(views.z) + rates.epsilon)
+    decorrelate(views.output_weights, views.heard, views.gamma, rate)
+
+
+@_compiled
+def activate(sizes: SizeArray, memory: FloatArray) -> None:
+    """Activities of outputs and reservoir from their activations, eqs. (2) and (3)."""
+    inputs, outputs, reservoir = sizes[0], sizes[1], sizes[2]
+    state = views(sizes, memory)
+    fermi_outputs(state.x[:outputs], state.z[inputs : inputs + outputs])
+    fermi(state.x[outputs:], state.a, state.b, state.z[inputs + outputs : inputs + outputs + reservoir])
+
+
+@_compiled
+def run(
+    u: FloatArray,
+    d: FloatArray,
+    learning: bool,
+    sizes: SizeArray,
+    sources: IndexArray,
+    memory: FloatArray,
+    rates: FloatArray,
+    predicted: FloatArray,
+) -> int:
+    """Take complete steps: predict, compare with d, learn; a sequence may be cut into calls anywhere.
+
+    The arguments are plain arrays because a call with tuples costs more than a step.
+
+    Parameters
+    ----------
+    u : ndarray, shape (steps, inputs)
+        Centred inputs.
+    d : ndarray, shape (steps, outputs) or (0, outputs)
+        Centred targets; none to run forward only, which leaves no error for the next step.
+    learning : bool
+        Whether to apply BPDC and IP; needs targets.
+    sizes : ndarray of int64
+        The values of a `Sizes`.
+    sources : ndarray of uint32
+        For each slot of each reservoir neuron, then of each output, the index of what it hears in z.
+    memory : ndarray
+        The block that `views` divides.
+    rates : ndarray, shape (4,)
+        The values of a `Rates`.
+    predicted : ndarray, shape (steps, outputs)
+        Filled with the outputs of each step, before its update.
+
+    Returns
+    -------
+    int
+        `OK`, `BAD_INPUT` or `BAD_TARGET` (not finite: nothing was done), or `DIVERGED` (the state is not finite).
+    """
+    if not all_finite(u):
+        return BAD_INPUT
+    if not all_finite(d):
+        return BAD_TARGET
+    inputs, outputs, feedback_slot = sizes[0], sizes[1], sizes[5]
+    state = views(sizes, memory)
+    constants = Rates(rates[0], rates[1], rates[2], rates[3])
+    split = state.reservoir_weights.size
+    reservoir_sources = sources[:split].reshape(state.reservoir_weights.shape)
+    output_sources = sources[split:].reshape(state.output_weights.shape)
+    x_output, x_reservoir = state.x[:outputs], state.x[outputs:]
+    y_output = state.z[inputs : inputs + outputs]
+    y_reservoir = state.z[inputs + outputs : inputs + outputs + state.a.size]
+    for k in range(u.shape[0]):
+        for r in range(inputs):
+            state.z[r] = u[k, r]
+        listen(state.reservoir_weights, reservoir_sources, state.z, x_reservoir)
+        listen_and_keep(state.output_weights, output_sources, state.z, state.heard, x_output)
+        for i in range(outputs):
+            predicted[k, i] = x_output[i]
+        if learning:
+            teach(d[k], inputs, feedback_slot, output_sources, constants, state)
+        for i in range(outputs):
+            state.error[i] = x_output[i] - d[k, i] if d.shape[0] else 0.0
+        fermi_outputs(x_output, y_output)
+        fermi(x_reservoir, state.a, state.b, y_reservoir)
+        if learning:
+            intrinsic_plasticity(x_reservoir, y_reservoir, state.a, state.b, constants.zeta, constants.mu)
+    return OK if is_finite(state) else DIVERGED

@@ -1,0 +1,293 @@
+"""Robots as data: a URDF and a TOML file become one checked, immutable `RobotConfig`."""
+
+import math
+import tomllib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.resources import data_path
+from recorders.errors import RobotError
+
+Floats = NDArray[np.float64]
+
+URDF_FILE = "robot.urdf"
+TOML_FILE = "robot.toml"
+
+_KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
+_JOINT_KEYS = frozenset({"name", "weight", "comfort"})
+_PATTERN_KEYS = frozenset({"left_centre", "right_centre", "lateral", "up"})
+
+
+@dataclass(frozen=True, eq=False)
+class RobotConfig:
+    """All that the program knows of a robot. Postures are arrays in the order of `joints`; n = len(joints).
+
+    Attributes
+    ----------
+    name : str
+    joints : tuple of str, length n
+    lower, upper : position limits [rad or m], shape (n,)
+    weights : cost of leaving the comfort posture, relative to each joint's range, shape (n,)
+    comfort : comfort posture [rad or m], shape (n,); also the constant on which learned outputs are centred
+    left_hand, right_hand : names of the links whose origins are the hand positions
+    gaze_joint, gaze_frame : the joint that turns the gaze, and a link it moves (x ahead, z along the joint's axis)
+    left_centre, right_centre : middle of each hand's pattern [m], world frame, shape (3,)
+    lateral, up : unit vectors of the plane in which the hands draw, world frame, shape (3,)
+    urdf_text, toml_text : the two files as they were read, for a log's attachments
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    lower: Floats
+    upper: Floats
+    weights: Floats
+    comfort: Floats
+    left_hand: str
+    right_hand: str
+    gaze_joint: str
+    gaze_frame: str
+    left_centre: Floats
+    right_centre: Floats
+    lateral: Floats
+    up: Floats
+    urdf_text: str
+    toml_text: str
+
+    def __post_init__(self) -> None:
+        for field in ("lower", "upper", "weights", "comfort", "left_centre", "right_centre", "lateral", "up"):
+            array = np.array(getattr(self, field), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, field, array)
+
+    @property
+    def input_centre(self) -> Floats:
+        """Centre of both hands' patterns [m], left then right, shape (6,)."""
+        return np.concatenate([self.left_centre, self.right_centre])
+
+
+def robot_names() -> list[str]:
+    """Names of the robots that come with the program."""
+    root = data_path("robots")
+    return sorted(entry.name for entry in root.glob("*") if (entry / TOML_FILE).is_file())
+
+
+def load_robot(name_or_directory: str | Path) -> RobotConfig:
+    """Load a robot that comes with the program, or one from a directory with `robot.urdf` and `robot.toml`.
+
+    Raises
+    ------
+    RobotError
+        The robot is unknown, a file cannot be read, or the two files do not make a usable robot.
+    """
+    names = robot_names()
+    packaged = str(name_or_directory) in names
+    directory = data_path("robots", str(name_or_directory)) if packaged else Path(name_or_directory)
+    if not directory.is_dir():
+        raise RobotError(f"unknown robot '{name_or_directory}': expected one of {', '.join(names)}, or a directory")
+    return parse_robot(_read(directory / TOML_FILE), _read(directory / URDF_FILE))
+
+
+def _read(path: Path) -> str:
+    try:
+        return path.read_text(encoding="utf-8")
+    except OSError as error:
+        raise RobotError(f"cannot read robot file '{path}': {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RobotError(f"cannot read robot file '{path}': expected UTF-8 text") from error
+
+
+def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
+    """Make a robot from the texts of its two files, wherever they come from (a directory, a log's attachments).
+
+    Raises
+    ------
+    RobotError
+        A text does not parse, a key is missing, unknown or of the wrong kind, or the two do not fit together.
+    """
+    try:
+        table = tomllib.loads(toml_text)
+    except tomllib.TOMLDecodeError as error:
+        raise RobotError(f"robot config is not TOML: {error}") from error
+    _check_keys(table, _KEYS, "the robot config")
+    joints, weights, comfort = _joints(table["joints"])
+    hands = _names(table["hands"], ("left", "right"), "[hands]")
+    gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
+    pattern = _pattern(table["pattern"])
+    urdf = _parse_urdf(urdf_text)
+    lower, upper = _limits(urdf, joints)
+    _check_links(urdf, (*hands, gaze[1]))
+    _check_comfort(joints, lower, comfort, upper)
+    if gaze[0] not in joints:
+        raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {', '.join(joints)}")
+    return RobotConfig(
+        name=_text(table["name"], "name"),
+        joints=joints,
+        lower=lower,
+        upper=upper,
+        weights=weights,
+        comfort=comfort,
+        left_hand=hands[0],
+        right_hand=hands[1],
+        gaze_joint=gaze[0],
+        gaze_frame=gaze[1],
+        **pattern,
+        urdf_text=urdf_text,
+        toml_text=toml_text,
+    )
+
+
+def canonical_urdf(urdf_text: str) -> str:
+    """Return the same URDF with its elements in an order of their own: by kind, then by name.
+
+    Libraries lay out their arrays, and so the order of their sums, by the order in the file. Read in canonical order,
+    two URDFs that differ only in that order give the same bits.
+
+    Raises
+    ------
+    RobotError
+        The text is not a URDF.
+    """
+    urdf = _parse_urdf(urdf_text)
+    urdf[:] = sorted(urdf, key=lambda element: (element.tag, element.get("name", "")))
+    return ElementTree.tostring(urdf, encoding="unicode")
+
+
+def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
+    """Parent and child link of every joint of a URDF, fixed ones included, in canonical order.
+
+    Raises
+    ------
+    RobotError
+        The text is not a URDF.
+    """
+    urdf = _parse_urdf(canonical_urdf(urdf_text))
+    return {
+        element.get("name", ""): (_attribute(element, "parent", "link"), _attribute(element, "child", "link"))
+        for element in urdf.iterfind("joint")
+    }
+
+
+def _check_keys(table: Mapping[str, Any], expected: frozenset[str], where: str) -> None:
+    if missing := sorted(expected - table.keys()):
+        raise RobotError(f"{where} lacks {', '.join(missing)}: expected the keys {', '.join(sorted(expected))}")
+    if unknown := sorted(table.keys() - expected):
+        raise RobotError(f"{where} has unknown {', '.join(unknown)}: expected the keys {', '.join(sorted(expected))}")
+
+
+def _table(value: object, expected: frozenset[str], where: str) -> Mapping[str, Any]:
+    if not isinstance(value, dict):
+        raise RobotError(f"{where} of the robot config: expected a table, found {value!r}")
+    _check_keys(value, expected, where)
+    return value
+
+
+def _text(value: object, where: str) -> str:
+    if not isinstance(value, str) or not value:
+        raise RobotError(f"{where} of the robot config: expected a name, found {value!r}")
+    return value
+
+
+def _number(value: object, where: str) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise RobotError(f"{where} of the robot config: expected a finite number, found {value!r}")
+    return float(value)
+
+
+def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
+    table = _table(value, frozenset(keys), where)
+    return _text(table[keys[0]], f"{where} {keys[0]}"), _text(table[keys[1]], f"{where} {keys[1]}")
+
+
+def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
+    if not isinstance(value, list) or not value:
+        raise RobotError(f"joints of the robot config: expected a list of tables, found {value!r}")
+    rows = [_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
+    names = tuple(_text(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
+    if duplicate := sorted({name for name in names if names.count(name) > 1}):
+        raise RobotError(f"joints of the robot config: {', '.join(duplicate)} given more than once")
+    weights = [_number(row["weight"], f"weight of {row['name']}") for row in rows]
+    comfort = [_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
+    if min(weights) <= 0.0:
+        name = names[weights.index(min(weights))]
+        raise RobotError(f"weight of {name} of the robot config: expected above 0, found {min(weights)}")
+    return names, np.array(weights), np.array(comfort)
+
+
+def _pattern(value: object) -> dict[str, Floats]:
+    table = _table(value, _PATTERN_KEYS, "[pattern]")
+    vectors = {key: _vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
+    for key in ("lateral", "up"):
+        length = math.hypot(*vectors[key])
+        if not math.isclose(length, 1.0, abs_tol=1e-9):
+            raise RobotError(f"[pattern] {key} of the robot config: expected length 1, found {length:g}")
+    return vectors
+
+
+def _vector(value: object, where: str) -> Floats:
+    if not isinstance(value, list) or len(value) != 3:
+        raise RobotError(f"{where} of the robot config: expected three numbers, found {value!r}")
+    return np.array([_number(entry, where) for entry in value])
+
+
+def _parse_urdf(urdf_text: str) -> ElementTree.Element:
+    try:
+        root = ElementTree.fromstring(urdf_text)  # noqa: S314 - expat itself bounds the expansion of entities
+    except ElementTree.ParseError as error:
+        raise RobotError(f"robot description is not XML: {error}") from error
+    if root.tag != "robot":
+        raise RobotError(f"robot description is not URDF: expected the root element 'robot', found '{root.tag}'")
+    return root
+
+
+def _limits(urdf: ElementTree.Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
+    movable = {e.get("name", ""): e for e in urdf.iterfind("joint") if e.get("type") != "fixed"}
+    motors = {e.get("name", "") for e in urdf.iterfind("transmission/joint")}
+    if missing := [name for name in joints if name not in movable]:
+        raise RobotError(
+            f"joints {', '.join(missing)} of the robot config are not movable joints of the URDF, "
+            f"which has {', '.join(sorted(movable))}"
+        )
+    if unnamed := sorted(movable.keys() - set(joints)):
+        raise RobotError(f"movable joints {', '.join(unnamed)} of the URDF are not in the robot config")
+    if unmoved := [name for name in joints if name not in motors]:
+        raise RobotError(f"joints {', '.join(unmoved)} of the URDF have no transmission, so nothing would move them")
+    lower = np.array([_limit(movable[name], "lower") for name in joints])
+    upper = np.array([_limit(movable[name], "upper") for name in joints])
+    return lower, upper
+
+
+def _attribute(joint: ElementTree.Element, child: str, attribute: str) -> str:
+    element = joint.find(child)
+    value = None if element is None else element.get(attribute)
+    if value is None:
+        raise RobotError(f"joint {joint.get('name')} of the URDF: expected <{child} {attribute}=...>, found none")
+    return value
+
+
+def _limit(joint: ElementTree.Element, side: str) -> float:
+    text = _attribute(joint, "limit", side)
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise RobotError(f"joint {joint.get('name')} of the URDF: expected a finite {side} limit, found '{text}'")
+    return value
+
+
+def _check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
+    links = {element.get("name", "") for element in urdf.iterfind("link")}
+    if missing := [frame for frame in frames if frame not in links]:
+        raise RobotError(f"frames {', '.join(missing)} of the robot config are not links: {', '.join(sorted(links))}")
+
+
+def _check_comfort(joints: Sequence[str], lower: Floats, comfort: Floats, upper: Floats) -> None:
+    for name, low, value, high in zip(joints, lower, comfort, upper, strict=True):
+        if not low < value < high:
+            raise RobotError(f"comfort of {name}: expected between its limits {low:g} and {high:g}, found {value:g}")

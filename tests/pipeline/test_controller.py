@@ -1,0 +1,237 @@
+"""A controller file holds everything, the same controller gives the same bytes, and no file can hurt."""
+
+import io
+import json
+import zipfile
+
+import numpy as np
+import pytest
+
+from pipeline import npz
+from pipeline.controller import Controller
+from pipeline.learner import Learner, LearnerConfig, state_digest
+from pipeline.seeding import uniforms
+from recorders.errors import ControllerError
+
+CONFIG = LearnerConfig(reservoir=30, outputs=8, epochs=2)
+JOINTS = ("hip_yaw", "elbow")
+
+
+def trained():
+    learner = Learner(CONFIG, input_centre=np.arange(6.0), output_centre=np.arange(8.0))
+    numbers = uniforms(0, "data", count=140).reshape(10, 14)
+    learner.begin_epoch(1)
+    learner.step(numbers[:, :6], numbers[:, 6:], learning=True)
+    return learner
+
+
+def controller(learner=None, **changes):
+    parts = {"joints": JOINTS, "robot_toml": "name = 'übung'\n", "robot_urdf": "<robot/>", "pending": np.arange(6.0)}
+    parts |= {"provenance": {"logs": ["a.mcap"], "seed": 0}}
+    return Controller.from_learner(learner or trained(), **{**parts, **changes})
+
+
+@pytest.fixture
+def path(tmp_path):
+    path = tmp_path / "controller.npz"
+    controller().save(path)
+    return path
+
+
+def test_everything_comes_back(path):
+    saved, loaded = controller(), Controller.load(path)
+    for name in ("config", "joints", "robot_toml", "robot_urdf", "provenance", "digest"):
+        assert getattr(loaded, name) == getattr(saved, name)
+    for name in ("input_centre", "output_centre", "pending"):
+        assert np.array_equal(getattr(loaded, name), getattr(saved, name))
+    assert loaded.digest == state_digest(trained().state(), np.arange(6.0))
+
+
+def test_a_loaded_learner_goes_on_to_the_bit(path):
+    learner, loaded = trained(), Controller.load(path).learner()
+    assert loaded.epoch == learner.epoch == 1
+    u, d = uniforms(1, "u", count=60).reshape(10, 6), uniforms(1, "d", count=80).reshape(10, 8)
+    assert np.array_equal(loaded.step(u, d, learning=True), learner.step(u, d, learning=True))
+    assert state_digest(loaded.state()) == state_digest(learner.state())
+
+
+def test_equal_controllers_give_equal_bytes_and_nothing_else_is_left(path, tmp_path):
+    Controller.load(path).save(tmp_path / "again.npz")
+    assert (tmp_path / "again.npz").read_bytes() == path.read_bytes()
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["again.npz", "controller.npz"]
+
+
+def test_numpy_opens_the_file(path):
+    with np.load(path, allow_pickle=False) as file:
+        assert json.loads(file["header"].tobytes())["joints"] == list(JOINTS)
+        assert np.array_equal(file["a"], trained().state()["a"])
+
+
+def test_a_controller_cannot_be_changed(path):
+    loaded = Controller.load(path)
+    with pytest.raises(ValueError, match="read-only"):
+        loaded.state["a"][0] = 0.0
+    with pytest.raises(AttributeError):
+        loaded.joints = ()
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"joints": ("hip_yaw",)},
+        {"joints": ("elbow", "elbow")},
+        {"pending": np.zeros(5)},
+        {"pending": np.full(6, np.nan)},
+    ],
+)
+def test_parts_that_do_not_fit_are_refused(changes):
+    with pytest.raises(ControllerError, match="expected"):
+        controller(**changes)
+
+
+def test_a_provenance_that_is_not_json_is_refused(tmp_path):
+    for provenance in ({"path": object()}, {"value": float("nan")}):
+        with pytest.raises(ControllerError, match="provenance"):
+            controller(provenance=provenance).save(tmp_path / "x.npz")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
+    (tmp_path / "directory").mkdir()
+    for path in (tmp_path / "missing" / "x.npz", tmp_path / "directory"):
+        with pytest.raises(ControllerError, match="cannot write controller"):
+            controller().save(path)
+    assert [file.name for file in tmp_path.iterdir()] == ["directory"]
+
+
+# malformed files
+
+
+def refuse(path, match):
+    with pytest.raises(ControllerError, match=match) as caught:
+        Controller.load(path)
+    assert "\n" not in str(caught.value)
+    assert str(path) in str(caught.value)
+
+
+def rewrite(path, change):
+    members = npz.unpack(path.read_bytes())
+    change(members)
+    path.write_bytes(npz.pack(members))
+
+
+def rewrite_header(path, **changes):
+    def change(members):
+        header = json.loads(members["header"]) | changes
+        members["header"] = json.dumps({key: value for key, value in header.items() if value is not ...})
+
+    rewrite(path, change)
+
+
+def test_a_missing_file_and_a_directory(tmp_path):
+    refuse(tmp_path / "none.npz", "No such file")
+    refuse(tmp_path, "Is a directory")
+
+
+@pytest.mark.parametrize("data", [b"", b"not a zip", b"PK\x03\x04" + bytes(100), b"PK\x05\x06" + bytes(18)])
+def test_what_is_not_an_npz(tmp_path, data):
+    (tmp_path / "x.npz").write_bytes(data)
+    refuse(tmp_path / "x.npz", "cannot use controller")
+
+
+def test_an_npz_of_someone_else(tmp_path):
+    np.savez(tmp_path / "x.npz", a=np.zeros(3))
+    refuse(tmp_path / "x.npz", "header")
+
+
+def test_pickled_arrays_are_never_unpickled(tmp_path):
+    class Bomb:
+        def __reduce__(self):
+            return (open, (str(tmp_path / "harmed"), "w"))
+
+    np.savez(tmp_path / "x.npz", header=np.array([Bomb()], dtype=object))
+    refuse(tmp_path / "x.npz", "float64 or text")
+    assert not (tmp_path / "harmed").exists()
+
+
+@pytest.mark.parametrize(
+    ("changes", "match"),
+    [
+        ({"format": "other"}, "reenact-controller"),
+        ({"version": 2}, "format version 1, found 2"),
+        ({"version": True}, "format version 1, found True"),
+        ({"config": {"reservoir": 10**9}}, "reservoir"),
+        ({"config": {"reservoir": 200_000, "outputs": 8}}, "20000000 connections"),
+        ({"config": {"reservoir": 5000, "outputs": 8}}, "shape"),
+        ({"config": {"colour": 1}}, "unknown learner setting colour"),
+        ({"config": {**CONFIG.to_dict(), "seed": 1}}, "connections digest"),
+        ({"config": []}, "config"),
+        ({"joints": ["elbow", 3]}, "strings"),
+        ({"joints": ["elbow"]}, "different joints"),
+        ({"robot_urdf": ...}, "robot_urdf"),
+        ({"state_digest": "00"}, "state digest"),
+        ({"provenance": "me"}, "provenance"),
+    ],
+)
+def test_a_header_that_does_not_fit(path, changes, match):
+    rewrite_header(path, **changes)
+    refuse(path, match)
+
+
+@pytest.mark.parametrize("text", ["", "{", "[]", "[" * 100_000, '{"format": NaN}'])
+def test_a_header_that_is_not_json(path, text):
+    rewrite(path, lambda members: members.update(header=text))
+    refuse(path, "header")
+
+
+@pytest.mark.parametrize("name", ["a", "x", "input_output_weights", "pending", "input_centre", "epoch"])
+def test_an_array_that_is_missing_misshapen_not_finite_or_changed(path, name):
+    values = npz.unpack(path.read_bytes())[name]
+    for wrong in (np.zeros(3), np.zeros((2, 2)), np.full_like(values, np.nan), "text"):
+        rewrite(path, lambda members, wrong=wrong: members.update({name: wrong}))
+        refuse(path, "expected|digest")
+    rewrite(path, lambda members: members.pop(name))
+    refuse(path, "expected")
+
+
+def test_one_changed_bit_of_the_state_is_seen(path):
+    def change(members):
+        members["a"].view(np.uint64)[0] ^= np.uint64(1)
+
+    rewrite(path, change)
+    refuse(path, "state digest")
+
+
+def test_a_file_that_claims_more_than_it_holds(tmp_path):
+    header = io.BytesIO()
+    np.lib.format.write_array_header_1_0(header, {"descr": "<f8", "fortran_order": False, "shape": (2**60, 2**60)})
+    with zipfile.ZipFile(tmp_path / "x.npz", "w") as archive:
+        archive.writestr("header.npy", header.getvalue())
+    refuse(tmp_path / "x.npz", "found 0 bytes")
+
+
+def test_a_small_file_that_unpacks_to_a_large_one(tmp_path, monkeypatch):
+    monkeypatch.setattr(npz, "MAX_BYTES", 2**22)
+    with zipfile.ZipFile(tmp_path / "x.npz", "w", zipfile.ZIP_DEFLATED) as archive:
+        for number in range(3):
+            archive.writestr(f"{number}.npy", bytes(2**21))
+    assert (tmp_path / "x.npz").stat().st_size < 2**14
+    refuse(tmp_path / "x.npz", "at most 4194304 bytes unpacked")
+
+
+@pytest.mark.parametrize("damage", ["cut", "flip"])
+def test_damage_anywhere_is_one_error_or_no_difference(path, damage):
+    """A fixed-seed sample of the places; zip fields that nobody reads may change unseen, values may not."""
+    data, digest = path.read_bytes(), Controller.load(path).digest
+    for place in (uniforms(0, damage, count=150) * len(data)).astype(int).tolist():
+        wrong = bytearray(data[:place] if damage == "cut" else data)
+        if damage == "flip":
+            wrong[place] ^= 1 << (place % 8)
+        path.write_bytes(wrong)
+        try:
+            loaded = Controller.load(path)
+        except ControllerError as error:
+            assert "\n" not in str(error)  # noqa: PT017
+        else:
+            assert damage == "flip"
+            assert loaded.digest == digest

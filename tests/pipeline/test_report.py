@@ -1,0 +1,152 @@
+"""The report shows where both hands went, is the same for the same input, and says what it cannot draw."""
+
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import matplotlib.image
+import numpy as np
+import pytest
+
+from pipeline.evaluation import HandErrors
+from pipeline.report import MotionTest, draw_report
+from recorders.errors import ConfigError, MotionError
+
+BLUE, VERMILION, GREY = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0xBD, 0xBD, 0xBD)
+SAMPLES = 64
+
+
+def circles(*, left_up_m: float = 0.0) -> MotionTest:
+    angle = np.arange(SAMPLES) * (2.0 * np.pi / SAMPLES)
+    around = 0.1 * np.stack([0.0 * angle, np.cos(angle), np.sin(angle)], axis=1)
+    targets = np.hstack([around + [0.32, 0.2, 0.76], around + [0.32, -0.2, 0.76]])  # (T, 6)
+    reached = targets.reshape(-1, 2, 3) + np.array([[0.0, 0.0, left_up_m], [0.0, 0.0, 0.01]])
+    return MotionTest("circles", targets, reached, HandErrors(1.0, 1.5, 0.9, 1.1, SAMPLES))
+
+
+def report(path: Path, **changes: Any) -> Path:
+    arguments: dict[str, Any] = {
+        "tests": [circles(), circles()],
+        "errors_cm": [9.0, 3.0, 1.5, 1.3],
+        "teacher_cm": 1.5,
+        "linear_cm": 1.03,
+        "paper_cm": 2.79,
+        "title": "The hands go round",
+    }
+    draw_report(path, **(arguments | changes))
+    return path
+
+
+def pixels(path: Path, colour: tuple[int, int, int]) -> np.ndarray:
+    """Rows and columns of the pixels that have a colour exactly, shape (n, 2)."""
+    image = np.rint(matplotlib.image.imread(path)[..., :3] * 255)
+    return np.argwhere((image == colour).all(axis=2))
+
+
+def test_the_left_hand_is_on_the_left_as_seen_from_behind(tmp_path: Path) -> None:
+    path = report(tmp_path / "report.png", tests=[circles()])
+    left, right = pixels(path, BLUE), pixels(path, VERMILION)
+    assert left[:, 1].max() < right[:, 1].min()
+
+
+def test_up_is_up_and_lengths_are_true(tmp_path: Path) -> None:
+    path = report(tmp_path / "report.png", tests=[circles(left_up_m=0.15)])
+    # Lines only: the labels above the panel have the colours of the hands too.
+    target_rows = pixels(path, GREY)[:, 0]
+    panel = slice(target_rows.min() - 400, None)
+    left = pixels(path, BLUE)
+    left = left[left[:, 0] >= panel.start]
+    assert left[:, 0].mean() < target_rows.mean()
+
+
+@pytest.mark.parametrize("count", [1, 3])
+def test_every_test_has_a_panel_and_all_fit_the_width_of_a_page(tmp_path: Path, count: int) -> None:
+    path = report(tmp_path / "report.png", tests=[circles() for _ in range(count)])
+    columns = np.unique(pixels(path, GREY)[:, 1])
+    assert np.count_nonzero(np.diff(columns) > 20) == 2 * count - 1  # gaps between the circles
+    assert matplotlib.image.imread(path).shape[1] == 1900
+
+
+def test_equal_input_has_equal_bytes_whatever_the_settings_of_the_user(tmp_path: Path) -> None:
+    first = report(tmp_path / "first.png").read_bytes()
+    with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 5.0, "figure.facecolor": "red"}):
+        second = report(tmp_path / "second.png").read_bytes()
+    assert first == second
+    assert b"tEXt" not in first  # no name of a program, no date
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{"errors_cm": [2.0]}, {"errors_cm": [1.3] * 600}, {"teacher_cm": 1.3, "linear_cm": 1.3}, {"paper_cm": 300.0}],
+)
+def test_short_flat_and_far_values_are_drawn(tmp_path: Path, changes: dict[str, Any]) -> None:
+    assert len(pixels(report(tmp_path / "report.png", **changes), BLUE)) > 100
+
+
+def test_a_hand_held_still_is_drawn(tmp_path: Path) -> None:
+    still = np.tile([0.32, 0.2, 0.76, 0.32, -0.2, 0.76], (SAMPLES, 1))
+    test = MotionTest("still", still, still.reshape(-1, 2, 3), HandErrors(0.1, 0.1, 0.1, 0.1, SAMPLES))
+    assert len(pixels(report(tmp_path / "report.png", tests=[test]), (0x6B, 0x6B, 0x6B))) > 20
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"tests": []}, "at least one test and one epoch, found 0 and 4"),
+        ({"errors_cm": []}, "at least one test and one epoch, found 2 and 0"),
+        ({"errors_cm": [3.0, float("nan")]}, "errors above zero, found nan cm"),
+        ({"linear_cm": 0.0}, "errors above zero, found 0.0 cm"),
+        ({"paper_cm": float("inf")}, "errors above zero, found inf cm"),
+    ],
+)
+def test_what_cannot_be_drawn_is_one_line(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    with pytest.raises(ConfigError, match=message):
+        report(tmp_path / "report.png", **changes)
+    assert not (tmp_path / "report.png").exists()
+
+
+def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path) -> None:
+    with pytest.raises(ConfigError, match="cannot write the report .*: No such file or directory"):
+        report(tmp_path / "missing" / "report.png")
+
+
+def with_nan(array: np.ndarray) -> np.ndarray:
+    array[0] = np.nan
+    return array
+
+
+@pytest.mark.parametrize(
+    ("name", "change", "message"),
+    [
+        ("targets", lambda a: a.reshape(-1, 2, 3), r"found \(64, 2, 3\) and \(64, 2, 3\)"),
+        ("reached", lambda a: a[:-1], r"found \(64, 6\) and \(63, 2, 3\)"),
+        ("targets", lambda a: a[0, 0], r"found \(\) and"),
+        ("reached", with_nan, "finite positions"),
+    ],
+)
+def test_a_test_with_paths_that_do_not_fit_is_refused(
+    name: str, change: Callable[[np.ndarray], np.ndarray], message: str
+) -> None:
+    test = circles()
+    with pytest.raises(MotionError, match=f"test 'circles': .*{message}"):
+        replace(test, **{name: change(np.array(getattr(test, name)))})
+
+
+def test_a_test_keeps_its_own_paths() -> None:
+    targets, reached = np.zeros((3, 6)), np.zeros((3, 2, 3))
+    test = MotionTest("still", targets, reached, HandErrors(0.0, 0.0, 0.0, 0.0, 3))
+    targets[:] = reached[:] = 1.0
+    assert not test.targets.any()
+    assert not test.reached.any()
+    with pytest.raises(ValueError, match="read-only"):
+        test.targets[0] = 1.0
+
+
+def test_drawing_needs_no_screen_and_leaves_no_global_figure(tmp_path: Path) -> None:
+    program = "import sys, pipeline.report; print('matplotlib.pyplot' in sys.modules)"
+    result = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=60)
+    assert result.stdout.strip() == "False", result.stderr
