@@ -124,10 +124,8 @@ def learn(
             robot=config,
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )
-        where = ", ".join(session.listen) or ", ".join(session.connect)
-        console.say(f"{name} waits for a replay at {where}")
         receiver = ReceiverConfig(name=name, namespace=namespace)
-        result = run(trainer, session=session, receiver=receiver, warn=console.say)
+        result = run(trainer, session=session, receiver=receiver, say=console.say)
     trainer.controller().save(out)
     console.show(result | {"controller": str(out)}, as_json=as_json)
 
@@ -135,9 +133,9 @@ def learn(
 @app.command(epilog="Example, in a second terminal: reenact learn --out controller.npz")
 def replay(
     logs: Logs,
-    await_: Annotated[list[str], typer.Option("--await", help="Name of a consumer to feed and wait for.")] = [
-        "learner"
-    ],
+    awaited: Annotated[
+        list[str] | None, typer.Option("--await", help="Name of a consumer to feed and wait for; learner if left out.")
+    ] = None,
     epochs: Epochs = 150,
     window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1)] = 1024,
     batch: Annotated[int, typer.Option(help="Messages in one payload.", min=1)] = 64,
@@ -157,7 +155,11 @@ def replay(
         connect=tuple(connect or ([] if listen else [DEFAULT_ENDPOINT])), listen=tuple(listen or ())
     )
     sender = SenderConfig(
-        consumers=tuple(await_), namespace=namespace, window=window, batch=min(batch, window), wait_s=wait
+        consumers=tuple(awaited or ("learner",)),
+        namespace=namespace,
+        window=window,
+        batch=min(batch, window),
+        wait_s=wait,
     )
     with console.progress("replay") as advance:
         result = run(logs, schedule=Schedule(epochs=epochs), session=session, sender=sender, on_progress=advance)
@@ -182,13 +184,13 @@ def evaluate(
     console.show(result, as_json=as_json)
 
 
-def main() -> None:
+def main(arguments: list[str] | None = None) -> None:
     """Run the command line: status 0 done and holds, 1 a check failed, 2 bad usage or bad input."""
     signal.signal(signal.SIGTERM, _terminate)
     # What click raises on bad usage; typer carries click within itself and exports only this subclass.
-    usage_error = typer.BadParameter.__bases__[0]
+    usage_error: Any = typer.BadParameter.__bases__[0]
     try:
-        status = app(standalone_mode=False)
+        status = app(arguments, standalone_mode=False)
     except ReenactError as error:
         _fail(str(error), error.exit_status)
     except typer.Abort:
@@ -199,7 +201,7 @@ def main() -> None:
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}", 2)
     except usage_error as error:
-        _fail(f"{error.format_message()} (reenact --help shows what there is)", 2)  # type: ignore[attr-defined]
+        _fail(f"{error.format_message()} (reenact --help shows what there is)", 2)
     sys.exit(status if isinstance(status, int) else 0)
 
 

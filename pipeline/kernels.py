@@ -114,20 +114,22 @@ def log(x: float) -> float:
 def views(sizes: SizeArray, memory: FloatArray) -> Views:
     """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
     _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
-    neurons, heard = outputs + reservoir, outputs * output_slots
-    lengths = (reservoir * reservoir_slots, heard, reservoir, reservoir, neurons, sources, outputs, heard, outputs)
-    ends = np.cumsum(np.array(lengths))
+    heard = outputs * output_slots
+    weights_end = reservoir * reservoir_slots + heard
+    b_end = weights_end + 2 * reservoir
+    z_end = b_end + outputs + reservoir + sources
+    heard_end = z_end + outputs + heard
     return Views(
-        memory[: ends[0]].reshape(reservoir, reservoir_slots),
-        memory[ends[0] : ends[1]].reshape(outputs, output_slots),
-        memory[ends[1] : ends[2]],
-        memory[ends[2] : ends[3]],
-        memory[ends[3] : ends[4]],
-        memory[ends[4] : ends[5]],
-        memory[ends[5] : ends[6]],
-        memory[ends[6] : ends[7]].reshape(outputs, output_slots),
-        memory[ends[7] : ends[8]],
-        memory[ends[8] :],
+        memory[: weights_end - heard].reshape(reservoir, reservoir_slots),
+        memory[weights_end - heard : weights_end].reshape(outputs, output_slots),
+        memory[weights_end : weights_end + reservoir],
+        memory[weights_end + reservoir : b_end],
+        memory[b_end : z_end - sources],
+        memory[z_end - sources : z_end],
+        memory[z_end : z_end + outputs],
+        memory[z_end + outputs : heard_end].reshape(outputs, output_slots),
+        memory[heard_end : heard_end + outputs],
+        memory[heard_end + outputs :],
     )
 
 

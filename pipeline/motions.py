@@ -106,7 +106,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     MotionError
         The motion is unknown, or its file is malformed.
     """
-    patterns = {"circles": circles, "eight": eight}
+    patterns = dict(zip(PATTERNS, (circles, eight), strict=True))
     if str(name_or_path) in patterns:
         return patterns[str(name_or_path)](robot)
     drawings = {path.stem: path for path in sorted(data_path("motions").glob("*.csv"))}

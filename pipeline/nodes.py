@@ -17,9 +17,11 @@ def learn(
     *,
     session: SessionConfig,
     receiver: ReceiverConfig,
-    warn: Callable[[str], None] = lambda line: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Wait for a stream over Zenoh, learn from all of it, and return what is to be said of it.
+
+    `say` is told, a line each, when the learner is ready and when it refuses an offer.
 
     Raises
     ------
@@ -28,7 +30,8 @@ def learn(
     ReenactError
         If a message is not what it should be.
     """
-    with open_session(session) as opened, Receiver(opened, config=receiver, warn=warn) as receiving:
+    with open_session(session) as opened, Receiver(opened, config=receiver, warn=say) as receiving:
+        say(f"{receiver.name} waits for a replay at {', '.join(session.listen or session.connect)}")
         return receiving.serve(trainer)
 
 

@@ -114,7 +114,7 @@ class TickJoiner:
             oldest = min(self._open)
             raise _missing(oldest, self._open[oldest], f"the tick at {stamp} ns is complete")
         left, right, joints = tick.values
-        return Tick(stamp, left, right, joints, tuple(record for record in tick.records if record))
+        return Tick(stamp, left, right, joints, tuple(tick.records))  # type: ignore[arg-type]  # None is none of them
 
 
 def join_ticks(records: Iterable[Stamped]) -> Iterator[Tick]:

@@ -11,8 +11,9 @@ _FRAME = struct.Struct("<HII")  # topic length, sequence, data length
 
 def framed(record: Stamped) -> bytes:
     """Return topic, sequence and bytes of a message, unambiguously joined. Its log time does not enter."""
-    topic = record.topic.encode()
-    return _FRAME.pack(len(topic), record.sequence, len(record.data)) + topic + record.data
+    name, _, data, sequence, _ = record
+    topic = name.encode()
+    return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
 
 
 class StreamDigest:

@@ -26,18 +26,18 @@ class Kind(IntEnum):
 
 
 class Frame(NamedTuple):
-    """One Zenoh sample of a stream: its place, and the messages it carries."""
+    """One Zenoh sample of a stream: the index of its first message, and the messages it carries."""
 
     kind: Kind
     run: bytes
-    index: int
+    first: int
     messages: tuple[Stamped, ...] = ()
     reason: str = ""
 
     @property
     def end(self) -> int:
         """The stream index after this frame."""
-        return self.index + len(self.messages)
+        return self.first + len(self.messages)
 
 
 def batch_key(namespace: str) -> str:
@@ -65,7 +65,7 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
         payload = _pack_messages(frame.messages)
     elif frame.kind is Kind.ABORT:
         payload = frame.reason.encode()
-    attachment = _ATTACHMENT.pack(PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.index, log_time_ns)
+    attachment = _ATTACHMENT.pack(PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.first, log_time_ns)
     return payload, attachment
 
 

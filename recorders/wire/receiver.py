@@ -214,11 +214,11 @@ class Receiver:
         if frame.kind is Kind.ABORT:
             self._frames.put(frame)
             return
-        in_place = frame.index <= received
-        new = frame.end > received or (frame.kind is Kind.END and frame.index == received)
+        in_place = frame.first <= received
+        new = frame.end > received or (frame.kind is Kind.END and frame.first == received)
         if in_place and new:
             self._update(received=frame.end)
-            self._frames.put(frame._replace(index=received, messages=frame.messages[received - frame.index :]))
+            self._frames.put(frame._replace(first=received, messages=frame.messages[received - frame.first :]))
 
     def _on_hello(self, query: zenoh.Query) -> None:
         try:

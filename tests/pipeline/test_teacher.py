@@ -15,6 +15,11 @@ ROBOT = load_robot("asimo")
 CENTRES = ROBOT.input_centre.reshape(2, 3)
 
 
+def shifted(x: float, y: float, z: float) -> np.ndarray:
+    """Both centres, moved alike [m], shape (2, 3)."""
+    return CENTRES + np.array([x, y, z])
+
+
 def make_teacher(robot: RobotConfig = ROBOT, **parameters: float) -> Teacher:
     return Teacher(Kinematics(robot), TeacherConfig(**parameters))
 
@@ -33,7 +38,7 @@ def cycle(teacher: Teacher, motion: Motion, q: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("offset", [[0, 0.1, 0.1], [0, -0.1, 0.1], [0.02, 0.2, -0.15], [-0.05, 0, 0]])
 def test_the_hands_reach_their_targets(offset: list[float]) -> None:
     teacher = make_teacher()
-    targets = CENTRES + offset
+    targets = shifted(*offset)
     q = hold(teacher, ROBOT.comfort, targets, 3.0)
     np.testing.assert_allclose(teacher.kinematics.hands(q), targets, atol=1e-3)
 
@@ -97,7 +102,7 @@ def test_cheap_hips_take_part() -> None:
 def test_the_head_follows_the_targets() -> None:
     teacher = make_teacher()
     for aside in (-0.2, 0.2):
-        targets = CENTRES + [0.0, aside, 0.0]
+        targets = shifted(0, aside, 0)
         q = hold(teacher, ROBOT.comfort, targets, 4.0)
         x, y, _ = teacher.kinematics.in_gaze_frame(q, targets.mean(axis=0))
         assert abs(np.arctan2(y, x)) < 0.1
@@ -106,7 +111,7 @@ def test_the_head_follows_the_targets() -> None:
 def test_limits_are_kept_even_far_out_of_reach() -> None:
     teacher = make_teacher()
     q = ROBOT.comfort
-    for targets in (CENTRES + [0, 0, 9.0], CENTRES - [9.0, 0, 9.0], CENTRES + [0, 9.0, 0]):
+    for targets in (shifted(0, 0, 9), shifted(-9, 0, -9), shifted(0, 9, 0)):
         for _ in range(300):
             q = teacher.step(q, targets)
             assert (q > ROBOT.lower).all()
@@ -126,7 +131,7 @@ def test_the_motions_that_come_with_the_program_are_within_reach(name: str) -> N
 
 def test_the_whole_body_reaches_25_cm_about_the_right_centre() -> None:
     grid = np.linspace(-0.25, 0.25, 7)
-    targets = np.array([CENTRES + [[0, 0, 0], [0, y, z]] for y in grid for z in grid])
+    targets = np.array([CENTRES + np.array([[0, 0, 0], [0, y, z]]) for y in grid for z in grid])
     assert find_unreachable(make_teacher(), targets) is None
 
 
@@ -145,7 +150,7 @@ def test_a_point_out_of_reach_is_named_with_what_is_missing() -> None:
 
 @pytest.mark.parametrize(
     "parameters",
-    [{"gain": 0.0}, {"period_ns": 0}, {"damping": np.nan}, {"comfort_gain": -1.0}, {"barrier": np.inf}, {"margin": 0.5}],
+    [{"gain": 0}, {"period_ns": 0}, {"damping": np.nan}, {"comfort_gain": -1}, {"barrier": np.inf}, {"margin": 0.5}],
 )
 def test_parameters_out_of_range_are_refused(parameters: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match=f"teacher {next(iter(parameters))}: expected"):

@@ -102,6 +102,13 @@ def test_a_flipped_bit_never_gives_a_wrong_message(log, tmp_path, ticks):
                 assert ask() in (LogReader(log).manifest, b"<robot/>")
 
 
+def test_a_damaged_attachment_is_refused(log, tmp_path):
+    bad = tmp_path / "bad.mcap"
+    bad.write_bytes(log.read_bytes().replace(b"<robot/>", b"<rabot/>"))
+    with pytest.raises(LogError, match=r"bad.mcap: the log is damaged at byte \d+: the CRC of an attachment does not"):
+        LogReader(bad).attachment("robot.urdf")
+
+
 def test_huge_lengths_are_refused_without_allocating(log, tmp_path):
     whole = log.read_bytes()
     bad = tmp_path / "bad.mcap"

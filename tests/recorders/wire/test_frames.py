@@ -1,5 +1,7 @@
 """Frames survive the wire to the bit, and bytes that are no frame are refused in one way."""
 
+from contextlib import suppress
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -59,10 +61,8 @@ def test_damaged_batches_never_raise_anything_else(data: st.DataObject) -> None:
     flipped = bytearray(cut)
     if flipped:
         flipped[data.draw(st.integers(0, len(flipped) - 1))] ^= data.draw(st.integers(1, 255))
-    try:
+    with suppress(MessageError):
         unpack("/replay/batch", bytes(flipped), attachment)
-    except MessageError:
-        pass
 
 
 def test_keys_are_topics_without_the_leading_slash() -> None:

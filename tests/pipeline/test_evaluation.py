@@ -1,0 +1,48 @@
+"""Eq. (10) is what the text of the paper says it is, and the baseline is plain least squares."""
+
+import numpy as np
+import pytest
+
+from pipeline.evaluation import HandErrors, hand_errors, linear_joints, predicted_joints
+from pipeline.kinematics import Kinematics
+from pipeline.robot import load_robot
+
+
+def test_errors_are_distances_of_each_hand() -> None:
+    robot = load_robot("asimo")
+    kinematics = Kinematics(robot)
+    joints = np.stack([robot.comfort, robot.comfort])
+    offsets = np.array([[[0.03, 0.04, 0.0], [0.0, 0.0, 0.0]], [[0.0, 0.0, 0.0], [0.0, 0.01, 0.0]]])
+    targets = kinematics.hands_along(joints) + offsets
+    errors = hand_errors(kinematics, joints, targets.reshape(2, 6))
+    assert errors == pytest.approx(np.array([[0.05, 0.0], [0.0, 0.01]]), abs=1e-12)
+    summary = HandErrors.of(errors)
+    assert summary.mean_cm == pytest.approx((5.0 + 1.0) / 4)  # over time and both hands
+    assert (summary.left_cm, summary.right_cm) == pytest.approx((2.5, 0.5))
+    assert summary.max_cm == pytest.approx(5.0)
+    assert summary.samples == 2
+
+
+def test_the_first_target_is_held_for_ten_steps_and_outputs_are_joints() -> None:
+    class Recorder:
+        def __init__(self) -> None:
+            self.seen: list[tuple[str, object]] = []
+
+        def washout(self, u0: np.ndarray, *, steps: int) -> None:
+            self.seen.append(("washout", (tuple(u0), steps)))
+
+        def predict(self, u: np.ndarray) -> np.ndarray:
+            self.seen.append(("predict", len(u)))
+            return np.arange(len(u) * 8.0).reshape(len(u), 8)
+
+    recorder, targets = Recorder(), np.arange(18.0).reshape(3, 6)
+    joints = predicted_joints(recorder, targets, 2)
+    assert recorder.seen == [("washout", (tuple(targets[0]), 10)), ("predict", 3)]
+    assert joints.tolist() == [[6.0, 7.0], [14.0, 15.0], [22.0, 23.0]]
+
+
+def test_the_baseline_finds_an_affine_map() -> None:
+    generator = np.random.default_rng(1)
+    targets = generator.uniform(size=(40, 6))
+    joints = targets @ generator.uniform(size=(6, 4)) + 0.7
+    assert linear_joints(targets, joints) == pytest.approx(joints, abs=1e-10)

@@ -1,0 +1,87 @@
+"""What a step is given and taught: d(k) = (u(k+1); q(k)), q(k) read at the end of the hold of u(k)."""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episodes import write_episode
+
+from pipeline.robot import load_robot
+from pipeline.samples import CommandedPairs, read_samples
+from recorders.errors import JointError, LogError, MessageError
+from recorders.messages import JointState, Message, PoseStamped
+from recorders.reader import LogReader
+from recorders.ticks import join_ticks
+
+
+def on_joints(edit: object) -> object:
+    def change(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
+        return [(topic, edit(tick, message) if isinstance(message, JointState) else message)]
+
+    return change
+
+
+def shuffled(tick: int, joints: JointState) -> JointState:
+    """The same joints in another order, another one at every tick."""
+    order = np.random.default_rng(tick).permutation(len(joints.name))
+    return replace(joints, name=tuple(joints.name[place] for place in order), position=joints.position[order])
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("samples") / "log.mcap", samples=8)
+
+
+def test_each_tick_teaches_the_step_before_it(log: Path) -> None:
+    robot = load_robot("asimo")
+    ticks = list(join_ticks(LogReader(log)))
+    pairs, u, d = CommandedPairs(robot.joints), np.empty(6), np.empty(21)
+    assert pairs.pending.shape == (0,)
+    assert not pairs.fill(ticks[0], u, d)
+    for held, tick in pairwise(ticks):
+        assert np.array_equal(pairs.pending, np.concatenate([held.left, held.right]))
+        assert pairs.fill(tick, u, d)
+        assert np.array_equal(u, np.concatenate([held.left, held.right]))
+        assert np.array_equal(d, np.concatenate([tick.left, tick.right, tick.joints.position]))
+    pairs.begin()
+    assert not pairs.fill(ticks[0], u, d)
+
+
+def test_a_log_of_t_plus_one_ticks_has_t_samples(log: Path) -> None:
+    samples = read_samples(log)
+    assert samples.targets.shape == (8, 6)
+    assert samples.joints.shape == (8, 15)
+
+
+def test_joints_are_mapped_by_name(log: Path, tmp_path: Path) -> None:
+    other = write_episode(tmp_path / "shuffled.mcap", samples=8, change=on_joints(shuffled))
+    assert np.array_equal(read_samples(other).joints, read_samples(log).joints)
+    assert np.array_equal(read_samples(other).targets, read_samples(log).targets)
+
+
+def test_a_renamed_joint_is_named(tmp_path: Path) -> None:
+    def rename(tick: int, joints: JointState) -> JointState:
+        return replace(joints, name=("antenna", *joints.name[1:]))
+
+    path = write_episode(tmp_path / "log.mcap", samples=2, change=on_joints(rename))
+    with pytest.raises(JointError, match=rf"no joint {load_robot('asimo').joints[0]} .* antenna"):
+        read_samples(path)
+
+
+def test_nan_is_refused_and_named(tmp_path: Path) -> None:
+    def spoil(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
+        if tick == 1 and isinstance(message, PoseStamped):
+            message = replace(message, position=np.array([np.nan, 0.0, 0.0]))
+        return [(topic, message)]
+
+    path = write_episode(tmp_path / "log.mcap", samples=2, change=spoil)
+    with pytest.raises(MessageError, match=r"/hand/left/target #1: expected finite numbers at 200000000 ns, found nan"):
+        read_samples(path)
+
+
+def test_one_tick_is_no_sample(tmp_path: Path) -> None:
+    with pytest.raises(LogError, match="at least two complete ticks"):
+        read_samples(write_episode(tmp_path / "log.mcap", samples=0))
