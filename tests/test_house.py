@@ -1,0 +1,78 @@
+"""The house keeps its own rules: the README is true, the lock files name no host, nothing large is committed."""
+
+import re
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import pipeline
+from pipeline import cli
+
+ROOT = Path(pipeline.__file__).parent.parent
+README = (ROOT / "README.md").read_text()
+
+
+def test_the_readme_lists_the_verbs_that_exist() -> None:
+    table = README.partition("## Verbs")[2].partition("\n## ")[0]
+    listed = re.findall(r"^\| `([a-z]+)` \| (?!does)", table, re.MULTILINE)
+    assert sorted(listed) == sorted(str(command.callback.__name__) for command in cli.app.registered_commands)
+
+
+def test_the_readme_names_files_that_exist() -> None:
+    named = re.findall(r"[`(]((?:tests|data)/[\w./-]+)[`)]", README)
+    assert len(named) > 10
+    assert [name for name in named if not (ROOT / name).exists()] == []
+
+
+def test_the_readme_names_commands_that_exist() -> None:
+    targets = set(re.findall(r"^([a-z-]+):", (ROOT / "Makefile").read_text(), re.MULTILINE))
+    assert set(re.findall(r"make ([a-z-]+)", README)) <= targets
+
+
+def test_the_readmes_example_runs(tmp_path: Path, episode: Path) -> None:
+    (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
+    assert len(example.strip().splitlines()) <= 10
+    demo = tmp_path / "out" / "demo"
+    demo.mkdir(parents=True)
+    for name in ("circles.mcap", "eight.mcap"):
+        shutil.copy(episode, demo / name)
+    run = subprocess.run([sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert re.fullmatch(r"[0-9a-f]{64}\nHandErrors\(.*samples=24\)\n", run.stdout)
+
+
+@pytest.fixture
+def episode(tmp_path: Path) -> Path:
+    from episodes import write_episode
+
+    return write_episode(tmp_path / "episode.mcap")
+
+
+@pytest.mark.parametrize("name", ["requirements.lock", "requirements-dev.lock", "pyproject.toml", "Makefile"])
+def test_no_package_host_is_named(name: str) -> None:
+    assert re.findall(r"https?://\S*|--(?:extra-)?index-url|file://", (ROOT / name).read_text()) == []
+
+
+def test_every_locked_requirement_has_a_hash() -> None:
+    for name in ("requirements.lock", "requirements-dev.lock"):
+        pinned = re.split(r"\n(?=\S)", (ROOT / name).read_text())
+        assert all("--hash=sha256:" in entry for entry in pinned if "==" in entry.splitlines()[0])
+
+
+def test_the_runtime_lock_is_part_of_the_development_lock() -> None:
+    def pins(name: str) -> set[str]:
+        return set(re.findall(r"^[\w.-]+==\S+", (ROOT / name).read_text(), re.MULTILINE))
+
+    assert pins("requirements.lock") <= pins("requirements-dev.lock")
+
+
+def test_nothing_that_is_shipped_is_large() -> None:
+    shipped = [
+        path for name in ("pipeline", "recorders", "replay", "tests", "data") for path in (ROOT / name).rglob("*")
+    ]
+    large = [
+        path for path in shipped if path.is_file() and "__pycache__" not in path.parts and path.stat().st_size > 2**20
+    ]
+    assert large == []
