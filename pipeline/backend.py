@@ -63,6 +63,10 @@ class RobotBackend(Protocol):
         """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
         ...
 
+
+class VisibleRobot(RobotBackend, Protocol):
+    """A robot that also tells where its links are, for viewers."""
+
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link."""
         ...

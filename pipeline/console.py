@@ -1,13 +1,21 @@
 """What the command line shows: progress on the terminal, results as a table or as JSON."""
 
 import json
+import os
 import sys
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any
 
 from rich.console import Console
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Table
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
@@ -22,10 +30,28 @@ def progress(description: str) -> Iterator[Callable[[float], None]]:
     callable
         Takes the fraction done, from 0 to 1.
     """
-    columns = (TextColumn("{task.description:<32}"), BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
+    description_column = TextColumn("{task.description:<32}", markup=False)
+    columns = (description_column, BarColumn(), TaskProgressColumn(), TimeRemainingColumn())
     with Progress(*columns, console=errors, disable=not sys.stderr.isatty()) as bar:
         task = bar.add_task(description, total=1.0)
         yield lambda fraction: bar.update(task, completed=fraction)
+
+
+@contextmanager
+def counter(description: str) -> Iterator[Callable[[int, int], None]]:
+    """Show messages, bytes and the rate on standard error while the block runs, and nothing without a terminal.
+
+    Yields
+    ------
+    callable
+        Takes messages and bytes so far.
+    """
+    text = TextColumn(
+        "{task.description}  {task.completed:.0f} messages  {task.fields[megabytes]:.1f} MB", markup=False
+    )
+    with Progress(text, TimeElapsedColumn(), console=errors, disable=not sys.stderr.isatty()) as bar:
+        task = bar.add_task(description, total=None, megabytes=0.0)
+        yield lambda messages, size: bar.update(task, completed=messages, megabytes=size / 1e6)
 
 
 def say(line: str) -> None:
@@ -36,16 +62,24 @@ def say(line: str) -> None:
 def show(result: Mapping[str, Any], *, as_json: bool) -> None:
     """Print a result: one JSON object, or a line for each entry."""
     if as_json:
-        print(json.dumps(result))
+        _print(json.dumps(result, allow_nan=False))
         return
     width = max(map(len, result))
     for name, value in result.items():
-        print(f"{name:<{width}}  {_text(value)}")
+        _print(f"{name:<{width}}  {_text(value)}")
 
 
 def table(content: Table) -> None:
     """Print a table, as wide as it needs to be where there is no terminal."""
     Console(highlight=False, width=None if sys.stdout.isatty() else 120).print(content)
+
+
+def _print(line: str) -> None:
+    """Print a line; a reader who has gone away (`| head`) is no failure of ours."""
+    try:
+        print(line, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _text(value: Any) -> str:

@@ -8,15 +8,19 @@ drawing is a fixed integer computation, and a digest in the header shows if it e
 import dataclasses
 import json
 import os
-from collections.abc import Mapping
+import secrets
+import stat
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, BinaryIO, Self
 
 import numpy as np
 
 from pipeline import npz
 from pipeline.kernels import FloatArray
-from pipeline.learner import Learner, LearnerConfig, state_digest
+from pipeline.learner import Learner, state_digest
+from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
 
@@ -218,21 +222,50 @@ def _read(path: Path) -> bytes:
         raise ControllerError(error.strerror or str(error)) from error
 
 
+def check_writable(path: str | os.PathLike[str]) -> None:
+    """Check that a controller can be saved as `path`, before the work that makes one; leaves nothing behind.
+
+    Raises
+    ------
+    ControllerError
+        If the folder is missing or cannot be written to, or `path` names something else than a file.
+    """
+    with _beside(Path(path)):
+        pass
+
+
 def _write_atomically(path: Path, data: bytes) -> None:
     """Write beside the destination, sync, rename, sync the directory: a crash leaves the old file or the new."""
-    temporary = path.with_name(f".{path.name}.{os.getpid()}.part")
+    with _beside(path) as file:
+        file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+        Path(file.name).replace(path)
+        _sync_directory(path.parent)
+
+
+@contextmanager
+def _beside(path: Path) -> Iterator[BinaryIO]:
+    """Open a new file in the folder of `path`, with the permissions of any new file; it is gone at the end."""
     try:
+        if not path.name or not _may_be_replaced(path):
+            raise ControllerError(f"cannot write controller {path}: expected the name of a file, found something else")
+        temporary = path.with_name(f".reenact.{secrets.token_hex(4)}.part")
         try:
             with temporary.open("xb") as file:
-                file.write(data)
-                file.flush()
-                os.fsync(file.fileno())
-            temporary.replace(path)
+                yield file
         finally:
             temporary.unlink(missing_ok=True)
-        _sync_directory(path.parent)
-    except OSError as error:
-        raise ControllerError(f"cannot write controller {path}: {error.strerror or error}") from error
+    except (OSError, ValueError) as error:  # ValueError: a name that no system can have
+        raise ControllerError(f"cannot write controller {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _may_be_replaced(path: Path) -> bool:
+    """Whether there is a file, or nothing: a folder cannot be, and a device must not be."""
+    try:
+        return stat.S_ISREG(path.stat().st_mode)
+    except FileNotFoundError:
+        return True
 
 
 def _sync_directory(path: Path) -> None:

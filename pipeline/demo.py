@@ -27,14 +27,19 @@ from recorders.errors import CheckFailed, ConfigError, WireError
 from recorders.rerun_recorder import record_motion
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig
+from replay.engine import Replay
 from replay.schedule import Schedule
 from replay.zenoh_transport import SenderConfig
 
 DRAWING = "right_hand_drawing"
 """Stands for the user's demonstration; generated, see its file."""
 
+ROBOT = "asimo"
+
 PAPER_CM = {"circles": 2.79, "eight": 2.95}
 """The paper's errors, each of the network trained on that pattern (section III-B)."""
+
+CONTROLLER, REPORT, RECORDING, SUMMARY = _RESULTS = ("controller.npz", "report.png", "robot.rrd", "summary.json")
 
 _LEARNER_START_S = 60.0  # a cold start compiles the kernels
 _DEPLOYMENT_PERIOD_S = 0.1  # the paper presents targets at 10 Hz
@@ -79,7 +84,7 @@ class Demo:
         }
 
 
-def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, robot: str = "asimo") -> Demo:
+def run_demo(out: Path, *, seed: int = 0, epochs: int = 150) -> Demo:
     """Run the whole chain in the folder `out`, replacing what an earlier run left there.
 
     Raises
@@ -89,13 +94,13 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, robot: str = "asimo
     ReenactError
         If a stage fails.
     """
-    _make_folder(out)
+    _clear_folder(out)
     seconds: dict[str, float] = {}
     logs = [out / f"{pattern}.mcap" for pattern in PATTERNS]
-    config = load_robot(robot)
+    robot = load_robot(ROBOT)
     with _stage("explore", seconds) as advance:
-        _explore_both(config, logs, seed=seed, advance=advance)
-    controller_path = out / "controller.npz"
+        _explore_both(robot, logs, seed=seed, advance=advance)
+    controller_path = out / CONTROLLER
     with _stage("learn_over_zenoh", seconds) as advance:
         zenoh_digest = _learn_over_zenoh(logs[0], controller_path, seed=seed, epochs=epochs, advance=advance)
     with _stage("learn_from_file", seconds) as advance:
@@ -109,11 +114,11 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, robot: str = "asimo
         controller = Controller.load(controller_path)
         trials = (try_motion(controller, logs[0]), try_motion(controller, logs[1]), try_motion(controller, DRAWING))
     with _stage("report", seconds):
-        _draw(out / "report.png", trials, trainer.errors_cm)
-        _record(out / "robot.rrd", controller, trials[1])
+        _draw(out / REPORT, robot, trials, trainer.errors_cm)
+        _record(out / RECORDING, controller, trials[1])
     file_digest = str(trainer.result()["digest"])
     result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs)
-    _write_json(out / "summary.json", result.summary(out))
+    _write_json(out / SUMMARY, result.summary(out))
     if zenoh_digest != file_digest:
         raise CheckFailed(
             f"expected one state, found {zenoh_digest[:16]} learned over Zenoh and {file_digest[:16]} from the file"
@@ -149,7 +154,7 @@ def _stage(name: str, seconds: dict[str, float]) -> Iterator[Callable[[float], N
 
 def _explore_both(robot: RobotConfig, logs: list[Path], *, seed: int, advance: Callable[[float], None]) -> None:
     """Explore pattern 1 here and pattern 2, which is shorter, in a process beside it."""
-    options = ("--robot", robot.name, "--seed", seed, "--out", logs[1].resolve(), "--overwrite")
+    options = ("--robot", ROBOT, "--seed", seed, "--out", logs[1].resolve(), "--overwrite")
     with _beside("explore", "--motion", PATTERNS[1], *options) as other:
         explore(robot, load_motion(PATTERNS[0], robot), seed=seed, out=logs[0], overwrite=True, progress=advance)
         other()
@@ -159,17 +164,13 @@ def _learn_over_zenoh(log: Path, controller: Path, *, seed: int, epochs: int, ad
     """Feed a learner in a process of its own over loopback; return its state digest."""
     endpoint = free_endpoint()
     with _beside("learn", "--connect", endpoint, "--seed", seed, "--out", controller.resolve()) as learner:
-        results = replay(
-            [log],
-            schedule=Schedule(epochs=epochs),
+        replay(
+            Replay([log], Schedule(epochs=epochs)),
             session=SessionConfig(listen=(endpoint,)),
             sender=SenderConfig(wait_s=_LEARNER_START_S),
             on_progress=advance,
         )
-        said, acknowledged = learner()["digest"], results["consumers"]["learner"]["digest"]
-    if said != acknowledged:
-        raise CheckFailed(f"the learner acknowledged state {acknowledged[:16]} and ended with {said[:16]}")
-    return str(said)
+        return str(learner()["digest"])
 
 
 @contextmanager
@@ -189,24 +190,28 @@ def _beside(*arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
         def result() -> dict[str, Any]:
             printed, complaints = process.communicate()
             if process.returncode != 0:
-                raise WireError(
-                    f"{arguments[0]} failed: {(complaints.strip().splitlines() or ['no reason given'])[-1]}"
-                )
+                line = (complaints.strip().splitlines() or [f"ended with status {process.returncode}"])[-1]
+                kind = CheckFailed if process.returncode == CheckFailed.exit_status else WireError
+                raise kind(f"{arguments[0]}: {line.removeprefix('reenact: ')}")
             return dict(json.loads(printed))
 
         try:
             yield result
+        except WireError:
+            if process.poll():
+                result()  # what ended the other process says more than that it does not answer
+            raise
         finally:
             process.terminate()
 
 
-def _draw(path: Path, trials: tuple[Trial, Trial, Trial], errors_cm: list[float]) -> None:
+def _draw(path: Path, robot: RobotConfig, trials: tuple[Trial, Trial, Trial], errors_cm: list[float]) -> None:
     titles = ("Circles (trained)", "Eight (never seen)", "Right-hand drawing (never seen)")
     trained = trials[0]
     draw_report(
         path,
         tests=[
-            MotionTest(title, trial.targets, trial.reached, trial.errors)
+            MotionTest(title, trial.targets, trial.reached, trial.errors, lateral=robot.lateral, up=robot.up)
             for title, trial in zip(titles, trials, strict=True)
         ],
         errors_cm=errors_cm,
@@ -231,9 +236,12 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
     )
 
 
-def _make_folder(out: Path) -> None:
+def _clear_folder(out: Path) -> None:
+    """Make the folder, and take away what an earlier run left that a failed one would leave standing."""
     try:
         out.mkdir(parents=True, exist_ok=True)
+        for name in _RESULTS:
+            (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
 

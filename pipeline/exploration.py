@@ -3,54 +3,21 @@
 from collections.abc import Callable, Iterable, Iterator
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import NamedTuple
 
-import numpy as np
-from numpy.typing import NDArray
-
-from pipeline.backend import RobotBackend
+from pipeline.backend import VisibleRobot
+from pipeline.episode import Episode, ExplorationConfig, plan, start_posture
 from pipeline.kinematics import Kinematics
 from pipeline.motions import Motion
 from pipeline.robot import TOML_FILE, URDF_FILE, RobotConfig
-from pipeline.seeding import uniforms
 from pipeline.simulation import Simulation, SimulationConfig
 from pipeline.teacher import Teacher, TeacherConfig, check_reach
-from pipeline.telemetry import Addressed, command_message, state_messages, tick_messages
-from recorders.errors import ConfigError, MotionError
-from recorders.messages import String
+from pipeline.telemetry import Addressed, hand_messages, state_messages
+from recorders.messages import Message, String
 from recorders.reader import LogReader
-from recorders.topics import ROBOT_DESCRIPTION
+from recorders.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION, SAMPLE_JOINTS
 from recorders.writer import LogWriter
 
-Floats = NDArray[np.float64]
-
-_TEACHER, _SIMULATION = TeacherConfig(), SimulationConfig()
-
-
-@dataclass(frozen=True)
-class ExplorationConfig:
-    """How an episode is recorded.
-
-    Attributes
-    ----------
-    state_period_ns : period of the robot's own messages [ns]; the default is 50 Hz
-    settle_ns : how long the first target of an open motion is held before the recording [ns]; a closed motion settles
-        during one unrecorded cycle
-    start_spread : the start posture is drawn this far about the comfort posture, in parts of each joint's range
-    """
-
-    state_period_ns: int = 20_000_000
-    settle_ns: int = 2_000_000_000
-    start_spread: float = 0.05
-
-    def __post_init__(self) -> None:
-        if self.state_period_ns <= 0 or self.settle_ns < 0:
-            raise ConfigError("exploration: expected state_period_ns above 0 and settle_ns at least 0")
-        if not 0.0 <= self.start_spread <= 0.5:
-            raise ConfigError(f"exploration start_spread: expected 0 to 0.5, found {self.start_spread}")
-
-
-_EXPLORATION = ExplorationConfig()
+_TEACHER, _SIMULATION, _EXPLORATION = TeacherConfig(), SimulationConfig(), ExplorationConfig()
 
 
 @dataclass(frozen=True)
@@ -69,13 +36,6 @@ class Exploration:
     ticks: int
     teacher_error_cm: float
     content_sha256: str
-
-
-class Hold(NamedTuple):
-    """A target (2, 3) [m] that is held for a while."""
-
-    target: Floats
-    duration_ns: int
 
 
 def explore(
@@ -113,7 +73,7 @@ def explore(
         The parameters do not fit together, the robot cannot be simulated, or the log cannot be written.
     """
     guide = Teacher(Kinematics(robot), teacher)
-    holds = _holds(motion, teacher.period_ns)
+    led = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
     check_reach(guide, motion)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
@@ -129,81 +89,46 @@ def explore(
         "exploration": asdict(config),
     }
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
-        episode = _Episode(backend, guide, start, config)
-        settling = holds if motion.closed else [Hold(motion.targets[0], config.settle_ns)]
-        total_ns = sum(hold.duration_ns for hold in [*settling, *holds])
-        closing = motion.targets[0 if motion.closed else -1]
-        episode.settle(settling, lambda time_ns: progress(time_ns / total_ns))
-        error_cm = episode.record(holds, closing, writer, lambda time_ns: progress(time_ns / total_ns))
-    return Exploration(Path(out), len(motion) + 1, error_cm, str(LogReader(out).manifest["content_sha256"]))
-
-
-def start_posture(robot: RobotConfig, *, seed: int, spread: float) -> Floats:
-    """Draw the posture (n,) that `seed` names, near the comfort posture and within the limits."""
-    span = robot.upper - robot.lower
-    drawn = uniforms(seed, "start posture", count=len(robot.joints))
-    posture = robot.comfort + spread * span * (2.0 * drawn - 1.0)
-    return np.clip(posture, robot.lower + 0.01 * span, robot.upper - 0.01 * span)
+        total_ns = led.settling_ns + led.cycle_ns
+        episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
+        for _ in episode.settle(led):
+            pass  # not for the record
+        _Record(writer, backend, config.state_period_ns).write(episode.cycle(led))
+    return Exploration(
+        Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])
+    )
 
 
 def _attachments(robot: RobotConfig) -> dict[str, bytes]:
     return {URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()}
 
 
-def _holds(motion: Motion, period_ns: int) -> list[Hold]:
-    """Hold each sample until the next, in whole periods of the teacher, and the last as long as the one before."""
-    steps = np.rint((motion.times_s - motion.times_s[0]) * 1e9 / period_ns).astype(np.int64)
-    durations = np.diff(steps) * period_ns
-    if durations.min() <= 0:
-        sample = int(np.argmin(durations)) + 1
-        raise MotionError(
-            f"motion '{motion.name}': samples {sample - 1} and {sample} are closer than the teacher's period of "
-            f"{period_ns / 1e6:g} ms"
-        )
-    return [Hold(target, int(d)) for target, d in zip(motion.targets, [*durations, durations[-1]], strict=True)]
+class _Record:
+    """Writes a cycle, and beside it what the robot says: hands at every tick, its state at its own rate."""
 
-
-class _Episode:
-    """One run of the robot: settling, then the record."""
-
-    def __init__(self, backend: RobotBackend, teacher: Teacher, start: Floats, config: ExplorationConfig) -> None:
+    def __init__(self, writer: LogWriter, backend: VisibleRobot, state_period_ns: int) -> None:
+        self._writer = writer
         self._backend = backend
-        self._teacher = teacher
-        self._command = start
-        self._config = config
+        self._period_ns = state_period_ns
 
-    def settle(self, holds: list[Hold], progress: Callable[[int], None]) -> None:
-        """Follow `holds` and write nothing."""
-        for hold in holds:
-            for _ in self._follow(hold):
-                pass
-            progress(self._backend.time_ns)
+    def write(self, cycle: Iterator[Addressed]) -> None:
+        """Write the whole cycle; commands, which come far more often, at the rate of the state."""
+        due_ns = self._backend.time_ns
+        self._write(ROBOT_DESCRIPTION, String(self._backend.robot.urdf_text))
+        for topic, message in cycle:
+            if topic == JOINT_COMMANDS:
+                if self._backend.time_ns < due_ns:
+                    continue
+                self._write_all(state_messages(self._backend))
+                due_ns += self._period_ns
+            self._write(topic, message)
+            if topic == SAMPLE_JOINTS:
+                self._write_all(hand_messages(self._backend))
+        self._write_all(state_messages(self._backend))
 
-    def record(self, holds: list[Hold], closing: Floats, writer: LogWriter, progress: Callable[[int], None]) -> float:
-        """Follow `holds`, write everything, end with a tick of the `closing` target; the teacher's mean error [cm]."""
-        errors_m: list[float] = []
-        state_due_ns = self._backend.time_ns
-        self._write(writer, [(ROBOT_DESCRIPTION, String(self._backend.robot.urdf_text))])
-        for hold in holds:
-            self._write(writer, tick_messages(self._backend, hold.target))
-            for command in self._follow(hold):
-                if self._backend.time_ns >= state_due_ns:
-                    self._write(writer, [*state_messages(self._backend), command_message(self._backend, command)])
-                    state_due_ns += self._config.state_period_ns
-            errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
-            progress(self._backend.time_ns)
-        self._write(writer, tick_messages(self._backend, closing))
-        self._write(writer, state_messages(self._backend))
-        return 100.0 * sum(errors_m) / len(errors_m)
-
-    def _follow(self, hold: Hold) -> Iterator[Floats]:
-        """Drive the robot towards a target while it is held, and yield each command before it takes effect."""
-        period_ns = self._teacher.config.period_ns
-        for _ in range(hold.duration_ns // period_ns):
-            self._command = self._teacher.step(self._command, hold.target)
-            yield self._command
-            self._backend.advance(self._command, period_ns)
-
-    def _write(self, writer: LogWriter, messages: Iterable[Addressed]) -> None:
+    def _write_all(self, messages: Iterable[Addressed]) -> None:
         for topic, message in messages:
-            writer.write(topic, message, log_time_ns=self._backend.time_ns)
+            self._write(topic, message)
+
+    def _write(self, topic: str, message: Message) -> None:
+        self._writer.write(topic, message, log_time_ns=self._backend.time_ns)

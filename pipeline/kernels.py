@@ -29,7 +29,10 @@ OK, BAD_INPUT, BAD_TARGET, DIVERGED = 0, 1, 2, 3
 
 
 def _compiled(function: _Function) -> _Function:
-    return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+    try:
+        return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
+        return cast(_Function, numba.njit(error_model="numpy")(function))
 
 
 class Sizes(NamedTuple):

@@ -4,7 +4,8 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.robot import RobotConfig, canonical_urdf
+from pipeline.robot import RobotConfig
+from pipeline.urdf import canonical_urdf, one_line
 from recorders.errors import JointError, RobotError
 
 Floats = NDArray[np.float64]
@@ -30,7 +31,7 @@ class Kinematics:
         try:
             self._model = pinocchio.buildModelFromXML(canonical_urdf(robot.urdf_text))
         except (RuntimeError, ValueError) as error:
-            raise RobotError(f"robot '{robot.name}': the URDF does not build: {_first_line(error)}") from error
+            raise RobotError(f"robot '{robot.name}': the URDF does not build: {one_line(str(error))}") from error
         self._data = self._model.createData()
         model_joints = [self._model.joints[self._model.getJointId(name)] for name in robot.joints]
         if any(joint.nq != 1 or joint.nv != 1 for joint in model_joints):
@@ -93,7 +94,3 @@ class Kinematics:
     def _hand_positions(self) -> Floats:
         placements = (pinocchio.updateFramePlacement(self._model, self._data, frame) for frame in self._hands)
         return np.array([placement.translation for placement in placements])
-
-
-def _first_line(error: Exception) -> str:
-    return str(error).strip().splitlines()[0] if str(error).strip() else type(error).__name__

@@ -1,7 +1,7 @@
 """The online learner: a recurrent reservoir trained by Backpropagation-Decorrelation and Intrinsic Plasticity.
 
-After M. Rolf, J. J. Steil and M. Gienger, "Efficient Exploration and Learning of Whole Body Kinematics", ICDL 2009;
-equation numbers here and in `pipeline.kernels` are the paper's.
+After M. Rolf, J. J. Steil and M. Gienger, "Efficient Exploration and Learning of Whole Body Kinematics"; equation
+numbers here and in `pipeline.kernels` are the paper's.
 """
 
 import hashlib
@@ -16,8 +16,6 @@ from pipeline.kernels import FloatArray, Rates
 from pipeline.learner_config import LearnerConfig
 from pipeline.network import Connections, Network, check_state, symmetric_uniforms
 from recorders.errors import ConfigError, ControllerError, MessageError, ReenactError
-
-__all__ = ["Learner", "LearnerConfig", "OnlineLearner", "state_digest"]
 
 
 class OnlineLearner(Protocol):
@@ -36,7 +34,7 @@ class OnlineLearner(Protocol):
     def predict(self, u: ArrayLike) -> FloatArray:
         """Take steps forward only: u (n, inputs) to outputs (n, outputs)."""
 
-    def washout(self, u0: ArrayLike, *, steps: int = 10) -> None:
+    def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Forget what came before: from a seeded state, hold the target u0 (inputs,) for some steps."""
 
     def state(self) -> dict[str, FloatArray]:
@@ -148,7 +146,7 @@ class Learner:
         """
         return self._run(_rows("u", u, self.config.inputs), self._no_target, False)
 
-    def washout(self, u0: ArrayLike, *, steps: int = 10) -> None:
+    def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.
 
         Raises

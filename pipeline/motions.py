@@ -21,6 +21,8 @@ PATTERNS = ("circles", "eight")
 CSV_COLUMNS = ("t", "lx", "ly", "lz", "rx", "ry", "rz")
 RADIUS_M = 0.10
 PATTERN_PERIOD_S = 0.2  # the paper's 5 Hz
+MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
+MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,7 +39,7 @@ class Motion:
     Raises
     ------
     MotionError
-        Shapes do not fit, values are not finite, or times do not increase.
+        Shapes do not fit, values are not finite or beyond `MAX_TIME_S` or `MAX_COORDINATE_M`, or times do not increase.
     """
 
     name: str
@@ -59,6 +61,11 @@ class Motion:
             raise MotionError(f"motion '{self.name}': expected shapes (T,), (T, 3), (T, 3), found {shapes}")
         if not all(np.isfinite(array).all() for array in (self.times_s, self.left, self.right)):
             raise MotionError(f"motion '{self.name}': expected finite numbers, found NaN or infinity")
+        if np.abs(self.times_s).max() > MAX_TIME_S or np.abs([self.left, self.right]).max() > MAX_COORDINATE_M:
+            raise MotionError(
+                f"motion '{self.name}': expected times within {MAX_TIME_S:g} s and positions within "
+                f"{MAX_COORDINATE_M:g} m"
+            )
         if not (np.diff(self.times_s) > 0.0).all():
             raise MotionError(f"motion '{self.name}': expected increasing times")
 
@@ -125,8 +132,8 @@ def read_motion_csv(path: str | Path) -> Motion:
     Raises
     ------
     MotionError
-        The file cannot be read, lacks a column, holds something else than finite numbers, has fewer than two rows, or
-        its times do not increase; the message names line and column.
+        The file cannot be read, lacks a column, holds something else than finite numbers of a plausible size, has fewer
+        than two rows, or its times do not increase; the message names line and column.
     """
     path = Path(path)
     rows = list(_read_rows(path))
@@ -181,23 +188,30 @@ def _places(path: Path, header: list[str]) -> list[int]:
     if missing := [column for column in CSV_COLUMNS if column not in header]:
         raise MotionError(
             f"motion '{path}': the header lacks {', '.join(missing)}: "
-            f"expected the columns {','.join(CSV_COLUMNS)}, found {','.join(header)}"
+            f"expected the columns {','.join(CSV_COLUMNS)}, found {_brief(','.join(header))}"
         )
     return [header.index(column) for column in CSV_COLUMNS]
 
 
+def _brief(text: str) -> str:
+    return f"{' '.join(text.split()):.80}"
+
+
 def _values(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
     return [
-        _value(f"motion '{path}', line {line}, column {column}", row[place] if place < len(row) else "")
+        _value(f"motion '{path}', line {line}, column {column}", row[place] if place < len(row) else "", column)
         for column, place in zip(CSV_COLUMNS, places, strict=True)
     ]
 
 
-def _value(where: str, text: str) -> float:
+def _value(where: str, text: str, column: str) -> float:
     try:
         value = float(text)
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise MotionError(f"{where}: expected a finite number, found '{text.strip()}'")
+        raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'")
+    limit, unit = (MAX_TIME_S, "s") if column == "t" else (MAX_COORDINATE_M, "m")
+    if abs(value) > limit:
+        raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}")
     return value

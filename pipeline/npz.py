@@ -6,6 +6,8 @@ claims are checked against the bytes that are there, and nothing is ever unpickl
 
 import io
 import math
+import re
+import struct
 import zipfile
 import zlib
 from collections.abc import Mapping
@@ -19,7 +21,17 @@ from recorders.errors import ControllerError
 MAX_BYTES = 512 * 2**20  # of a file, and of everything in it unpacked
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)  # the earliest time that a zip can hold: no wall clock in the file
-_ZIP_ERRORS = (zipfile.BadZipFile, zlib.error, EOFError, NotImplementedError, OSError, RuntimeError, ValueError)
+_ZIP_ERRORS = (
+    *(zipfile.BadZipFile, zlib.error, struct.error, EOFError),
+    *(NotImplementedError, OSError, OverflowError, RuntimeError, ValueError),
+)
+_PACKINGS = (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED)  # what numpy writes; other unpackers are not let near the file
+_MAX_HEADER = 2**10  # bytes
+_MAGIC = b"\x93NUMPY\x01\x00"
+# numpy writes a header of version 1.0 in this form alone, and evaluates what it reads as an expression.
+_HEADER = re.compile(
+    rb"\{'descr': '([^']{1,40})', 'fortran_order': (False|True), 'shape': \(((?:\d{1,25}, ?)*(?:\d{1,25})?)\), \} *\n"
+)
 
 Member = str | NDArray[np.float64]
 
@@ -62,16 +74,27 @@ def _pack_member(member: Member) -> bytes:
 
 
 def _unpack_member(entry: zipfile.ZipInfo, archive: zipfile.ZipFile) -> Member:
+    name = f"{entry.filename!r:.80}"
+    if entry.compress_type not in _PACKINGS:
+        raise ControllerError(f"expected member {name} stored or deflated, found packing {entry.compress_type}")
     data = archive.read(entry)
-    buffer = io.BytesIO(data)
-    if npy.read_magic(buffer) != (1, 0):
-        raise ControllerError(f"expected member {entry.filename} in .npy version 1.0")
-    shape, fortran_order, dtype = npy.read_array_header_1_0(buffer)
-    if dtype.str not in ("<f8", "|u1") or fortran_order:
-        raise ControllerError(f"expected member {entry.filename} of float64 or text, found {dtype}")
-    content = data[buffer.tell() :]
+    descr, shape, content = _unpack_header(name, data)
+    dtype = np.dtype(descr)
     if math.prod(shape) * dtype.itemsize != len(content):
-        raise ControllerError(f"expected member {entry.filename} of shape {shape}, found {len(content)} bytes")
-    if dtype.str == "|u1":
+        raise ControllerError(f"expected member {name} of shape {shape}, found {len(content)} bytes")
+    if descr == "|u1":
         return content.decode()
-    return np.frombuffer(content, dtype="<f8").astype(np.float64).reshape(shape)
+    return np.frombuffer(content, dtype=dtype).astype(np.float64).reshape(shape)
+
+
+def _unpack_header(name: str, data: bytes) -> tuple[str, tuple[int, ...], bytes]:
+    """Type, shape and content of the bytes of an .npy."""
+    start = len(_MAGIC) + 2
+    end = start + int.from_bytes(data[start - 2 : start], "little")
+    header = _HEADER.fullmatch(data, start, min(end, start + _MAX_HEADER)) if data.startswith(_MAGIC) else None
+    if header is None or end > len(data):
+        raise ControllerError(f"expected member {name} in .npy version 1.0")
+    descr = header[1].decode("ascii", "replace")
+    if descr not in ("<f8", "|u1") or header[2] == b"True":
+        raise ControllerError(f"expected member {name} of float64 or text, found {descr}")
+    return descr, tuple(map(int, header[3].replace(b",", b" ").split())), data[end:]

@@ -10,7 +10,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from pipeline.evaluation import HandErrors
 from recorders.errors import ConfigError, MotionError
@@ -50,20 +50,23 @@ class MotionTest:
     targets : positions asked for [m], left hand then right, shape (T, 6)
     reached : positions reached [m], left then right, shape (T, 2, 3)
     errors : HandErrors
+    lateral, up : unit vectors of the robot's plane, to its left and up, world frame, shape (3,)
 
     Raises
     ------
     MotionError
-        Shapes do not fit, there is no sample, or a number is not finite.
+        Shapes do not fit, there is no sample, a number is not finite, or the plane's vectors are not orthonormal.
     """
 
     title: str
     targets: Floats
     reached: Floats
     errors: HandErrors
+    lateral: ArrayLike = (0.0, 1.0, 0.0)
+    up: ArrayLike = (0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        for name in ("targets", "reached"):
+        for name in ("targets", "reached", "lateral", "up"):
             array = np.array(getattr(self, name), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, name, array)
@@ -72,11 +75,21 @@ class MotionTest:
             raise MotionError(f"test '{self.title}': expected shapes (T, 6) and (T, 2, 3), T >= 1, found {shapes}")
         if not (np.isfinite(self.targets).all() and np.isfinite(self.reached).all()):
             raise MotionError(f"test '{self.title}': expected finite positions, found NaN or infinity")
+        if not _is_plane(np.asarray(self.lateral), np.asarray(self.up)):
+            raise MotionError(f"test '{self.title}': expected lateral and up to be orthogonal unit vectors")
 
     def paths_cm(self, hand: int) -> tuple[Floats, Floats]:
         """Target and reached path of a hand [cm], each (T, 2): to the left, up."""
-        target = self.targets.reshape(-1, 2, 3)[:, hand, 1:]
-        return target * _CM_PER_M, self.reached[:, hand, 1:] * _CM_PER_M
+        axes = np.stack([self.lateral, self.up], axis=1)  # (3, 2)
+        target = self.targets.reshape(-1, 2, 3)[:, hand]
+        return target @ axes * _CM_PER_M, self.reached[:, hand] @ axes * _CM_PER_M
+
+
+def _is_plane(lateral: Floats, up: Floats) -> bool:
+    if lateral.shape != (3,) or up.shape != (3,):
+        return False
+    axes = np.stack([lateral, up])
+    return np.allclose(axes @ axes.T, np.eye(2), rtol=0.0, atol=1e-6)
 
 
 def draw_report(

@@ -2,22 +2,24 @@
 
 import math
 import tomllib
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
-from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.resources import data_path
+from pipeline.urdf import MAX_BYTES, check_links, check_name, check_text, joint_limits, one_line, parse_urdf, shown
 from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
 
 URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"
+MAX_CONFIG_BYTES = 32 * 2**10  # 15 joints take two thousand; the time that TOML takes can grow with the square
 
 _KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
 _JOINT_KEYS = frozenset({"name", "weight", "comfort"})
@@ -95,7 +97,8 @@ def load_robot(name_or_directory: str | Path) -> RobotConfig:
 
 def _read(path: Path) -> str:
     try:
-        return path.read_text(encoding="utf-8")
+        with path.open(encoding="utf-8") as file:
+            return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
     except OSError as error:
         raise RobotError(f"cannot read robot file '{path}': {error.strerror}") from error
     except UnicodeDecodeError as error:
@@ -110,18 +113,19 @@ def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
     RobotError
         A text does not parse, a key is missing, unknown or of the wrong kind, or the two do not fit together.
     """
+    check_text(toml_text, "robot config", most=MAX_CONFIG_BYTES)
     try:
         table = tomllib.loads(toml_text)
-    except tomllib.TOMLDecodeError as error:
-        raise RobotError(f"robot config is not TOML: {error}") from error
+    except (ValueError, RecursionError) as error:  # also of integers too long, and of brackets too deep
+        raise RobotError(f"robot config is not TOML: {one_line(str(error))}") from error
     _check_keys(table, _KEYS, "the robot config")
     joints, weights, comfort = _joints(table["joints"])
     hands = _names(table["hands"], ("left", "right"), "[hands]")
     gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
     pattern = _pattern(table["pattern"])
-    urdf = _parse_urdf(urdf_text)
-    lower, upper = _limits(urdf, joints)
-    _check_links(urdf, (*hands, gaze[1]))
+    urdf = parse_urdf(urdf_text)
+    lower, upper = joint_limits(urdf, joints)
+    check_links(urdf, (*hands, gaze[1]))
     _check_comfort(joints, lower, comfort, upper)
     if gaze[0] not in joints:
         raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {', '.join(joints)}")
@@ -142,61 +146,34 @@ def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
     )
 
 
-def canonical_urdf(urdf_text: str) -> str:
-    """Return the same URDF with its elements in an order of their own: by kind, then by name.
-
-    Libraries lay out their arrays, and so the order of their sums, by the order in the file. Read in canonical order,
-    two URDFs that differ only in that order give the same bits.
-
-    Raises
-    ------
-    RobotError
-        The text is not a URDF.
-    """
-    urdf = _parse_urdf(urdf_text)
-    urdf[:] = sorted(urdf, key=lambda element: (element.tag, element.get("name", "")))
-    return ElementTree.tostring(urdf, encoding="unicode")
-
-
-def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
-    """Parent and child link of every joint of a URDF, fixed ones included, in canonical order.
-
-    Raises
-    ------
-    RobotError
-        The text is not a URDF.
-    """
-    urdf = _parse_urdf(canonical_urdf(urdf_text))
-    return {
-        element.get("name", ""): (_attribute(element, "parent", "link"), _attribute(element, "child", "link"))
-        for element in urdf.iterfind("joint")
-    }
-
-
 def _check_keys(table: Mapping[str, Any], expected: frozenset[str], where: str) -> None:
     if missing := sorted(expected - table.keys()):
         raise RobotError(f"{where} lacks {', '.join(missing)}: expected the keys {', '.join(sorted(expected))}")
     if unknown := sorted(table.keys() - expected):
-        raise RobotError(f"{where} has unknown {', '.join(unknown)}: expected the keys {', '.join(sorted(expected))}")
+        raise RobotError(
+            f"{where} has unknown {one_line(', '.join(unknown))}: expected the keys {', '.join(sorted(expected))}"
+        )
 
 
 def _table(value: object, expected: frozenset[str], where: str) -> Mapping[str, Any]:
     if not isinstance(value, dict):
-        raise RobotError(f"{where} of the robot config: expected a table, found {value!r}")
+        raise RobotError(f"{where} of the robot config: expected a table, found {shown(value)}")
     _check_keys(value, expected, where)
     return value
 
 
 def _text(value: object, where: str) -> str:
-    if not isinstance(value, str) or not value:
-        raise RobotError(f"{where} of the robot config: expected a name, found {value!r}")
-    return value
+    return check_name(value, f"{where} of the robot config")
 
 
 def _number(value: object, where: str) -> float:
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-        raise RobotError(f"{where} of the robot config: expected a finite number, found {value!r}")
-    return float(value)
+    try:
+        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise RobotError(f"{where} of the robot config: expected a finite number, found {shown(value)}")
+    return number
 
 
 def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
@@ -206,11 +183,11 @@ def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
 
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     if not isinstance(value, list) or not value:
-        raise RobotError(f"joints of the robot config: expected a list of tables, found {value!r}")
+        raise RobotError(f"joints of the robot config: expected a list of tables, found {shown(value)}")
     rows = [_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
     names = tuple(_text(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
-    if duplicate := sorted({name for name in names if names.count(name) > 1}):
-        raise RobotError(f"joints of the robot config: {', '.join(duplicate)} given more than once")
+    if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
+        raise RobotError(f"joints of the robot config: {one_line(', '.join(repeated))} given more than once")
     weights = [_number(row["weight"], f"weight of {row['name']}") for row in rows]
     comfort = [_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
     if min(weights) <= 0.0:
@@ -226,65 +203,17 @@ def _pattern(value: object) -> dict[str, Floats]:
         length = math.hypot(*vectors[key])
         if not math.isclose(length, 1.0, abs_tol=1e-9):
             raise RobotError(f"[pattern] {key} of the robot config: expected length 1, found {length:g}")
+    if abs(cosine := float(vectors["lateral"] @ vectors["up"])) > 1e-9:
+        raise RobotError(
+            f"[pattern] of the robot config: expected up at right angles to lateral, found cosine {cosine:g}"
+        )
     return vectors
 
 
 def _vector(value: object, where: str) -> Floats:
     if not isinstance(value, list) or len(value) != 3:
-        raise RobotError(f"{where} of the robot config: expected three numbers, found {value!r}")
+        raise RobotError(f"{where} of the robot config: expected three numbers, found {shown(value)}")
     return np.array([_number(entry, where) for entry in value])
-
-
-def _parse_urdf(urdf_text: str) -> ElementTree.Element:
-    try:
-        root = ElementTree.fromstring(urdf_text)  # noqa: S314 - expat itself bounds the expansion of entities
-    except ElementTree.ParseError as error:
-        raise RobotError(f"robot description is not XML: {error}") from error
-    if root.tag != "robot":
-        raise RobotError(f"robot description is not URDF: expected the root element 'robot', found '{root.tag}'")
-    return root
-
-
-def _limits(urdf: ElementTree.Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
-    movable = {e.get("name", ""): e for e in urdf.iterfind("joint") if e.get("type") != "fixed"}
-    motors = {e.get("name", "") for e in urdf.iterfind("transmission/joint")}
-    if missing := [name for name in joints if name not in movable]:
-        raise RobotError(
-            f"joints {', '.join(missing)} of the robot config are not movable joints of the URDF, "
-            f"which has {', '.join(sorted(movable))}"
-        )
-    if unnamed := sorted(movable.keys() - set(joints)):
-        raise RobotError(f"movable joints {', '.join(unnamed)} of the URDF are not in the robot config")
-    if unmoved := [name for name in joints if name not in motors]:
-        raise RobotError(f"joints {', '.join(unmoved)} of the URDF have no transmission, so nothing would move them")
-    lower = np.array([_limit(movable[name], "lower") for name in joints])
-    upper = np.array([_limit(movable[name], "upper") for name in joints])
-    return lower, upper
-
-
-def _attribute(joint: ElementTree.Element, child: str, attribute: str) -> str:
-    element = joint.find(child)
-    value = None if element is None else element.get(attribute)
-    if value is None:
-        raise RobotError(f"joint {joint.get('name')} of the URDF: expected <{child} {attribute}=...>, found none")
-    return value
-
-
-def _limit(joint: ElementTree.Element, side: str) -> float:
-    text = _attribute(joint, "limit", side)
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise RobotError(f"joint {joint.get('name')} of the URDF: expected a finite {side} limit, found '{text}'")
-    return value
-
-
-def _check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
-    links = {element.get("name", "") for element in urdf.iterfind("link")}
-    if missing := [frame for frame in frames if frame not in links]:
-        raise RobotError(f"frames {', '.join(missing)} of the robot config are not links: {', '.join(sorted(links))}")
 
 
 def _check_comfort(joints: Sequence[str], lower: Floats, comfort: Floats, upper: Floats) -> None:

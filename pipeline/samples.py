@@ -10,6 +10,7 @@ from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import LogError
 from recorders.reader import LogReader
 from recorders.ticks import JointMap, Tick, join_ticks
+from replay.engine import naming, read_robot
 
 Floats = NDArray[np.float64]
 
@@ -35,6 +36,12 @@ class CommandedPairs:
     def pending(self) -> Floats:
         """u(k) that waits for its teaching signal [m], shape (6,), or (0,) before the first tick of a cycle."""
         return self._held.copy() if self._waiting else np.empty(0)
+
+    def resume(self, pending: Floats) -> None:
+        """Go on from what was pending, shape (6,) or (0,)."""
+        self._waiting = len(pending) > 0
+        if self._waiting:
+            self._held[:] = pending
 
     def begin(self) -> None:
         """Start a cycle: nothing is pending."""
@@ -104,10 +111,16 @@ def read_samples(path: Path) -> Samples:
         If its messages or its robot are not what they should be.
     """
     reader = LogReader(path)
-    robot = parse_robot(reader.attachment("robot.toml").decode(), reader.attachment("robot.urdf").decode())
+    texts = read_robot(reader)
+    if not texts:
+        raise LogError(
+            f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"
+        )
+    robot = parse_robot(texts["toml"], texts["urdf"])
     pairs = CommandedPairs(robot.joints)
     u, d = np.empty(6), np.empty(6 + len(robot.joints))
-    rows = [(u.copy(), d[6:].copy()) for tick in join_ticks(reader) if pairs.fill(tick, u, d)]
+    with naming(path):
+        rows = [(u.copy(), d[6:].copy()) for tick in join_ticks(reader) if pairs.fill(tick, u, d)]
     if not rows:
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
     return Samples(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), robot)

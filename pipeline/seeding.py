@@ -12,6 +12,8 @@ import numpy as np
 from numpy.random import PCG64
 from numpy.typing import NDArray
 
+from recorders.errors import ConfigError
+
 _WORD_BITS = 64
 _MANTISSA_BITS = 53  # a float64 in [0, 1) takes the upper 53 bits of a word
 
@@ -74,11 +76,11 @@ def distinct(words: NDArray[np.uint64], population: int) -> NDArray[np.int64]:
 
     Raises
     ------
-    ValueError
+    ConfigError
         If there are more words than numbers to choose from.
     """
     if len(words) > population:
-        raise ValueError(f"expected at most {population} words for a population of {population}, found {len(words)}")
+        raise ConfigError(f"expected at most {population} words for a population of {population}, found {len(words)}")
     chosen: set[int] = set()
     for last, word in enumerate(words.tolist(), start=population - len(words)):
         candidate = (word * (last + 1)) >> _WORD_BITS

@@ -15,7 +15,8 @@ from pydrake.systems.analysis import Simulator
 
 from pipeline.backend import LinkPose
 from pipeline.kinematics import Kinematics
-from pipeline.robot import RobotConfig, canonical_urdf, joint_links
+from pipeline.robot import RobotConfig
+from pipeline.urdf import canonical_urdf, joint_links, one_line
 from recorders.errors import ConfigError, JointError, RobotError
 
 Floats = NDArray[np.float64]
@@ -59,7 +60,7 @@ class Simulation:
     Raises
     ------
     RobotError
-        Drake cannot build the URDF.
+        Drake cannot build the URDF, or finds no motor for a joint.
     """
 
     def __init__(self, robot: RobotConfig, config: SimulationConfig = SimulationConfig()) -> None:
@@ -87,11 +88,16 @@ class Simulation:
         try:
             (self._model,) = Parser(plant).AddModelsFromString(canonical_urdf(self._robot.urdf_text), "urdf")
         except (RuntimeError, ValueError) as error:
-            raise RobotError(f"robot '{self._robot.name}': the URDF does not build: {error}") from error
+            raise RobotError(f"robot '{self._robot.name}': the URDF does not build: {one_line(str(error))}") from error
         motors = {
             actuator.joint().name(): actuator
             for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
         }
+        if unmoved := [name for name in self._robot.joints if name not in motors]:
+            raise RobotError(
+                f"robot '{self._robot.name}': Drake makes no motor for {', '.join(unmoved)}: expected a transmission "
+                "of type transmission_interface/SimpleTransmission and an effort limit above 0"
+            )
         self._motors = [motors[name].name() for name in self._robot.joints]
         inertias = Kinematics(self._robot).inertia_diagonal(self._robot.comfort)
         for name, inertia in zip(self._robot.joints, inertias, strict=True):

@@ -1,60 +1,46 @@
 """The online learner as a consumer of messages: live, replayed over Zenoh or read from a file, by the same code."""
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from pipeline.controller import Controller
-from pipeline.evaluation import hand_errors
-from pipeline.kinematics import Kinematics
-from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
+from pipeline.learning_run import CycleReport, LearningRun
 from pipeline.robot import RobotConfig, parse_robot
-from pipeline.samples import CommandedPairs
-from recorders.cdr import decode
-from recorders.errors import ConfigError, MessageError
-from recorders.messages import String
-from recorders.phase import EVALUATE, LEARN, Phase
+from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.records import Stamped
 from recorders.stream import Offer
-from recorders.ticks import Tick, TickJoiner
 from recorders.topics import SESSION_PHASE
-from replay.digests import StreamDigest
 from replay.engine import Replay
 from replay.schedule import Schedule
+from replay.session import RecordedSession
 from replay.transport import InProcess
 
-Floats = NDArray[np.float64]
-
-_PIECE = 64
-"""Steps per call of the kernel. The pieces do not enter the result; one call costs as much as a step."""
+_NO_RENAMES: Mapping[str, str] = {}
 
 
 @dataclass(frozen=True)
-class CycleReport:
-    """What one cycle came to.
+class CheckpointConfig:
+    """Where the learner keeps itself, so that a new process can go on.
 
-    Attributes
+    Parameters
     ----------
-    epoch, cycle : int
-        Counted from 0.
-    phase : str
-        What the cycle was for.
-    error_cm : float or None
-        Eq. (10), for an evaluated cycle.
-    digest : str
-        State digest at the end of the cycle.
+    path : Path
+        File that is replaced, whole or not at all, at every checkpoint; also a controller of its own.
+    every_ticks : int
+        Ticks between two checkpoints.
     """
 
-    epoch: int
-    cycle: int
-    phase: str
-    error_cm: float | None
-    digest: str
+    path: Path
+    every_ticks: int = 10_000
+
+    def __post_init__(self) -> None:
+        """Check the range."""
+        if self.every_ticks < 1:
+            raise ConfigError(f"checkpoint: expected at least 1 tick between two, found {self.every_ticks}")
 
 
 class Trainer:
@@ -63,16 +49,13 @@ class Trainer:
     Parameters
     ----------
     config : LearnerConfig
-        The learner. Its number of epochs, over which the rates fall, is the schedule's.
+        The learner. Its number of epochs, over which the rates fall, is the stream's; its outputs fit the robot.
     robot : RobotConfig, optional
         The robot; taken from the stream's offer if left out.
+    checkpoint : CheckpointConfig, optional
+        Where to keep checkpoints; one that is there already, of the same run, is gone on from.
     on_cycle : callable
         Told of every finished cycle.
-
-    Attributes
-    ----------
-    errors_cm : list of float
-        Eq. (10) of every evaluated cycle so far.
     """
 
     def __init__(
@@ -80,33 +63,55 @@ class Trainer:
         config: LearnerConfig,
         *,
         robot: RobotConfig | None = None,
+        checkpoint: CheckpointConfig | None = None,
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
     ) -> None:
         self._config = config
         self._robot = robot
+        self._checkpoint = checkpoint
         self._on_cycle = on_cycle
-        self._run: _Run | None = None
+        self._run: LearningRun | None = None
         self._offer: Offer | None = None
-        self.errors_cm: list[float] = []
+        self._next = 0  # stream index of the next message
+        self._saved_ticks = 0
 
     def hello(self, offer: Offer) -> int:
-        """Make a fresh learner for the run on offer; the stream is wanted from its start.
+        """Make a learner for the run on offer, and return the stream index that it wants next.
 
         Raises
         ------
         ConfigError, RobotError
             If the offer's schedule or robot is not usable.
+        ControllerError
+            If there is a checkpoint of another run, or it cannot be used.
         """
         schedule = Schedule.from_dict(offer.schedule)
         robot = self._robot or _offered_robot(offer)
-        self._run = _Run(replace(self._config, epochs=schedule.epochs), robot, offer.run)
-        self._offer = offer
-        return 0
+        run = LearningRun(replace(self._config, epochs=schedule.epochs), robot, offer.run)
+        self._next = self._resume(run, offer)
+        self._saved_ticks = run.counts.ticks
+        self._run, self._offer = run, offer
+        return self._next
+
+    def report_to(self, listener: Callable[[CycleReport], None]) -> None:
+        """Tell one more listener of every finished cycle."""
+        earlier = self._on_cycle
+
+        def both(report: CycleReport) -> None:
+            earlier(report)
+            listener(report)
+
+        self._on_cycle = both
 
     @property
     def epochs(self) -> int:
         """Epochs of the run that was accepted."""
         return self._running().learner.config.epochs
+
+    @property
+    def errors_cm(self) -> list[float]:
+        """Eq. (10) of every evaluated cycle so far."""
+        return list(self._running().counts.errors_cm)
 
     def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
         """Learn from the whole stream and return both digests, counts and the last error.
@@ -114,16 +119,18 @@ class Trainer:
         Raises
         ------
         MessageError, JointError
-            If a message is not what it should be; it is named.
+            If a message is not what it should be; it is named, and so is its log.
         """
         run = self._running()
-        for message in messages:
-            if message.topic == SESSION_PHASE:
-                self._end_cycle(run)
-                run.begin_cycle(message)
-            else:
-                run.feed(message)
-        self._end_cycle(run)
+        with self._naming_the_log(run):
+            for message in messages:
+                if message.topic == SESSION_PHASE:
+                    self._report(run.begin_presentation(message))
+                else:
+                    run.feed(message)
+                self._next += 1
+                self._keep(run)
+            self._report(run.end())
         return self.result()
 
     def result(self) -> dict[str, Any]:
@@ -131,126 +138,79 @@ class Trainer:
         run = self._running()
         return {
             "digest": run.digest(),
-            "stream_digest": run.stream.hexdigest(),
-            "steps": run.steps,
-            "ticks": run.ticks,
-            "train_cm": self.errors_cm[-1] if self.errors_cm else None,
+            "stream_digest": run.stream_digest,
+            "steps": run.counts.steps,
+            "ticks": run.counts.ticks,
+            "train_cm": run.counts.errors_cm[-1] if run.counts.errors_cm else None,
         }
 
     def controller(self) -> Controller:
         """Return what was learned, with where it comes from."""
-        run = self._running()
-        provenance = {
-            "run": self._offer.run if self._offer else "",
-            "logs": self._offer.logs if self._offer else [],
-            "schedule": self._offer.schedule if self._offer else {},
-            "stream_digest": run.stream.hexdigest(),
-            "errors_cm": self.errors_cm,
-        }
-        return Controller.from_learner(
-            run.learner,
-            joints=run.robot.joints,
-            robot_toml=run.robot.toml_text,
-            robot_urdf=run.robot.urdf_text,
-            pending=run.pairs.pending,
-            provenance=provenance,
-        )
+        return self._running().controller(self._provenance())
 
-    def _end_cycle(self, run: "_Run") -> None:
-        report = run.end_cycle()
+    def save_checkpoint(self) -> None:
+        """Keep the learner as it stands, if it is to be kept at all and no tick is half-way in.
+
+        Raises
+        ------
+        ControllerError
+            If the file cannot be written.
+        """
+        run = self._run
+        if run is not None and self._checkpoint is not None and run.between_ticks:
+            kept = run.controller({**self._provenance(), "checkpoint": {"next": self._next, **run.snapshot()}})
+            kept.save(self._checkpoint.path)
+            self._saved_ticks = run.counts.ticks
+
+    def _provenance(self) -> dict[str, Any]:
+        run, offer = self._running(), self._offer
+        return {
+            "run": offer.run if offer else "",
+            "logs": offer.logs if offer else [],
+            "schedule": offer.schedule if offer else {},
+            "stream_digest": run.stream_digest,
+            "errors_cm": list(run.counts.errors_cm),
+        }
+
+    def _resume(self, run: LearningRun, offer: Offer) -> int:
+        """Go on from the checkpoint of this run, if there is one; return the stream index after it."""
+        if self._checkpoint is None or not self._checkpoint.path.exists():
+            return 0
+        path = self._checkpoint.path
+        controller = Controller.load(path)
+        kept = controller.provenance.get("checkpoint")
+        if not isinstance(kept, dict) or kept.get("run") != offer.run:
+            found = kept.get("run") if isinstance(kept, dict) else "no checkpoint"
+            raise ControllerError(f"{path}: expected a checkpoint of run {offer.run}, found {found}; move it away")
+        run.restore(controller, kept)
+        start = kept.get("next")
+        if type(start) is not int:
+            raise ControllerError(f"{path}: expected the stream index to go on from, found {start!r}")
+        return start
+
+    def _keep(self, run: LearningRun) -> None:
+        due = self._checkpoint is not None and run.counts.ticks - self._saved_ticks >= self._checkpoint.every_ticks
+        if due and run.between_ticks:
+            self.save_checkpoint()
+
+    def _report(self, report: CycleReport | None) -> None:
         if report is not None:
-            if report.error_cm is not None:
-                self.errors_cm.append(report.error_cm)
             self._on_cycle(report)
 
-    def _running(self) -> "_Run":
+    @contextmanager
+    def _naming_the_log(self, run: LearningRun) -> Iterator[None]:
+        """Put the name of the log that is presented before what is wrong with a message."""
+        try:
+            yield
+        except (MessageError, JointError) as error:
+            logs = self._offer.logs if self._offer else []
+            names = [log.get("name") for log in logs if run.phase and log.get("ticks_sha256") == run.phase.log]
+            raise type(error)(f"{names[0]}: {error}" if names else str(error)) from error
+
+    def _running(self) -> LearningRun:
         if self._run is None:
             raise ConfigError("expected an offer before the first message, found none")
         return self._run
-
-
-class _Run:
-    """A learner in the middle of a run: the cycle under way and the steps not yet handed to the kernel."""
-
-    def __init__(self, config: LearnerConfig, robot: RobotConfig, run: str) -> None:
-        self.robot = robot
-        output_centre = np.concatenate([robot.input_centre, robot.comfort])
-        self.learner = Learner(config, input_centre=robot.input_centre, output_centre=output_centre)
-        self.pairs = CommandedPairs(robot.joints)
-        self.stream = StreamDigest()
-        self.steps = self.ticks = 0
-        self._name = run
-        self._kinematics = Kinematics(robot)
-        self._joiner = TickJoiner()
-        self._phase: Phase | None = None
-        self._epoch = -1
-        self._u = np.empty((_PIECE, robot.input_centre.size))
-        self._d = np.empty((_PIECE, output_centre.size))
-        self._filled = 0
-        self._scored: list[Floats] = []
-
-    def begin_cycle(self, message: Stamped) -> None:
-        """Follow a phase marker."""
-        marker = decode(message.type, message.data)
-        if not isinstance(marker, String):
-            raise MessageError(f"{message.topic}: expected {String.TYPE}, found {message.type}")
-        phase = Phase.from_message(marker)
-        if phase.run != self._name:
-            raise MessageError(f"{message.topic}: expected run {self._name}, found {phase.run}")
-        self.stream.update([message])
-        self.pairs.begin()
-        self._joiner.clear()
-        self._phase = phase
-        if phase.epoch != self._epoch:
-            self._epoch = phase.epoch
-            self.learner.begin_epoch(phase.epoch)
-
-    def feed(self, message: Stamped) -> None:
-        """Take one message; steps are made as ticks come complete."""
-        if self._phase is None:
-            raise MessageError(f"{message.topic}: expected a phase marker first, found message {message.sequence}")
-        for tick in self._joiner.feed(message):
-            self._take(tick)
-
-    def end_cycle(self) -> CycleReport | None:
-        """Finish the cycle under way, if there is one."""
-        if self._phase is None:
-            return None
-        self._joiner.finish()
-        self._flush()
-        error_cm = float(np.concatenate(self._scored).mean() * 100.0) if self._scored else None
-        self._scored = []
-        return CycleReport(self._phase.epoch, self._phase.cycle, self._phase.phase, error_cm, self.digest())
-
-    def digest(self) -> str:
-        """Return the state digest."""
-        return state_digest(self.learner.state(), pending=self.pairs.pending)
-
-    def _take(self, tick: Tick) -> None:
-        self.stream.update(tick.records)
-        self.ticks += 1
-        if self.pairs.fill(tick, self._u[self._filled], self._d[self._filled]):
-            self._filled += 1
-            if self._filled == _PIECE:
-                self._flush()
-
-    def _flush(self) -> None:
-        """Hand the steps that are complete to the kernel: predict, then update."""
-        if self._filled == 0 or self._phase is None:
-            return
-        u, d = self._u[: self._filled], self._d[: self._filled]
-        outputs = self.learner.step(u, d, learning=self._phase.phase == LEARN)
-        if self._phase.phase == EVALUATE:
-            self._scored.append(hand_errors(self._kinematics, outputs[:, u.shape[1] :], u))
-        self.steps += self._filled
-        self._filled = 0
-
-
-def _offered_robot(offer: Offer) -> RobotConfig:
-    texts = offer.robot.get("toml"), offer.robot.get("urdf")
-    if not all(isinstance(text, str) for text in texts):
-        raise ConfigError("the stream names no robot, and none was given; give one with --robot")
-    return parse_robot(str(texts[0]), str(texts[1]))
 
 
 def train(
@@ -258,16 +218,49 @@ def train(
     *,
     schedule: Schedule,
     config: LearnerConfig,
+    robot: RobotConfig | None = None,
+    renames: Mapping[str, str] = _NO_RENAMES,
     on_cycle: Callable[[CycleReport], None] = lambda report: None,
 ) -> Trainer:
     """Train a learner straight from logs: the same messages, in the same order, as a replay sends.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Logs; a cycle presents them in this order.
+    schedule : Schedule
+        Epochs and phases.
+    config : LearnerConfig
+        The learner.
+    robot : RobotConfig, optional
+        The robot, for logs that carry none.
+    renames : mapping of str to str
+        Our topic names for those that the logs use.
+    on_cycle : callable
+        Told of every finished cycle.
 
     Raises
     ------
     ReenactError
         If a log, its robot or a message is not what it should be.
     """
-    replay = Replay(paths, schedule)
-    trainer = Trainer(config, on_cycle=on_cycle)
-    InProcess({"learner": trainer}).deliver(replay.offer(), replay.stream)
+    return train_on(Replay(paths, schedule, renames=renames), Trainer(config, robot=robot, on_cycle=on_cycle))
+
+
+def train_on(source: Replay | RecordedSession, trainer: Trainer) -> Trainer:
+    """Feed a trainer the whole stream of logs or of a recorded session, in this process.
+
+    Raises
+    ------
+    ReenactError
+        If a log, its robot or a message is not what it should be.
+    """
+    InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
     return trainer
+
+
+def _offered_robot(offer: Offer) -> RobotConfig:
+    texts = offer.robot.get("toml"), offer.robot.get("urdf")
+    if not all(isinstance(text, str) for text in texts):
+        raise ConfigError("the stream names no robot, and none was given; give one with --robot")
+    return parse_robot(str(texts[0]), str(texts[1]))

@@ -12,6 +12,9 @@ LEARN = "learn"
 EVALUATE = "evaluate"
 PHASES = (WASHOUT, LEARN, EVALUATE)
 
+MAX_COUNT = 1 << 31
+"""Epochs and cycles stay below: a marker may come from the network."""
+
 _KINDS = {"run": str, "epoch": int, "cycle": int, "phase": str, "log": str}
 
 
@@ -28,7 +31,7 @@ class Phase:
     phase : str
         `washout`, `learn` or `evaluate`.
     log : str
-        Name of the log that is replayed; empty for a live session.
+        Digest of the ticks of the log that is replayed; empty for a live session.
 
     Raises
     ------
@@ -48,8 +51,8 @@ class Phase:
             value = getattr(self, name)
             if type(value) is not kind:  # exactly: JSON's true would pass as an int
                 raise MessageError(f"phase marker: {name} must be {kind.__name__}, found {value!r}")
-        if self.epoch < 0 or self.cycle < 0:
-            raise MessageError(f"phase marker: epoch and cycle count from 0, found {self.epoch} and {self.cycle}")
+        if not (0 <= self.epoch < MAX_COUNT and 0 <= self.cycle < MAX_COUNT):
+            raise MessageError(f"phase marker: epoch and cycle count from 0 to {MAX_COUNT - 1}, found others")
         if self.phase not in PHASES:
             raise MessageError(f"phase marker: unknown phase {self.phase!r}; there are {', '.join(PHASES)}")
 

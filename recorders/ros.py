@@ -44,6 +44,11 @@ def schema_text(type_name: str) -> str:
     return store.generate_msgdef(type_name, ros_version=2)[0]
 
 
+def is_known(type_name: str) -> bool:
+    """Whether a ROS 2 type of this name is known, and so has a schema."""
+    return type_name in typestore().types
+
+
 def reference_cdr(message: Message) -> bytes:
     """Return the little-endian CDR bytes that rosbags makes of a message."""
     return bytes(typestore().serialize_cdr(to_rosbags(message), message.TYPE))

@@ -1,6 +1,7 @@
 """A stream of messages between one sender and its consumers: offer, consumer, progress. No transport."""
 
 import json
+import re
 from collections.abc import Iterator
 from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol, Self
@@ -10,12 +11,15 @@ from recorders.records import Stamped
 
 PROTOCOL_VERSION = 1
 
+_MAX_INDEX = 2**63 - 1
+
 _OFFER_TYPES: dict[str, type | tuple[type, ...]] = {
     "run": str,
     "sender": str,
     "schedule": dict,
     "logs": list,
     "robot": dict,
+    "messages": (int, type(None)),
     "window": int,
     "version": int,
 }
@@ -39,11 +43,13 @@ class Offer:
     schedule : dict
         `epochs` and `phases`, as `replay.schedule.Schedule.to_dict` gives them.
     logs : list of dict
-        `name` and `content_sha256` of each log.
+        `name` and `ticks_sha256` of each log.
     robot : dict
         `toml` and `urdf`: the robot that was recorded. Empty if the logs carry none.
+    messages : int, optional
+        How many messages the stream has; unknown of a live one.
     sender : str
-        Names this sender among others that may offer the same run; filled in by the transport.
+        32 hexadecimal digits that tell this sender from others that offer the same run; the transport fills them in.
     window : int
         How many messages the transport lets be under way; consumers acknowledge at least every half of it.
     """
@@ -52,14 +58,15 @@ class Offer:
     schedule: dict[str, Any]
     logs: list[dict[str, Any]]
     robot: dict[str, str] = field(default_factory=dict)
-    sender: str = ""
+    messages: int | None = None
+    sender: str = "0" * 32
     window: int = 1
     version: int = PROTOCOL_VERSION
 
     @property
-    def run_bytes(self) -> bytes:
-        """The run as the 16 bytes that every attachment carries."""
-        return bytes.fromhex(self.run)
+    def identity(self) -> tuple[bytes, bytes]:
+        """Run and sender, as the 16 bytes each that every attachment carries."""
+        return bytes.fromhex(self.run), bytes.fromhex(self.sender)
 
     def to_json(self) -> bytes:
         """Return the offer as JSON."""
@@ -72,13 +79,10 @@ class Offer:
         offer = cls(**fields)
         if offer.version != PROTOCOL_VERSION:
             raise WireError(f"offer: expected protocol version {PROTOCOL_VERSION}, found {offer.version}")
-        try:
-            well_formed = len(offer.run_bytes) == 16
-        except ValueError:
-            well_formed = False
-        if not well_formed or offer.window < 1:
+        if not (_is_name(offer.run) and _is_name(offer.sender) and 1 <= offer.window <= _MAX_INDEX):
             raise WireError(
-                f"offer: expected a run of 32 hexadecimal digits and a window, found {offer.run[:40]!r}, {offer.window}"
+                "offer: expected 32 hexadecimal digits as run and as sender, and a window, "
+                f"found {offer.run[:40]!r}, {offer.sender[:40]!r}, {offer.window}"
             )
         return offer
 
@@ -124,7 +128,14 @@ class Progress:
     @classmethod
     def from_json(cls, data: bytes) -> Self:
         """Read a progress back; raises WireError if it is not one."""
-        return cls(**_json_object(data, _PROGRESS_TYPES))
+        progress = cls(**_json_object(data, _PROGRESS_TYPES))
+        if not 0 <= progress.next <= progress.received <= _MAX_INDEX:
+            raise WireError(f"progress: expected 0 <= next <= received, found {progress.next} and {progress.received}")
+        return progress
+
+
+def _is_name(text: str) -> bool:
+    return re.fullmatch("[0-9a-f]{32}", text) is not None
 
 
 def _json_object(data: bytes, types: dict[str, type | tuple[type, ...]]) -> dict[str, Any]:

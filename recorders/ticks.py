@@ -72,8 +72,8 @@ class TickJoiner:
         Raises
         ------
         MessageError
-            If the message has the wrong type, does not decode, holds NaN or infinity, comes twice or out of order, or
-            completes a tick while an earlier one lacks a message.
+            If the message has the wrong type, does not decode, holds NaN or infinity in a position, comes twice or out
+            of order, or completes a tick while an earlier one lacks a message.
         """
         rank = _RANKS.get(record.topic)
         if rank is None:
@@ -86,6 +86,11 @@ class TickJoiner:
         tick.records[rank] = record
         tick.values[rank] = value
         return () if None in tick.records else (self._complete(tick, stamp),)
+
+    @property
+    def idle(self) -> bool:
+        """Whether no tick waits for more of its messages."""
+        return not self._open
 
     def finish(self) -> None:
         """End the cycle; raises MessageError, naming what is missing, if a tick is not complete."""
@@ -202,8 +207,7 @@ def _read_target(data: bytes) -> tuple[int, FloatArray]:
 
 def _read_joints(data: bytes) -> tuple[int, JointState]:
     joints = decode_as(JointState, data)
-    for values in (joints.position, joints.velocity, joints.effort):
-        _refuse_nan(values, joints.stamp_ns)
+    _refuse_nan(joints.position, joints.stamp_ns)  # robots publish NaN for an effort or velocity that they do not know
     return joints.stamp_ns, joints
 
 

@@ -48,7 +48,7 @@ class LogWriter:
     Raises
     ------
     LogError
-        From every method, if the file exists, cannot be written, or the manifest is not JSON.
+        From every method, if the file exists, cannot be written or is none, or the manifest is not JSON.
     """
 
     def __init__(
@@ -60,7 +60,10 @@ class LogWriter:
         overwrite: bool = False,
     ) -> None:
         self.path = Path(path)
+        if not self.path.name:
+            raise self._no_file()
         self.part = self.path.with_name(self.path.name + ".part")
+        self._given = dict(manifest)
         self._manifest = _with_environment(manifest)
         self._content = ContentHash()
         self._schemas: dict[str, int] = {}
@@ -71,8 +74,13 @@ class LogWriter:
         self._file = self._open()
         # Any: the library says that it is typed, and annotates but half of its methods
         self._mcap: Any = Writer(self._file, compression=CompressionType.LZ4, enable_data_crcs=True)
-        with self._writing():
-            self._begin(attachments)
+        try:
+            with self._writing():
+                self._begin(attachments)
+        except LogError:
+            with suppress(OSError):
+                self.part.unlink()
+            raise
 
     def __enter__(self) -> Self:
         return self
@@ -93,6 +101,7 @@ class LogWriter:
         log_time_ns: int,
         sequence: int | None = None,
         type_name: str | None = None,
+        opaque: bool = False,
     ) -> None:
         """Write one message.
 
@@ -108,6 +117,8 @@ class LogWriter:
             The producer's number. Without one the messages of a topic are numbered from 0.
         type_name : str, optional
             ROS 2 type of bytes on a topic that is not in the table.
+        opaque : bool
+            The bytes are not a ROS 2 message: they go to a channel of their own, without a schema.
 
         Raises
         ------
@@ -117,14 +128,16 @@ class LogWriter:
             If the file cannot be written.
         """
         if isinstance(message, bytes):
-            data, found = message, type_name or type_of(topic)
+            data, found = message, "" if opaque else type_name or type_of(topic)
         else:
             data, found = encode(message), message.TYPE
         expected = type_of(topic)
-        if expected and found != expected:
+        if expected and found != expected and not opaque:
             raise MessageError(f"{topic}: expected {expected}, found {found}")
         producer = sequence is not None
-        channel = self._channels.get((topic, found, producer)) or self._open_channel(topic, found, producer=producer)
+        channel = self._channels.get((topic, found, producer)) or self._open_channel(
+            topic, found, producer=producer, opaque=opaque
+        )
         self._add(channel, topic, self._numbered[topic] if sequence is None else sequence, log_time_ns, data)
         self._numbered[topic] += not producer
 
@@ -138,6 +151,16 @@ class LogWriter:
             type_name=record.type,
         )
 
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment that became known after the beginning; raises LogError if that fails."""
+        with self._writing():
+            self._mcap.add_attachment(0, 0, name, _media_type(name), data)
+
+    def note(self, entries: Mapping[str, Any]) -> None:
+        """Add to the manifest what became known after the beginning; raises LogError if it is not JSON."""
+        self._manifest = _with_environment({**self._given, **entries})
+        self._given = {**self._given, **entries}
+
     def flush(self) -> None:
         """Hand everything written so far to the operating system; raises LogError if that fails."""
         with self._writing():
@@ -149,6 +172,8 @@ class LogWriter:
             return
         with self._writing():
             self._finish(complete=True)
+            self._file.flush()
+            os.fsync(self._file.fileno())
             self._file.close()
             self.part.replace(self.path)
 
@@ -164,21 +189,30 @@ class LogWriter:
                 self.part.unlink()
 
     def _refuse_existing(self, *, overwrite: bool) -> None:
+        try:
+            found, is_file, unfinished = self.path.exists(), self.path.is_file(), self.part.exists()
+        except OSError as error:
+            raise self._cannot_write(error) from error
+        if found and not is_file:
+            raise self._no_file()
         if overwrite:
             return
-        if self.path.exists():
+        if found:
             raise LogError(f"{self.path} exists: choose another name, or allow it to be overwritten")
-        if self.part.exists():
+        if unfinished:
             raise LogError(f"{self.part} is left from an unfinished recording: move it away, or allow overwriting")
 
     def _open(self) -> BinaryIO:
         try:
             return self.part.open("wb")  # buffered: the library leaves a truncated file on an unbuffered one
-        except OSError as error:
+        except (OSError, ValueError) as error:  # ValueError: a name that no system can have
             raise self._cannot_write(error) from error
 
-    def _cannot_write(self, error: OSError) -> LogError:
-        return LogError(f"cannot write {self.part}: {error.strerror or error}")
+    def _no_file(self) -> LogError:
+        return LogError(f"cannot write {self.path}: expected the name of a file, found something else")
+
+    def _cannot_write(self, error: OSError | ValueError) -> LogError:
+        return LogError(f"cannot write {self.part}: {getattr(error, 'strerror', None) or error}")
 
     @contextmanager
     def _writing(self) -> Iterator[None]:
@@ -197,13 +231,14 @@ class LogWriter:
             self._mcap.add_attachment(0, 0, name, _media_type(name), data)  # no times: identical runs, identical files
         self._mcap.flush()
 
-    def _open_channel(self, topic: str, type_name: str, *, producer: bool) -> int:
-        schema = self._schemas.get(type_name)
+    def _open_channel(self, topic: str, type_name: str, *, producer: bool, opaque: bool) -> int:
+        schema = 0 if opaque else self._schemas.get(type_name)  # 0: MCAP's number for no schema
         if schema is None:
             text = schema_text(type_name).encode()
             schema = self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", text)
         numbered_by = {"sequence": "producer" if producer else "writer"}
-        channel: int = self._mcap.register_channel(topic, "cdr", schema, numbered_by)
+        encoding = "application/octet-stream" if opaque else "cdr"
+        channel: int = self._mcap.register_channel(topic, encoding, schema, numbered_by)
         self._channels[topic, type_name, producer] = channel
         return channel
 

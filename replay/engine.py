@@ -2,17 +2,20 @@
 
 import hashlib
 import json
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import islice
 from pathlib import Path
 
 from recorders.cdr import encode
-from recorders.errors import LogError
+from recorders.errors import JointError, LogError, MessageError
 from recorders.phase import Phase
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.stream import Offer
+from recorders.ticks import TickJoiner
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
-from replay.digests import framed
+from replay.digests import StreamDigest
 from replay.schedule import Schedule
 
 CACHE_BYTES = 64 << 20
@@ -20,35 +23,42 @@ CACHE_BYTES = 64 << 20
 
 ROBOT_FILES = {"toml": "robot.toml", "urdf": "robot.urdf"}
 
+_NEEDED = tuple(topic.name for topic in LEARNER_TOPICS)
+_NO_RENAMES: Mapping[str, str] = {}
+
 
 class Episode:
-    """The messages of one log that a learner is fed, read once or as often as they are asked for.
+    """The ticks of one log, read once or as often as they are asked for.
 
     Parameters
     ----------
     path : Path
         A log.
+    renames : mapping of str to str
+        Our topic names for those that the log uses, so that a log recorded by others trains.
 
     Attributes
     ----------
     count : int
         How many messages a presentation has.
-    content : str
-        SHA-256 over these messages, hexadecimal.
+    digest : str
+        SHA-256 over the ticks in canonical order, hexadecimal: the log as the learner sees it.
     robot : dict
         `toml` and `urdf` of the robot, as the log carries them; empty if it carries none.
 
     Raises
     ------
     LogError
-        If the log cannot be read, or lacks a topic that the learner needs.
+        If the log cannot be read, is a recorded session, or lacks a topic that the learner needs.
+    MessageError
+        If a message is not what it should be, or a tick is not complete.
     """
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
         self.path = path
         self._reader = LogReader(path)
-        self._topics = [topic.name for topic in LEARNER_TOPICS]
-        self.robot = self._robot()
+        self._renames = dict(renames)
+        self.robot = read_robot(self._reader)
         self._cache: list[Stamped] | None = []
         self._survey()
 
@@ -57,38 +67,73 @@ class Episode:
         return iter(self._cache) if self._cache is not None else self._read()
 
     def _read(self) -> Iterator[Stamped]:
-        return self._reader.records(topics=self._topics)
-
-    def _robot(self) -> dict[str, str]:
-        """Return the robot's files; none if the log lacks one of them, as another recorder's does."""
-        if not set(ROBOT_FILES.values()) <= set(self._reader.attachments):
-            return {}
-        return {key: _text(self._reader, name) for key, name in ROBOT_FILES.items()}
+        return renamed(self._reader, self._renames, _NEEDED)
 
     def _survey(self) -> None:
-        """Read the log through once: count, hash and, if it is small, keep it."""
-        content, size, found = hashlib.sha256(), 0, set()
+        """Read the log through once: check, count and hash it and, if it is small, keep it."""
+        self._check_topics()
+        digest, joiner, size = StreamDigest(), TickJoiner(), 0
         self.count = 0
         for message in self._read():
-            content.update(framed(message))
-            found.add(message.topic)
+            with naming(self.path):
+                for tick in joiner.feed(message):
+                    digest.update(tick.records)
             self.count += 1
             size += len(message.data)
             if self._cache is not None:
                 self._cache.append(message)
             if size > CACHE_BYTES:
                 self._cache = None
-        self.content = content.hexdigest()
-        missing = [topic for topic in self._topics if topic not in found]
+        with naming(self.path):
+            joiner.finish()
+        self.digest = digest.hexdigest()
+
+    def _check_topics(self) -> None:
+        found = {self._renames.get(topic, topic) for topic, count in self._reader.counts.items() if count > 0}
+        missing = [topic for topic in _NEEDED if topic not in found]
         if missing:
-            raise LogError(f"{self.path}: expected messages on {', '.join(missing)}, found none; record with explore")
+            raise LogError(
+                f"{self.path}: expected messages on {', '.join(missing)}, found none; record with explore, "
+                f"or rename with --map one of {', '.join(sorted(found)) or 'no topics'}"
+            )
+        if SESSION_PHASE in found:
+            raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
 
 
-def _text(reader: LogReader, name: str) -> str:
+def renamed(reader: LogReader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
+    """Yield the messages of a log on some topics, by our names for them."""
+    if not renames:
+        yield from reader.records(topics=topics)
+        return
+    for record in reader.records():
+        topic = renames.get(record.topic, record.topic)
+        if topic in topics:
+            yield record._replace(topic=topic)
+
+
+def read_robot(reader: LogReader) -> dict[str, str]:
+    """Return `toml` and `urdf` of the robot that a log carries; empty if it lacks one, as another recorder's does.
+
+    Raises
+    ------
+    LogError
+        If an attachment is not text.
+    """
+    if not set(ROBOT_FILES.values()) <= set(reader.attachments):
+        return {}
     try:
-        return reader.attachment(name).decode()
+        return {key: reader.attachment(name).decode() for key, name in ROBOT_FILES.items()}
     except UnicodeDecodeError as error:
-        raise LogError(f"{reader.path}: expected attachment {name} to be UTF-8 text, found other bytes") from error
+        raise LogError(f"{reader.path}: expected the robot's files to be UTF-8 text, found other bytes") from error
+
+
+@contextmanager
+def naming(path: Path) -> Iterator[None]:
+    """Put the log's path before what is wrong with one of its messages."""
+    try:
+        yield
+    except (MessageError, JointError) as error:
+        raise type(error)(f"{path}: {error}") from error
 
 
 class Replay:
@@ -100,22 +145,28 @@ class Replay:
         Logs; a cycle presents them in this order, each under a phase marker of its own.
     schedule : Schedule
         Epochs and phases.
+    renames : mapping of str to str
+        Our topic names for those that the logs use.
 
     Raises
     ------
     LogError
-        If a log cannot be read, or the logs are of different robots.
+        If there is no log, one cannot be read, or the logs are of different robots.
+    MessageError
+        If a message is not what it should be.
     """
 
-    def __init__(self, paths: Sequence[Path], schedule: Schedule) -> None:
+    def __init__(self, paths: Sequence[Path], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        if not paths:
+            raise LogError("expected at least one log, found none")
         self.schedule = schedule
-        self.episodes = [Episode(path) for path in paths]
+        self.episodes = [Episode(path, renames=renames) for path in paths]
         self.robot = self.episodes[0].robot
         for episode in self.episodes[1:]:
             if episode.robot != self.robot:
                 raise LogError(f"{episode.path}: recorded with another robot than {self.episodes[0].path}")
-        contents = [episode.content for episode in self.episodes]
-        self.run = hashlib.sha256(json.dumps([schedule.to_dict(), contents]).encode()).hexdigest()[:32]
+        digests = [episode.digest for episode in self.episodes]
+        self.run = hashlib.sha256(json.dumps([schedule.to_dict(), digests]).encode()).hexdigest()[:32]
 
     def __len__(self) -> int:
         """Messages of the whole run, phase markers included."""
@@ -126,8 +177,9 @@ class Replay:
         return Offer(
             run=self.run,
             schedule=self.schedule.to_dict(),
-            logs=[{"name": episode.path.name, "content_sha256": episode.content} for episode in self.episodes],
+            logs=[{"name": episode.path.name, "ticks_sha256": episode.digest} for episode in self.episodes],
             robot=self.robot,
+            messages=len(self),
         )
 
     def stream(self, start: int = 0) -> Iterator[Stamped]:
@@ -143,7 +195,7 @@ class Replay:
         for epoch in range(self.schedule.epochs):
             for cycle, phase in self.schedule.epoch():
                 for episode in self.episodes:
-                    yield Phase(self.run, epoch, cycle, phase, episode.content), episode
+                    yield Phase(self.run, epoch, cycle, phase, episode.digest), episode
 
     @staticmethod
     def _presentation(number: int, marker: Phase, episode: Episode, *, skip: int) -> Iterator[Stamped]:
@@ -151,6 +203,4 @@ class Replay:
         if skip == 0:
             data = encode(marker.to_message())
             yield Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, number, log_time_ns=0)
-        for _ in range(skip - 1):
-            next(messages)
-        yield from messages
+        yield from islice(messages, max(0, skip - 1), None)

@@ -4,23 +4,34 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import ExitStack
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, replace
-from itertools import islice
 from typing import Any
 from uuid import uuid4
 
 import zenoh
 
-from recorders.errors import ReenactError, WireError
+from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Offer, Progress
-from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, Kind, batch_key, control_key, message_key, pack
-from recorders.wire.receiver import FAREWELL
+from recorders.wire.frames import (
+    DEFAULT_NAMESPACE,
+    Frame,
+    Kind,
+    batch_key,
+    check_name,
+    check_namespace,
+    control_key,
+    message_key,
+    pack,
+)
+from recorders.wire.receiver import FAREWELL, MAX_PAYLOAD
 from replay.transport import StreamFrom
 
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
+_BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
+_LONGEST_WAIT_S = 86_400.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +41,8 @@ class SenderConfig:
     Parameters
     ----------
     consumers : tuple of str
-        Names of the consumers that are awaited; the window is the slowest one's.
+        Names of the consumers that are awaited; the window is the slowest one's. Without any, whoever listens may lose
+        messages.
     namespace : str
         First part of every key.
     window : int
@@ -40,7 +52,12 @@ class SenderConfig:
     wait_s : float
         How long a consumer may take to appear [s].
     patience_s : float
-        How long a consumer may leave every question unanswered [s].
+        How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
+
+    Raises
+    ------
+    ConfigError, WireError
+        If a number is out of range, or a name cannot be part of a key.
     """
 
     consumers: tuple[str, ...] = ("learner",)
@@ -51,18 +68,25 @@ class SenderConfig:
     patience_s: float = 30.0
 
     def __post_init__(self) -> None:
-        """Check ranges."""
-        if not self.consumers:
-            raise WireError("expected the name of at least one consumer to await, found none")
+        """Check names and ranges."""
+        for name in self.consumers:
+            check_name(name)
+        check_namespace(self.namespace)
+        if len(set(self.consumers)) != len(self.consumers):
+            raise ConfigError(f"expected each consumer once, found {', '.join(self.consumers)}")
         if not 1 <= self.batch <= self.window:
-            raise WireError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
+            raise ConfigError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
+        for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
+            if not 0.0 <= seconds <= _LONGEST_WAIT_S:
+                raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")
 
 
 class ZenohTransport:
     """Delivers a stream to consumers in other processes.
 
     Zenoh alone loses messages without a word when a consumer stalls, so this keeps what is not acknowledged and goes
-    back to the first message that did not arrive.
+    back to the first message that did not arrive. A consumer that was killed and started anew says where it wants to
+    go on, and the stream is taken up there.
 
     Parameters
     ----------
@@ -92,6 +116,13 @@ class ZenohTransport:
             return delivery.run(stream_from)
 
 
+class _Rewind(Exception):
+    """A consumer wants the stream from an index that is behind."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+
+
 class _Delivery:
     """One stream under way: what was sent, what was acknowledged."""
 
@@ -106,6 +137,7 @@ class _Delivery:
         self._progress: dict[str, Progress] = {}
         self._unacknowledged: deque[Frame] = deque()
         self._sent = 0
+        self._ended = False
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._stack = ExitStack()
 
@@ -119,24 +151,43 @@ class _Delivery:
         self._stack.close()
 
     def run(self, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
-        self._progress = {name: self._hello(name) for name in self._config.consumers}
-        self._sent = start = min(progress.next for progress in self._progress.values())
         try:
-            for messages in _chunks(stream_from(start), self._config.batch):
-                limit = self._config.window - len(messages)
-                self._await(lambda limit=limit: self._sent - self._consumed() <= limit)  # type: ignore[misc]
-                kind = Kind.BATCH if self._config.batch > 1 else Kind.MESSAGE
-                self._send(Frame(kind, self._offer.run_bytes, self._sent, tuple(messages)))
+            for name in self._config.consumers:
+                self._progress[name] = self._hello(name)
+                self._check_start(name, self._progress[name].next)
+            index = min((progress.next for progress in self._progress.values()), default=0)
+            while not self._ended:
+                try:
+                    self._send_from(index, stream_from)
+                except _Rewind as rewind:
+                    index = rewind.index
         except BaseException as error:
-            reason = str(error) if isinstance(error, ReenactError) else f"stopped by {type(error).__name__}"
-            self._put(Frame(Kind.ABORT, self._offer.run_bytes, self._sent, reason=reason))
+            self._abort(str(error) if isinstance(error, ReenactError) else f"stopped by {type(error).__name__}")
             raise
-        self._send(Frame(Kind.END, self._offer.run_bytes, self._sent))
-        self._await(lambda: all(progress.result is not None for progress in self._progress.values()))
         results = {name: progress.result or {} for name, progress in self._progress.items()}
         for name in self._config.consumers:
             self._ask(name, "status", FAREWELL)
         return results
+
+    def _send_from(self, index: int, stream_from: StreamFrom) -> None:
+        """Send the stream from an index to its end, and wait for the results."""
+        self._unacknowledged.clear()
+        self._sent = index
+        batched = self._config.batch > 1
+        for messages in _chunks(stream_from(index), self._config.batch):
+            self._await_room(len(messages))
+            self._send(self._frame(Kind.BATCH if batched else Kind.MESSAGE, tuple(messages)))
+        self._send(self._frame(Kind.END))
+        self._await(lambda: all(progress.result is not None for progress in self._progress.values()))
+        self._ended = True
+
+    def _frame(self, kind: Kind, messages: tuple[Stamped, ...] = (), reason: str = "") -> Frame:
+        return Frame(kind, *self._offer.identity, self._sent, messages, reason)
+
+    def _abort(self, reason: str) -> None:
+        """Tell the consumers that may have taken the offer, as well as the connection allows."""
+        with suppress(zenoh.ZError):
+            self._put(self._frame(Kind.ABORT, reason=reason))
 
     def _hello(self, name: str) -> Progress:
         """Offer the stream until the consumer answers."""
@@ -151,6 +202,10 @@ class _Delivery:
                     "start one with `reenact learn`, or give its endpoint with --connect"
                 )
             time.sleep(0.05)
+
+    def _check_start(self, name: str, start: int) -> None:
+        if self._offer.messages is not None and start > self._offer.messages:
+            raise WireError(f"{name}: wants message {start} of a stream that has {self._offer.messages}")
 
     def _ask(self, name: str, verb: str, payload: bytes, *, timeout_s: float = _ANSWER_S) -> Progress | None:
         """Query a consumer; None if it does not answer."""
@@ -170,7 +225,11 @@ class _Delivery:
         namespace = self._config.namespace
         key = message_key(namespace, frame.messages[0].topic) if single else batch_key(namespace)
         payload, attachment = pack(frame)
-        self._publisher(key).put(payload, attachment=attachment)
+        if len(payload) > MAX_PAYLOAD:
+            topic = frame.messages[0].topic
+            raise WireError(f"{topic}: expected at most {MAX_PAYLOAD} bytes in a message, found {len(payload)}")
+        encoding = f"application/cdr;{frame.messages[0].type}" if single else None
+        self._publisher(key).put(payload, attachment=attachment, encoding=encoding)
 
     def _publisher(self, key: str) -> zenoh.Publisher:
         if key not in self._publishers:
@@ -180,43 +239,43 @@ class _Delivery:
         return self._publishers[key]
 
     def _consumed(self) -> int:
-        return min(progress.next for progress in self._progress.values())
+        """Return the index up to which every consumer has consumed; everything, if nobody is awaited."""
+        return min((progress.next for progress in self._progress.values()), default=self._sent)
+
+    def _await_room(self, count: int) -> None:
+        """Wait until the window has room for more messages."""
+        self._await(lambda: self._sent + count - self._consumed() <= max(self._config.window, count))
 
     def _await(self, done: Callable[[], bool]) -> None:
         """Wait until the consumers' progress satisfies `done`; ask them when they are quiet."""
-        last_answer_s = time.monotonic()
-        stuck: dict[str, int] = {}
+        watch = _Watch(self._config.patience_s)
         while True:
             with self._changed:
-                advanced = self._changed.wait_for(lambda: done() or self._failed(), timeout=_POLL_S)
-            self._discard_acknowledged()
-            self._raise_failure()
+                advanced = self._changed.wait_for(lambda: self._failed() or done(), timeout=_POLL_S)
+            for name, progress in self._progress.items():
+                _checked(name, progress)
+            self._discard_consumed()
             if advanced:
                 return
-            if self._poll(stuck):
-                last_answer_s = time.monotonic()
-            elif time.monotonic() - last_answer_s > self._config.patience_s:
-                raise WireError(
-                    f"{', '.join(self._config.consumers)}: no answer for {self._config.patience_s:g} s "
-                    f"after message {self._consumed()}; the rest of {self._sent} sent is unconfirmed"
-                )
+            for name in self._config.consumers:
+                if self._progress[name].result is None:
+                    self._poll(name, watch)
 
-    def _poll(self, stuck: dict[str, int]) -> bool:
-        """Ask every consumer how far it is, and send again what one has twice said it lacks. False if one is silent."""
-        for name in self._config.consumers:
-            answer = self._ask(name, "status", b"")
-            if answer is None:
-                return False
-            if answer.run != self._offer.run:
-                raise WireError(f"{name}: was started anew and no longer knows this run; replay again")
+    def _poll(self, name: str, watch: "_Watch") -> None:
+        """Ask a consumer how far it is, and send again what it has twice said it lacks."""
+        answer = self._ask(name, "status", b"")
+        if answer is not None and answer.run != self._offer.run:
+            self._progress[name] = self._hello(name)  # it was started anew
+            self._check_start(name, self._progress[name].next)
+            raise _Rewind(self._progress[name].next)
+        if answer is not None:
             self._note(name, answer)
-            lost = answer.received < self._sent or (answer.result is None and self._ended())
-            if lost and stuck.get(name) == answer.received:
-                self._resend(answer.received)
-            stuck[name] = answer.received
-        return True
+        # Once everything has arrived, a consumer may take its time; the end has arrived when there is a result.
+        lacking = answer is None or answer.received < self._sent or (self._sent_end() and answer.next == self._sent)
+        if watch.lacks(name, None if answer is None else answer.received, lacking=lacking) and answer is not None:
+            self._resend(answer.received)
 
-    def _ended(self) -> bool:
+    def _sent_end(self) -> bool:
         return bool(self._unacknowledged) and self._unacknowledged[-1].kind is Kind.END
 
     def _resend(self, index: int) -> None:
@@ -224,7 +283,7 @@ class _Delivery:
             if frame.end > index or frame.kind is Kind.END:
                 self._put(frame)
 
-    def _discard_acknowledged(self) -> None:
+    def _discard_consumed(self) -> None:
         consumed = self._consumed()
         while self._unacknowledged and self._unacknowledged[0].end <= consumed:
             if self._unacknowledged[0].kind is Kind.END:
@@ -235,29 +294,49 @@ class _Delivery:
     def _failed(self) -> bool:
         return any(progress.error is not None for progress in self._progress.values())
 
-    def _raise_failure(self) -> None:
-        for name, progress in self._progress.items():
-            _checked(name, progress)
-
     def _on_ack(self, name: str) -> Callable[[zenoh.Sample], None]:
         def note(sample: zenoh.Sample) -> None:
-            try:
-                progress = Progress.from_json(sample.payload.to_bytes())
-            except WireError:
-                return  # not from our consumer: anyone may publish here
-            self._note(name, progress)
+            with suppress(WireError):  # what is no progress is not from our consumer: anyone may publish here
+                self._note(name, Progress.from_json(sample.payload.to_bytes()))
 
         return note
 
     def _note(self, name: str, progress: Progress) -> None:
-        """Take a consumer's word, if it is of this run and not older than what is known."""
+        """Take a consumer's word, if it is of this run and says more than what is known."""
         if progress.run != self._offer.run:
             return
         with self._changed:
             known = self._progress.get(name)
-            if known is None or progress.next >= known.next:
+            final = known is not None and (known.result is not None or known.error is not None)
+            if known is not None and progress.next >= known.next and not final:
                 self._progress[name] = progress
                 self._changed.notify_all()
+
+
+class _Watch:
+    """How long each consumer has been silent, or has received nothing of what was sent."""
+
+    def __init__(self, patience_s: float) -> None:
+        self._patience_s = patience_s
+        self._received: dict[str, int | None] = {}
+        self._since_s: dict[str, float] = {}
+
+    def lacks(self, name: str, received: int | None, *, lacking: bool) -> bool:
+        """Note a poll; True if the consumer lacks the same message as at the poll before.
+
+        Raises
+        ------
+        WireError
+            If that has gone on for too long.
+        """
+        again = lacking and name in self._received and self._received[name] == received
+        if not again:
+            self._since_s[name] = time.monotonic()
+        elif time.monotonic() - self._since_s[name] > self._patience_s:
+            what = "no answer" if received is None else f"message {received} does not arrive"
+            raise WireError(f"{name}: {what} for {self._patience_s:g} s; the rest of the stream is unconfirmed")
+        self._received[name] = received
+        return again
 
 
 def _checked(name: str, progress: Progress) -> Progress:
@@ -267,5 +346,17 @@ def _checked(name: str, progress: Progress) -> Progress:
 
 
 def _chunks(messages: Iterator[Stamped], size: int) -> Iterator[Sequence[Stamped]]:
-    while chunk := list(islice(messages, size)):
+    """Cut a stream into chunks of so many messages, and no more than so many bytes."""
+    chunk: list[Stamped] = []
+    chunk_bytes = 0
+    for message in messages:
+        if chunk and chunk_bytes + len(message.data) > _BATCH_BYTES:
+            yield chunk
+            chunk, chunk_bytes = [], 0
+        chunk.append(message)
+        chunk_bytes += len(message.data)
+        if len(chunk) == size:  # at once: a live stream goes on only when this message has gone out
+            yield chunk
+            chunk, chunk_bytes = [], 0
+    if chunk:
         yield chunk

@@ -1,19 +1,25 @@
 """What travels on the data keys: single messages with their attachment, packed batches, the end and the abort."""
 
+import re
 import struct
 from collections.abc import Sequence
 from enum import IntEnum
+from functools import lru_cache
 from typing import NamedTuple
 
-from recorders.errors import MessageError
+from recorders.errors import MessageError, WireError
 from recorders.records import Stamped
 from recorders.stream import PROTOCOL_VERSION
 from recorders.topics import type_of
 
 DEFAULT_NAMESPACE = "reenact"
 
-_ATTACHMENT = struct.Struct("<BBxxI16sQq")  # version, kind, sequence, run, stream index, log time
-_RECORD = struct.Struct("<HIIq")  # topic length, data length, sequence, log time
+_ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
+_RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
+
+
+NO_RUN = bytes(16)
+"""The run of a live message: it belongs to no stream, and nobody acknowledges it."""
 
 
 class Kind(IntEnum):
@@ -30,6 +36,7 @@ class Frame(NamedTuple):
 
     kind: Kind
     run: bytes
+    sender: bytes
     first: int
     messages: tuple[Stamped, ...] = ()
     reason: str = ""
@@ -40,9 +47,28 @@ class Frame(NamedTuple):
         return self.first + len(self.messages)
 
 
+def check_name(name: str) -> None:
+    """Raise WireError unless a node's name can be part of a key."""
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,100}", name):
+        raise WireError(f"name: expected letters, digits, '_', '.' or '-', found {name[:100]!r}")
+
+
+def check_namespace(namespace: str) -> None:
+    """Raise WireError unless a namespace can begin a key."""
+    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,100}(/[A-Za-z0-9_.-]{1,100})*", namespace):
+        raise WireError(
+            f"namespace: expected names with '/' between them, such as lab/asimo, found {namespace[:100]!r}"
+        )
+
+
+def batch_topic() -> str:
+    """Return the name, as of a topic, of the key that batches, the end and the abort travel on."""
+    return "/replay/batch"
+
+
 def batch_key(namespace: str) -> str:
     """Return the key that batches, the end and the abort travel on."""
-    return f"{namespace}/replay/batch"
+    return message_key(namespace, batch_topic())
 
 
 def control_key(namespace: str, consumer: str, verb: str) -> str:
@@ -65,7 +91,9 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
         payload = _pack_messages(frame.messages)
     elif frame.kind is Kind.ABORT:
         payload = frame.reason.encode()
-    attachment = _ATTACHMENT.pack(PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.first, log_time_ns)
+    attachment = _ATTACHMENT.pack(
+        PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns
+    )
     return payload, attachment
 
 
@@ -83,12 +111,12 @@ def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
         If attachment or payload are not what `pack` makes.
     """
     try:
-        version, kind, sequence, run, index, log_time_ns = _ATTACHMENT.unpack(attachment)
-        frame = Frame(Kind(kind), run, index)
+        version, kind, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(attachment)
+        frame = Frame(Kind(kind), run, sender, index)
         if version != PROTOCOL_VERSION:
             raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
         if frame.kind is Kind.MESSAGE:
-            return frame._replace(messages=(Stamped(topic, type_of(topic) or "", payload, sequence, log_time_ns),))
+            return frame._replace(messages=(Stamped(topic, type_of(topic), payload, sequence, log_time_ns),))
         if frame.kind is Kind.BATCH:
             return frame._replace(messages=_unpack_messages(payload))
         return frame._replace(reason=payload.decode(errors="replace"))
@@ -98,8 +126,8 @@ def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
 
 def _pack_messages(messages: Sequence[Stamped]) -> bytes:
     parts: list[bytes] = []
-    for topic, _, data, sequence, log_time_ns in messages:
-        name = topic.encode()
+    for topic, kind, data, sequence, log_time_ns in messages:
+        name = _name(topic, kind)
         parts += (_RECORD.pack(len(name), len(data), sequence, log_time_ns), name, data)
     return b"".join(parts)
 
@@ -113,6 +141,17 @@ def _unpack_messages(payload: bytes) -> tuple[Stamped, ...]:
         place = data_at + data_length
         if place > len(payload):
             raise ValueError(f"a record of {data_length} bytes overruns the payload")
-        topic = payload[name_at:data_at].decode()
-        messages.append(Stamped(topic, type_of(topic) or "", payload[data_at:place], sequence, log_time_ns))
+        topic, kind = _topic_and_type(payload[name_at:data_at])
+        messages.append(Stamped(topic, kind, payload[data_at:place], sequence, log_time_ns))
     return tuple(messages)
+
+
+def _name(topic: str, kind: str) -> bytes:
+    """Return the topic, and its type behind a NUL where it is not the one in the table of topics."""
+    return topic.encode() if kind == type_of(topic) else f"{topic}\0{kind}".encode()
+
+
+@lru_cache(maxsize=1024)
+def _topic_and_type(name: bytes) -> tuple[str, str]:
+    topic, _, kind = name.decode().partition("\0")
+    return topic, kind or type_of(topic)

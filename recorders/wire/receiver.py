@@ -1,32 +1,37 @@
-"""The receiving end of a stream: says hello, puts frames in order, acknowledges what was consumed."""
+"""The receiving end: puts a stream in order, acknowledges what was consumed, and hears what is not of it."""
 
 import math
 import queue
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import TracebackType
-from typing import Any, Self
+from typing import Any, NamedTuple, Self, TypeAlias
 
 import zenoh
 
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Consumer, Offer, Progress
-from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, Kind, control_key, unpack
+from recorders.topics import type_of
+from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, Kind, check_name, check_namespace, control_key, unpack
 
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
 
 FAREWELL = b"farewell"
 _FAREWELL_WAIT_S = 5.0  # the sender confirms the result within milliseconds, if it still lives
+_POLL_S = 1.0
+_TAKEN = "{} is already fed by another replay"
+_MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
 
 
 @dataclass(frozen=True)
 class ReceiverConfig:
-    """How a receiver is known, and how long it waits.
+    """How a receiver is known, what it hears, and how long it waits.
 
     Parameters
     ----------
@@ -34,20 +39,48 @@ class ReceiverConfig:
         The name that a sender awaits.
     namespace : str
         First part of every key.
+    live : bool
+        Whether messages that are not of an accepted stream are handed over too.
+    own_topics : frozenset of str
+        Topics on which such a message is worth a word when it is not.
     silence_s : float
         A sender that says nothing at all for this long in the middle of a stream is gone [s].
     """
 
     name: str = "learner"
     namespace: str = DEFAULT_NAMESPACE
+    live: bool = False
+    own_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Check the names."""
+        check_name(self.name)
+        check_namespace(self.namespace)
+
+
+class Offered(NamedTuple):
+    """A stream on offer, to be accepted or refused."""
+
+    offer: Offer
+    query: zenoh.Query
+
+
+class Live(NamedTuple):
+    """A message of nobody's stream; without a number of its producer's, its sequence is 0."""
+
+    record: Stamped
+    numbered: bool
+
+
+Event: TypeAlias = Offered | Frame | Live
 
 
 class Receiver:
-    """Receives one stream over Zenoh for a consumer.
+    """Receives over Zenoh, for one consumer.
 
-    Zenoh calls back on threads of its own; they only check a frame's place and queue it. Everything else happens on
-    the caller's thread, in `serve`.
+    Zenoh calls back on threads of its own; they only check a message's place and queue it. Everything else happens on
+    the caller's thread: in `serve`, or in a loop of one's own around `next_event`.
 
     Parameters
     ----------
@@ -55,8 +88,13 @@ class Receiver:
         An open session.
     config : ReceiverConfig
         Name, namespace and patience.
-    warn : callable
-        Told, in one line, of every offer that is refused.
+    say : callable
+        Told, in one line, of every offer and kind of message that is refused.
+
+    Attributes
+    ----------
+    refused : Counter of str
+        How many messages were refused, by topic and reason.
     """
 
     def __init__(
@@ -64,19 +102,20 @@ class Receiver:
         session: zenoh.Session,
         *,
         config: ReceiverConfig | None = None,
-        warn: Callable[[str], None] = lambda line: None,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._session = session
         self._config = config or ReceiverConfig()
-        self._warn = warn
+        self._say = say
         self._lock = threading.Lock()
-        self._offers: queue.SimpleQueue[tuple[Offer, zenoh.Query]] = queue.SimpleQueue()
-        self._frames: queue.SimpleQueue[Frame] = queue.SimpleQueue()
+        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
         self._farewell = threading.Event()
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
+        self._acknowledged = 0
         self._last_heard_s = time.monotonic()
         self._stack = ExitStack()
+        self.refused: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
         """Declare the subscriber first: whoever gets an answer to hello can rely on it."""
@@ -117,108 +156,176 @@ class Receiver:
         ReenactError
             Whatever the consumer raised; the sender is told.
         """
-        offer = self._accept(consumer, wait_s)
-        try:
-            result = consumer.consume(self._messages(stride=max(1, offer.window // 2)))
-        except BaseException as error:
-            reason = str(error) if isinstance(error, ReenactError) else f"stopped by {type(error).__name__}"
-            self._report(error=reason)
-            raise
-        self._report(result=result)
+        self._await_offer(consumer, wait_s)
+        with self.reporting_failure():
+            result = consumer.consume(self._messages())
+        self.finish(result)
         self._farewell.wait(_FAREWELL_WAIT_S)
         return result
 
-    def _accept(self, consumer: Consumer, wait_s: float) -> Offer:
+    def next_event(self, timeout_s: float) -> Event | None:
+        """Return what came next, or None if nothing did within the time [s].
+
+        Raises
+        ------
+        WireError
+            If a stream is under way and its sender has been silent for too long.
+        """
+        try:
+            event = self._events.get(timeout=max(0.0, min(timeout_s, threading.TIMEOUT_MAX)))
+        except queue.Empty:
+            self._check_silence()
+            return None
+        if isinstance(event, Offered) and self._offer is not None:
+            self.refuse(event, _TAKEN.format(self._config.name))  # it came while another was being decided
+            return None
+        return event
+
+    def accept(self, offered: Offered, start: int) -> None:
+        """Take an offer, from the stream index `start` on."""
+        with self._lock:
+            self._offer = offered.offer
+            self._progress = Progress(run=offered.offer.run, next=start, received=start)
+            self._acknowledged = start
+            self._farewell.clear()
+            self._last_heard_s = time.monotonic()
+        self._say(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
+        with offered.query as query:
+            self._answer(query, self._progress)
+
+    def refuse(self, offered: Offered, reason: str) -> None:
+        """Turn an offer down; another may follow."""
+        self._say(f"refused an offer: {reason}")
+        with offered.query as query:
+            self._answer(query, Progress(error=reason))
+
+    def consumed(self, frame: Frame) -> None:
+        """Note that a frame's messages are consumed, and acknowledge them if it is time."""
+        self._update(next=frame.end)
+        if self._offer is not None and frame.end - self._acknowledged >= max(1, self._offer.window // 2):
+            self._acknowledged = frame.end
+            self._ack.put(self._progress.to_json())
+
+    def finish(self, result: dict[str, Any]) -> None:
+        """Report the result of the stream, which is through; the next offer is welcome when the sender has it."""
+        self._update(result=result)
+        self._ack.put(self._progress.to_json())
+
+    def reporting_failure(self) -> "_ReportingFailure":
+        """Return a context that tells the sender why it was left with an exception."""
+        return _ReportingFailure(self)
+
+    def fail(self, reason: str) -> None:
+        """Tell the sender that its stream is given up, and why."""
+        self._update(error=reason)
+        self._ack.put(self._progress.to_json())
+
+    def give_up(self) -> None:
+        """Leave the stream under way to itself, as its sender has; the next offer is welcome."""
+        with self._lock:
+            self._offer = None
+
+    @property
+    def offer(self) -> Offer | None:
+        """The offer that was accepted and is not through yet."""
+        return self._offer
+
+    def _await_offer(self, consumer: Consumer, wait_s: float) -> None:
         deadline = time.monotonic() + wait_s
         while True:
-            try:
-                offer, query = self._offers.get(
-                    timeout=max(0.0, min(threading.TIMEOUT_MAX, deadline - time.monotonic()))
-                )
-            except queue.Empty:
-                raise WireError(f"{self._config.name}: nobody offered a stream within {wait_s:g} s") from None
-            with query:
+            event = self.next_event(deadline - time.monotonic())
+            if isinstance(event, Offered):
                 try:
-                    start = consumer.hello(offer)
+                    start = consumer.hello(event.offer)
                 except ReenactError as error:
-                    self._warn(f"refused an offer: {error}")
-                    self._answer(query, Progress(error=str(error)))
+                    self.refuse(event, str(error))
                     continue
-                with self._lock:
-                    self._offer = offer
-                    self._progress = Progress(run=offer.run, next=start, received=start)
-                    self._last_heard_s = time.monotonic()
-                self._answer(query, self._progress)
-                return offer
-
-    def _messages(self, *, stride: int) -> Iterator[Stamped]:
-        """Yield the stream; a message counts as consumed when the one after its frame is asked for."""
-        acknowledged = self._progress.next
-        while True:
-            frame = self._next_frame()
-            if frame.kind is Kind.END:
+                self.accept(event, start)
                 return
-            if frame.kind is Kind.ABORT:
-                raise WireError(f"the sender gave up at message {self._progress.next}: {frame.reason}")
-            yield from frame.messages
-            self._update(next=frame.end)
-            if frame.end - acknowledged >= stride:
-                acknowledged = frame.end
-                self._ack.put(self._progress.to_json())
+            if time.monotonic() >= deadline:
+                raise WireError(f"{self._config.name}: nobody offered a stream within {wait_s:g} s")
 
-    def _next_frame(self) -> Frame:
+    def _messages(self) -> Iterator[Stamped]:
+        """Yield the stream; a frame counts as consumed when the message after it is asked for."""
         while True:
-            try:
-                return self._frames.get(timeout=1.0)
-            except queue.Empty:
-                silent_s = time.monotonic() - self._last_heard_s
-                if silent_s > self._config.silence_s:
-                    raise WireError(
-                        f"the sender fell silent {silent_s:.0f} s ago, before message {self._progress.received}: "
-                        "it was killed, or the connection is gone"
-                    ) from None
+            event = self.next_event(_POLL_S)
+            if isinstance(event, Live):
+                yield event.record
+            elif isinstance(event, Frame):
+                if event.kind is Kind.END:
+                    return
+                if event.kind is Kind.ABORT:
+                    raise WireError(f"the sender gave up at message {self._progress.next}: {event.reason}")
+                yield from event.messages
+                self.consumed(event)
 
-    def _report(self, *, result: dict[str, Any] | None = None, error: str | None = None) -> None:
-        self._update(result=result, error=error)
-        self._ack.put(self._progress.to_json())
+    def _check_silence(self) -> None:
+        silent_s = time.monotonic() - self._last_heard_s
+        under_way = self._offer is not None and self._progress.result is None and self._progress.error is None
+        if under_way and silent_s > self._config.silence_s:
+            raise WireError(
+                f"the sender fell silent {silent_s:.0f} s ago, before message {self._progress.received}: "
+                "it was killed, or the connection is gone"
+            )
 
     def _update(self, **changes: Any) -> None:
         with self._lock:
-            old = self._progress
-            self._progress = Progress(
-                run=old.run,
-                next=changes.get("next", old.next),
-                received=changes.get("received", old.received),
-                result=changes.get("result", old.result),
-                error=changes.get("error", old.error),
-            )
+            self._progress = replace(self._progress, **changes)
 
     # From here on: Zenoh's threads.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        offer = self._offer
-        if offer is None or sample.attachment is None or len(sample.payload) > MAX_PAYLOAD:
-            return
         topic = "/" + str(sample.key_expr).removeprefix(self._config.namespace + "/")
+        if len(sample.payload) > MAX_PAYLOAD:
+            self._refuse_message(topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
+            return
         try:
-            frame = unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
-        except MessageError:
-            return  # not of our stream: anyone may publish here
-        if frame.run == offer.run_bytes:
+            frame = self._framed(topic, sample)
+        except MessageError as error:
+            self._refuse_message(topic, str(error))
+            return
+        if self._offer is not None and frame is not None and (frame.run, frame.sender) == self._offer.identity:
             self._last_heard_s = time.monotonic()
             self._queue_in_order(frame)
+        elif self._config.live:
+            self._queue_live(topic, sample, frame)
+        elif self._offer is not None and topic in self._config.own_topics:
+            self._refuse_message(topic, "not of the stream that is under way")
+
+    @staticmethod
+    def _framed(topic: str, sample: zenoh.Sample) -> Frame | None:
+        """Return the frame that a sample is, None if it carries no attachment of ours."""
+        if sample.attachment is None:
+            return None
+        return unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
+
+    def _queue_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
+        kind = type_of(topic) or _schema_of(sample)
+        if frame is None:
+            record = Stamped(topic, kind, sample.payload.to_bytes(), 0, time.time_ns())
+            self._events.put(Live(record, numbered=False))
+            return
+        for record in frame.messages:
+            self._events.put(Live(record._replace(type=record.type or kind), numbered=True))
 
     def _queue_in_order(self, frame: Frame) -> None:
         """Queue what is new of a frame; what came before is a repeat, what comes after a gap is sent again."""
         received = self._progress.received
         if frame.kind is Kind.ABORT:
-            self._frames.put(frame)
+            self._events.put(frame)
             return
         in_place = frame.first <= received
         new = frame.end > received or (frame.kind is Kind.END and frame.first == received)
         if in_place and new:
             self._update(received=frame.end)
-            self._frames.put(frame._replace(first=received, messages=frame.messages[received - frame.first :]))
+            self._events.put(frame._replace(first=received, messages=frame.messages[received - frame.first :]))
+
+    def _refuse_message(self, topic: str, reason: str) -> None:
+        if len(self.refused) >= _MAX_REASONS and f"{topic}: {reason}" not in self.refused:
+            topic, reason = "other topics", "refused"
+        self.refused[f"{topic}: {reason}"] += 1
+        if self.refused[f"{topic}: {reason}"] == 1:
+            self._say(f"refused a message on {topic}: {reason}")
 
     def _on_hello(self, query: zenoh.Query) -> None:
         try:
@@ -227,17 +334,16 @@ class Receiver:
             with query:
                 self._answer(query, Progress(error=str(error)))
             return
-        with self._lock:
-            taken = self._offer
+        taken = self._offer
         if taken is None:
-            self._offers.put((offer, query))
+            self._events.put(Offered(offer, query))
             return
         with query:
             if taken.sender == offer.sender:
                 self._answer(query, self._progress)
             else:
-                self._warn("refused an offer: another replay is feeding this consumer")
-                self._answer(query, Progress(error=f"{self._config.name} is already fed by another replay"))
+                self._say(f"refused an offer: {_TAKEN.format(self._config.name)}")
+                self._answer(query, Progress(error=_TAKEN.format(self._config.name)))
 
     def _on_status(self, query: zenoh.Query) -> None:
         with query:
@@ -245,10 +351,35 @@ class Receiver:
             self._answer(query, self._progress)
             if _payload(query) == FAREWELL:
                 self._farewell.set()
+                with self._lock:
+                    self._offer = None
 
     def _answer(self, query: zenoh.Query, progress: Progress) -> None:
         query.reply(query.key_expr, progress.to_json())
 
 
+class _ReportingFailure:
+    """Tells the sender of an exception, and lets it pass."""
+
+    def __init__(self, receiver: Receiver) -> None:
+        self._receiver = receiver
+
+    def __enter__(self) -> None:
+        return None
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if error is not None:
+            known = isinstance(error, ReenactError)
+            self._receiver.fail(str(error) if known else f"stopped by {type(error).__name__}")
+
+
 def _payload(query: zenoh.Query) -> bytes:
     return b"" if query.payload is None or len(query.payload) > MAX_PAYLOAD else query.payload.to_bytes()
+
+
+def _schema_of(sample: zenoh.Sample) -> str:
+    """Return the type that a sample's encoding names, as `application/cdr;TYPE`, or an empty string."""
+    encoding, _, schema = str(sample.encoding).partition(";")
+    return schema if encoding == str(zenoh.Encoding.APPLICATION_CDR) else ""

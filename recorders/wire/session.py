@@ -1,30 +1,89 @@
 """Opens Zenoh sessions: loopback only, no scouting, nothing listening unless asked."""
 
 import json
-from dataclasses import dataclass
+import re
+import socket
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Self
 
 import zenoh
 
 from recorders.errors import WireError
+from recorders.wire.config_file import endpoints, read_config, reason, said
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""
 
+_RETRY_S = 0.1
+_NOBODY = "Unable to connect"  # how Zenoh's error begins when no endpoint let a client in
+_ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws)/(?P<host>[^\s/]+):(?P<port>\d+)([?#]\S*)?|unixsock-stream/\S+")
+
+_UNLESS_THE_FILE_SAYS: dict[str, object] = {
+    "scouting/multicast/enabled": False,
+    "scouting/gossip/enabled": False,
+    "scouting/delay": 0,  # half a second, spent on nothing where nobody scouts
+    # One attempt at a time; the waiting is ours, so that Ctrl-C ends it.
+    "connect/timeout_ms": 0,
+    "connect/exit_on_failure": True,
+    "listen/timeout_ms": 0,
+    "transport/unicast/open_timeout": 3_000,  # how long Ctrl-C may have to wait for an end that never answers
+    # After a cut: soon, and never more than a second apart.
+    "connect/retry": {"period_init_ms": 100, "period_max_ms": 1_000, "period_increase_factor": 2},
+}
+
 
 @dataclass(frozen=True)
 class SessionConfig:
-    """Where a session listens and what it connects to.
+    """Where a session listens, what it connects to, and what it must show to be let in.
+
+    A session that listens is a router: those connected to it reach one another through it. One that only connects is
+    a client of the first endpoint that lets it in, and reconnects for as long as it lives.
 
     Parameters
     ----------
     connect : tuple of str
-        Endpoints to connect to, as `tcp/127.0.0.1:7447`; retried for as long as the session lives.
+        Endpoints to connect to, as `tcp/127.0.0.1:7447` or `tls/robot.local:7447`.
     listen : tuple of str
         Endpoints to listen on. Empty: nothing listens.
+    config_file : Path, optional
+        A Zenoh configuration (JSON5), for credentials, certificates and access control; files that it names are
+        looked up beside it. Its endpoints count only if neither `connect` nor `listen` is given, its mode never.
+        Scouting stays off unless it says otherwise, shared memory whatever it says.
+    wait_s : float
+        How long to wait for somebody to listen where this session connects [s]: either end may be started first.
     """
 
     connect: tuple[str, ...] = ()
     listen: tuple[str, ...] = ()
+    config_file: Path | None = None
+    wait_s: float = 10.0
+
+    def resolved(self, *, connect: tuple[str, ...] = (), listen: tuple[str, ...] = ()) -> Self:
+        """Return the same with endpoints: its own, else those of the file, else the ones given here.
+
+        Raises
+        ------
+        WireError
+            If the file is not usable, or an endpoint is malformed.
+        """
+        found = self
+        if self.config_file is not None and not (self.connect or self.listen):
+            file = read_config(self.config_file)
+            found = replace(
+                self,
+                connect=endpoints(file, "connect/endpoints", path=self.config_file),
+                listen=endpoints(file, "listen/endpoints", path=self.config_file),
+            )
+        if not (found.connect or found.listen):
+            found = replace(self, connect=connect, listen=listen)
+        for endpoint in (*found.connect, *found.listen):
+            if not _ENDPOINT.fullmatch(endpoint):
+                source = "" if found.config_file is None else f"{found.config_file} or options: "
+                raise WireError(f"{source}expected an endpoint such as {DEFAULT_ENDPOINT}, found {endpoint!r}")
+        return found
 
     def to_zenoh(self) -> zenoh.Config:
         """Return the Zenoh configuration.
@@ -32,27 +91,23 @@ class SessionConfig:
         Raises
         ------
         WireError
-            If an endpoint is not one that Zenoh understands.
+            If the file is not usable, or an endpoint is malformed.
         """
-        settings: dict[str, object] = {
-            "mode": "peer",
-            "listen/endpoints": list(self.listen),
-            "connect/endpoints": list(self.connect),
-            # A peer that finds nobody at first keeps trying: the two ends may be started in either order.
-            "connect/timeout_ms": -1,
-            "connect/exit_on_failure": False,
-            "listen/timeout_ms": 0,
-            "scouting/multicast/enabled": False,
-            "scouting/gossip/enabled": False,
+        resolved = self.resolved()
+        config = zenoh.Config() if self.config_file is None else read_config(self.config_file)
+        settings = {name: value for name, value in _UNLESS_THE_FILE_SAYS.items() if said(config, name) is None}
+        if resolved.listen:
+            # A router would wait in `open` for whom it connects to, and let nobody in meanwhile.
+            settings |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}
+        settings |= {
+            "mode": "router" if resolved.listen else "client" if resolved.connect else "peer",
+            "listen/endpoints": resolved.listen,
+            "connect/endpoints": resolved.connect,
             # On by default for payloads from 3 KB, where it can drop queries without a word (zenoh#2628).
             "transport/shared_memory/enabled": False,
         }
-        config = zenoh.Config()
         for name, value in settings.items():
-            try:
-                config.insert_json5(name, json.dumps(value))
-            except zenoh.ZError as error:
-                raise WireError(f"{name}: expected endpoints such as {DEFAULT_ENDPOINT}, found {value}") from error
+            config.insert_json5(name, json.dumps(value))
         return config
 
 
@@ -62,17 +117,78 @@ def open_session(config: SessionConfig) -> zenoh.Session:
     Raises
     ------
     WireError
-        If an endpoint is malformed, or is in use already.
+        If the configuration is not usable, an endpoint to listen on is in use already, or nobody listens at the
+        endpoints to connect to, or lets this session in, within `wait_s`.
     """
+    config = config.resolved()
+    settings = config.to_zenoh()
+    deadline = time.monotonic() + config.wait_s
+    while True:
+        try:
+            session = zenoh.open(settings)
+        except zenoh.ZError as error:
+            if not str(error).startswith(_NOBODY):
+                raise WireError(_failure(config, error)) from error
+        else:
+            if config.listen and config.connect:
+                _await_links(session, config, deadline)
+            return session
+        if time.monotonic() >= deadline:
+            raise WireError(_unreached(config.connect, config))
+        time.sleep(_RETRY_S)
+
+
+def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float) -> None:
+    """Wait until a router is connected wherever it should be; otherwise close it and say where it is not."""
     try:
-        return zenoh.open(config.to_zenoh())
-    except zenoh.ZError as error:
-        where = ", ".join(config.listen) or ", ".join(config.connect)
-        raise WireError(
-            f"no session on {where}: {_first_line(error)}; is something else listening there? "
-            "give another endpoint with --listen or --connect"
-        ) from error
+        while missing := _unlinked(session, config.connect):
+            if time.monotonic() >= deadline:
+                raise WireError(_unreached(missing, config))
+            time.sleep(_RETRY_S)
+    except BaseException:
+        session.close()  # type: ignore[no-untyped-call]
+        raise
 
 
-def _first_line(error: BaseException) -> str:
-    return str(error).splitlines()[0] if str(error) else type(error).__name__
+def _unlinked(session: zenoh.Session, connect: Sequence[str]) -> list[str]:
+    # By port alone: a link names the address that a host name stood for.
+    linked = {_port(str(link.dst)) for link in session.info.links()}
+    return [endpoint for endpoint in connect if _port(endpoint) not in linked]
+
+
+def _port(endpoint: str) -> str:
+    found = _ENDPOINT.fullmatch(endpoint)
+    return (found and found["port"]) or endpoint
+
+
+def _failure(config: SessionConfig, error: Exception) -> str:
+    where = ", ".join(config.listen or config.connect) or "any endpoint"
+    file = "" if config.config_file is None else f" with {config.config_file}"
+    text = reason(error)
+    hint = "; something else listens there: give another endpoint with --listen" if "in use" in text else ""
+    return f"no session on {where}{file}: {text}{hint}"
+
+
+def _unreached(connect: Sequence[str], config: SessionConfig) -> str:
+    for endpoint in connect:
+        if _answers(endpoint):
+            return (
+                f"{endpoint} is there, but let no session in within {config.wait_s:g} s; "
+                "expected Zenoh over this protocol, and the user, password or certificates that it asks for"
+            )
+    return (
+        f"nothing listens at {', '.join(connect)} within {config.wait_s:g} s; "
+        f"start the other end there, such as `reenact learn --listen {connect[0]}`, or give another --connect"
+    )
+
+
+def _answers(endpoint: str) -> bool:
+    """Tell whether anything at all accepts connections there; Zenoh says the same of nobody and of a refusal."""
+    found = _ENDPOINT.fullmatch(endpoint)
+    if found is None or found["host"] is None or found[1] in ("udp", "quic"):
+        return False
+    try:
+        socket.create_connection((found["host"].strip("[]"), int(found["port"])), timeout=1.0).close()
+    except (OSError, OverflowError):
+        return False
+    return True

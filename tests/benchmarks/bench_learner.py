@@ -15,7 +15,8 @@ import numba
 import numpy as np
 from reservoirpy.nodes import LMS, IPReservoir
 
-from pipeline.learner import Learner, LearnerConfig
+from pipeline.learner import Learner
+from pipeline.learner_config import LearnerConfig
 
 CONFIG = LearnerConfig()
 STEPS = 256

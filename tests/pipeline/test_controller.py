@@ -2,14 +2,17 @@
 
 import io
 import json
+import os
+import stat
 import zipfile
 
 import numpy as np
 import pytest
 
 from pipeline import npz
-from pipeline.controller import Controller
-from pipeline.learner import Learner, LearnerConfig, state_digest
+from pipeline.controller import Controller, check_writable
+from pipeline.learner import Learner, state_digest
+from pipeline.learner_config import LearnerConfig
 from pipeline.seeding import uniforms
 from recorders.errors import ControllerError
 
@@ -98,10 +101,39 @@ def test_a_provenance_that_is_not_json_is_refused(tmp_path):
 
 def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
     (tmp_path / "directory").mkdir()
-    for path in (tmp_path / "missing" / "x.npz", tmp_path / "directory"):
-        with pytest.raises(ControllerError, match="cannot write controller"):
-            controller().save(path)
-    assert [file.name for file in tmp_path.iterdir()] == ["directory"]
+    (tmp_path / "file").touch()
+    os.mkfifo(tmp_path / "pipe")
+    places = [
+        tmp_path / "missing" / "x.npz",
+        tmp_path / "file" / "x.npz",
+        tmp_path / "directory",
+        tmp_path / "pipe",
+        tmp_path / ("x" * 300),
+    ]
+    for path in (*places, f"{tmp_path}/nul\0", ".", "..", "/", ""):
+        for write in (check_writable, controller().save):
+            with pytest.raises(ControllerError, match="cannot write controller") as caught:
+                write(path)
+            assert "\n" not in str(caught.value)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["directory", "file", "pipe"]
+    assert not (tmp_path / "pipe").is_file()
+
+
+def test_a_place_is_checked_without_a_trace(tmp_path):
+    (tmp_path / "old.npz").write_bytes(b"old")
+    check_writable(tmp_path / "new.npz")
+    check_writable(tmp_path / "old.npz")
+    assert [file.name for file in tmp_path.iterdir()] == ["old.npz"]
+    assert (tmp_path / "old.npz").read_bytes() == b"old"
+
+
+def test_a_saved_controller_has_the_permissions_of_any_new_file(tmp_path):
+    before = os.umask(0o027)
+    try:
+        controller().save(tmp_path / "x.npz")
+    finally:
+        os.umask(before)
+    assert stat.S_IMODE((tmp_path / "x.npz").stat().st_mode) == 0o640
 
 
 # malformed files
@@ -217,6 +249,81 @@ def test_a_small_file_that_unpacks_to_a_large_one(tmp_path, monkeypatch):
             archive.writestr(f"{number}.npy", bytes(2**21))
     assert (tmp_path / "x.npz").stat().st_size < 2**14
     refuse(tmp_path / "x.npz", "at most 4194304 bytes unpacked")
+
+
+MAGIC = b"\x93NUMPY\x01\x00"
+GOOD = b"{'descr': '<f8', 'fortran_order': False, 'shape': (2,), }\n"
+
+
+@pytest.mark.parametrize(
+    "header",
+    [
+        b"{'descr': (",
+        b"if 1:\n  a\n b\n",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (2" + b"0" * 40 + b",), }\n",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (-2,), }\n",
+        b"{'descr': '<f8', 'fortran_order': True, 'shape': (2,), }\n",
+        b"{'descr': '|O', 'fortran_order': False, 'shape': (2,), }\n",
+        b"{'descr': '<f8', 'fortran_order': False, 'shape': (" + b"1, " * 70 + b"2), }\n",
+        b"(" * 900,
+        b" " * 5000 + GOOD,
+        b"",
+    ],
+)
+def test_a_member_whose_header_numpy_would_not_write(header):
+    assert npz.unpack(zipped(GOOD))["a"].tolist() == [0.0, 0.0]
+    with pytest.raises(ControllerError, match="expected") as caught:
+        npz.unpack(zipped(header))
+    assert "\n" not in str(caught.value)
+
+
+def zipped(header, packing=zipfile.ZIP_STORED):
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w", packing) as archive:
+        archive.writestr("a.npy", MAGIC + len(header).to_bytes(2, "little") + header + bytes(16))
+    return file.getvalue()
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_LZMA, zipfile.ZIP_BZIP2])
+def test_a_packing_that_numpy_does_not_use_is_not_unpacked(packing):
+    assert npz.unpack(zipped(GOOD, zipfile.ZIP_DEFLATED))["a"].tolist() == [0.0, 0.0]
+    with pytest.raises(ControllerError, match="stored or deflated"):
+        npz.unpack(zipped(GOOD, packing))
+
+
+@pytest.mark.parametrize("packing", [zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED, zipfile.ZIP_LZMA])
+def test_a_flipped_bit_at_every_byte_is_one_error_or_no_difference(packing):
+    """All of a small file, every byte with one of its bits and then with another one."""
+    data = zipped(GOOD, packing)
+    for place in range(len(data)):
+        for bit in (place % 8, (5 * place + 3) % 8):
+            wrong = bytearray(data)
+            wrong[place] ^= 1 << bit
+            try:
+                members = npz.unpack(bytes(wrong))
+            except ControllerError as error:
+                assert "\n" not in str(error)  # noqa: PT017
+            else:
+                assert all(values.tolist() == [0.0, 0.0] for values in members.values())
+
+
+def test_flipped_bits_all_over_a_controller(tmp_path):
+    config = LearnerConfig(reservoir=4, inputs=1, outputs=2, epochs=1)
+    learner = Learner(config, input_centre=[0.0], output_centre=[0.0] * 2)
+    Controller.from_learner(learner, joints=("elbow",), robot_toml="", robot_urdf="").save(tmp_path / "x.npz")
+    data, digest = (tmp_path / "x.npz").read_bytes(), learner_digest(tmp_path / "x.npz")
+    for place in range(0, len(data), 4):
+        wrong = bytearray(data)
+        wrong[place] ^= 1 << (place // 4 % 8)
+        (tmp_path / "x.npz").write_bytes(wrong)
+        try:
+            assert learner_digest(tmp_path / "x.npz") == digest
+        except ControllerError as error:
+            assert "\n" not in str(error)  # noqa: PT017
+
+
+def learner_digest(path):
+    return state_digest(Controller.load(path).state)
 
 
 @pytest.mark.parametrize("damage", ["cut", "flip"])

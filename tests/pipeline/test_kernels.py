@@ -1,9 +1,13 @@
 """The compiled arithmetic: exp and log are right, and nothing in it comes from a mathematical library."""
 
 import math
+import os
 import platform
 import re
+import subprocess
+import sys
 from decimal import Decimal, localcontext
+from pathlib import Path
 
 import numba
 import numpy as np
@@ -92,3 +96,15 @@ def test_the_blocks_of_memory_do_not_overlap():
     counts = {number: np.size(view) for number, view in enumerate(kernels.views(np.array(sizes), memory), start=1)}
     assert counts == {number: int((memory == number).sum()) for number in counts}
     assert sum(counts.values()) == memory.size
+
+
+def test_kernels_compile_where_nothing_can_be_kept(tmp_path):
+    """Read-only install, no home: numba then finds no place for its cache, and refuses to compile with one."""
+    (tmp_path / "file").touch()
+    only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "NUMBA_CACHE_DIR": str(tmp_path / "file" / "x")}
+    variables = {**os.environ, **only, "PYTHONPATH": str(Path(__file__).parents[2])}
+    program = "from pipeline import kernels; print(kernels.exp(1.0).hex(), type(kernels.exp._cache).__name__)"
+    found = subprocess.run(
+        [sys.executable, "-c", program], env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=120
+    )
+    assert found.stdout.split() == [kernels.exp(1.0).hex(), "NullCache"], found.stderr

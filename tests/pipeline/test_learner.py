@@ -11,7 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.learner import Learner, LearnerConfig, OnlineLearner, state_digest
+from pipeline.learner import Learner, OnlineLearner, state_digest
+from pipeline.learner_config import LearnerConfig
 from pipeline.seeding import uniforms
 from recorders.errors import ConfigError, ControllerError, MessageError
 
@@ -308,8 +309,8 @@ class OnlineLearnerContract:
         u = motion(30)[0]
         one, other = self.trained(256), self.trained(256)
         other.predict(u)
-        one.washout(u[0])
-        other.washout(u[0])
+        one.washout(u[0], steps=10)
+        other.washout(u[0], steps=10)
         assert np.array_equal(one.predict(u), other.predict(u))
 
     @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
@@ -321,7 +322,7 @@ class OnlineLearnerContract:
         with pytest.raises(MessageError, match=f"finite numbers in {name}"):
             learner.step(**rows, learning=True)
         if name == "u":
-            for refused in (lambda: learner.predict(rows["u"]), lambda: learner.washout(rows["u"][3])):
+            for refused in (lambda: learner.predict(rows["u"]), lambda: learner.washout(rows["u"][3], steps=1)):
                 with pytest.raises(MessageError):
                     refused()
         assert state_digest(learner.state()) == digest
@@ -409,7 +410,8 @@ PROGRAM = """
 import hashlib, math, sys
 import numpy as np
 from numba import njit
-from pipeline.learner import Learner, LearnerConfig, state_digest
+from pipeline.learner import Learner, state_digest
+from pipeline.learner_config import LearnerConfig
 from pipeline.seeding import uniforms
 numbers = uniforms(0, "numbers", count=6000)
 learner = Learner(LearnerConfig(), input_centre=[0.0] * 6, output_centre=[0.0] * 21)
@@ -438,6 +440,18 @@ def digests(**environment):
 def test_the_digest_is_the_one_it_has_always_been(usual):
     """It changes with the last bit of `exp`, the order of a sum, the meaning of a seed: never without a reason."""
     assert usual[0] == "f4f7d7b76dd0c9d15c832658134905ec51157bbe3f1c0ed8078092eeee0f3a07"
+
+
+def test_two_short_epochs_end_where_they_always_did():
+    """Re-seeded activity, falling rates, every type of connection, and the washout before a test."""
+    learner, (u, d) = make(SMALL, output_output_density=0.5), motion(40, 8)
+    for epoch in range(2):
+        learner.begin_epoch(epoch)
+        learner.step(u, d, learning=False)
+        learner.step(u, d, learning=True)
+    trained = state_digest(learner.state())
+    learner.washout(u[0], steps=3)
+    assert (trained[:16], state_digest(learner.state())[:16]) == ("7615316ef89721b5", "fc3674184f9332b0")
 
 
 @pytest.fixture(scope="module")

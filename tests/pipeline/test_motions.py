@@ -138,6 +138,14 @@ def test_comments_empty_lines_and_other_columns_are_left_alone(tmp_path: Path) -
         ([HEADER, ROWS[0], "0.1,1,2,nan,4,5,6"], "line 3, column lz: expected a finite number, found 'nan'"),
         ([HEADER, ROWS[0], "0.1,1,2,3,inf,5,6"], "line 3, column rx: expected a finite number, found 'inf'"),
         ([HEADER, ROWS[0], "0.1,1,2,3"], "line 3, column rx: expected a finite number, found ''"),
+        (
+            [HEADER, ROWS[0], "0.1,1,2,1e300,4,5,6"],
+            r"line 3, column lz: expected at most 100 m from zero, found 1e\+300",
+        ),
+        ([HEADER, ROWS[0], "0.1,1,2,3,4,5,-101"], "line 3, column rz: expected at most 100 m from zero, found -101"),
+        ([HEADER, "-1e300,1,2,3,4,5,6", ROWS[1]], r"line 2, column t: expected at most 1e\+06 s from zero, found -1e"),
+        ([HEADER, ROWS[0], "0.1,1,2,3," + "9" * 5000 + ",5,6"], r"column rx: expected a finite number, found '9{80}'$"),
+        (["x" * 5000, *ROWS], "found x{80}$"),
         ([HEADER, "# note", ROWS[1], ROWS[0]], "line 4, column t: expected a time above 0.1, found 0"),
         ([HEADER, ROWS[0], ROWS[0]], "line 3, column t: expected a time above 0, found 0"),
         ([HEADER, ROWS[0], '0.1,"1,2,3,4,5,6'], "expected CSV text"),
@@ -165,6 +173,8 @@ def test_a_file_that_is_not_text_or_not_there_is_refused(tmp_path: Path) -> None
         ([0.0, 1.0], np.zeros((2, 2)), "expected shapes"),
         ([0.0, 0.0], np.zeros((2, 3)), "increasing times"),
         ([0.0, 1.0], np.full((2, 3), np.nan), "finite numbers"),
+        ([0.0, 1.0], np.full((2, 3), -1e300), "within 1e.06 s and positions within 100 m"),
+        ([-1e300, 1e300], np.zeros((2, 3)), "within 1e.06 s and positions within 100 m"),
     ],
 )
 def test_an_impossible_motion_is_refused(times: list[float], left: np.ndarray, message: str) -> None:

@@ -54,6 +54,30 @@ def test_left_is_left_and_up_is_up_as_seen_from_behind(tmp_path: Path) -> None:
     assert left[:, 0].mean() < right[:, 0].mean()
 
 
+def test_a_robot_that_faces_the_other_way_is_seen_from_behind_too(tmp_path: Path) -> None:
+    """Half a turn about the vertical: the same picture, to the byte, when the test knows the robot's plane."""
+    test = circles(left_up_m=0.15)
+    turn = np.array([-1.0, -1.0, 1.0])
+    turned = replace(
+        test, targets=test.targets * np.tile(turn, 2), reached=test.reached * turn, lateral=(0.0, -1.0, 0.0)
+    )
+    assert (
+        report(tmp_path / "a.png", tests=[test]).read_bytes() == report(tmp_path / "b.png", tests=[turned]).read_bytes()
+    )
+    mirrored = replace(turned, lateral=(0.0, 1.0, 0.0))
+    assert (mirrored.paths_cm(0)[0][:, 0] < 0.0).all()
+
+
+@pytest.mark.parametrize(
+    ("lateral", "up"),
+    [((0.0, 1.0), (0.0, 0.0, 1.0)), ((0.0, 2.0, 0.0), (0.0, 0.0, 1.0)), ((0.0, 1.0, 0.0), (0.0, 1.0, 0.0))],
+)
+def test_vectors_that_make_no_plane_are_refused(lateral: tuple[float, ...], up: tuple[float, ...]) -> None:
+    for wrong in ({"lateral": lateral, "up": up}, {"up": (0.0, 0.0, np.nan)}):
+        with pytest.raises(MotionError, match="expected lateral and up to be orthogonal unit vectors"):
+            replace(circles(), **wrong)
+
+
 @pytest.mark.parametrize("count", [1, 3])
 def test_every_test_has_a_panel_within_the_width_of_a_page(tmp_path: Path, count: int) -> None:
     path = report(tmp_path / "report.png", tests=[circles()] * count)

@@ -6,6 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.seeding import distinct, raw_words, uniforms
+from recorders.errors import ConfigError
 
 WORDS = ["0xaf1a0815ec6d3434", "0xf58d210f3d0e473b"]
 
@@ -49,5 +50,5 @@ def test_every_number_is_as_likely_as_any_other():
 
 
 def test_more_numbers_than_there_are_cannot_be_distinct():
-    with pytest.raises(ValueError, match="at most 2"):
+    with pytest.raises(ConfigError, match="at most 2"):
         distinct(raw_words(0, "x", count=3), 2)

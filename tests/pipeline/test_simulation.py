@@ -84,6 +84,8 @@ def test_time_is_exact(simulation: Simulation) -> None:
     for k in range(1, 300):
         simulation.advance(ROBOT.comfort, 5 * MS)
         assert simulation.time_ns == k * 5 * MS
+    updates = simulation._simulator.get_num_discrete_updates()  # Drake's own count: not a step too few, nor too many
+    assert updates == simulation.time_ns // SimulationConfig().step_ns
 
 
 def test_the_robot_holds_a_posture_against_gravity(simulation: Simulation) -> None:
@@ -156,7 +158,21 @@ def test_parameters_out_of_range_are_refused(parameters: dict[str, float]) -> No
 
 
 def test_a_urdf_that_drake_cannot_build_is_refused() -> None:
-    torn = ROBOT.urdf_text.replace('<child link="head"/>', '<child link="hat"/>')
+    torn = ROBOT.urdf_text.replace('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', 1)
     with pytest.raises(RobotError, match="does not build") as caught:
         Simulation(replace(ROBOT, urdf_text=torn))
     assert "\n" not in str(caught.value)
+    heavy = ROBOT.urdf_text.replace('<mass value="10"/>', '<mass value="1e300"/>')
+    with pytest.raises(RobotError, match="does not build") as caught:
+        Simulation(replace(ROBOT, urdf_text=heavy))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("old", "new"),
+    [("transmission_interface/SimpleTransmission", "DifferentialTransmission"), ('effort="2000"', 'effort="0"')],
+)
+def test_a_joint_for_which_drake_makes_no_motor_is_named(old: str, new: str) -> None:
+    robot = replace(ROBOT, urdf_text=ROBOT.urdf_text.replace(old, new, 1))
+    with pytest.raises(RobotError, match="Drake makes no motor for hip_height: expected a transmission"):
+        Simulation(robot)

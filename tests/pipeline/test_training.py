@@ -10,10 +10,11 @@ import numpy as np
 import pytest
 from episodes import write_episode
 
-from pipeline import training
+from pipeline import learning_run
 from pipeline.controller import Controller
-from pipeline.learner import LearnerConfig
-from pipeline.training import CycleReport, Trainer, train
+from pipeline.learner_config import LearnerConfig
+from pipeline.learning_run import CycleReport
+from pipeline.training import Trainer, train
 from recorders.cdr import encode
 from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages import JointState
@@ -56,7 +57,7 @@ def test_the_same_stream_gives_the_same_state(log: Path, replayed: Replay) -> No
 @pytest.mark.parametrize("piece", [1, 7, 1_000])
 def test_the_size_of_the_pieces_does_not_enter(replayed: Replay, piece: int, monkeypatch: pytest.MonkeyPatch) -> None:
     expected = feed(replayed, replayed.stream()).result()
-    monkeypatch.setattr(training, "_PIECE", piece)
+    monkeypatch.setattr(learning_run, "PIECE", piece)
     found = feed(replayed, replayed.stream()).result()
     assert (found["digest"], found["stream_digest"]) == (expected["digest"], expected["stream_digest"])
 
@@ -133,7 +134,7 @@ def test_an_offer_without_a_robot_is_refused(replayed: Replay) -> None:
 
 
 def test_messages_before_a_phase_marker_are_refused(replayed: Replay) -> None:
-    with pytest.raises(MessageError, match="expected a phase marker first"):
+    with pytest.raises(MessageError, match="expected a phase marker before it"):
         feed(replayed, replayed.stream(1))
 
 

@@ -77,10 +77,13 @@ def test_infinities_that_cancel_and_sums_that_overflow_are_told_apart():
     assert run([record(LEFT_TARGET, 0, values=np.array([1e308, 1e308, 1e308]))]) == []
 
 
-def test_velocities_are_checked_too():
-    message = JointState(1, NAMES, np.zeros(3), velocity=np.array([0, np.nan, 0]))
-    with pytest.raises(MessageError, match="/sample/joint_states #0: expected finite numbers at 1 ns"):
-        run([Stamped(SAMPLE_JOINTS, message.TYPE, encode(message), 0, 1)])
+def test_a_robot_need_not_know_its_velocities_and_efforts():
+    """Many publish NaN for what they do not measure; the learner reads positions alone."""
+    unknown = np.array([0, np.nan, np.inf])
+    message = JointState(1, NAMES, np.arange(3.0), velocity=unknown, effort=unknown)
+    joints = Stamped(SAMPLE_JOINTS, message.TYPE, encode(message), 1, 1)
+    (tick,) = run([joints, *one_tick(1)[:2]])
+    assert JointMap(NAMES).positions(tick.joints).tolist() == [0.0, 1.0, 2.0]
 
 
 def test_a_wrong_type_is_named():

@@ -188,6 +188,19 @@ def test_a_directory_that_is_not_there_is_one_line(tmp_path):
         LogWriter(tmp_path / "none" / "log.mcap", manifest={})
 
 
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_is_no_file_is_refused_at_once(tmp_path, overwrite):
+    (tmp_path / "folder").mkdir()
+    os.mkfifo(tmp_path / "pipe")
+    for path in (".", "..", "/", "", tmp_path / "folder", tmp_path / "pipe"):
+        with pytest.raises(LogError, match=r"cannot write .*: expected the name of a file, found something else"):
+            LogWriter(path, manifest={}, overwrite=overwrite)
+    for path in (f"{tmp_path}/nul\0", tmp_path / ("x" * 300)):
+        with pytest.raises(LogError, match="cannot write"):
+            LogWriter(path, manifest={}, overwrite=overwrite)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["folder", "pipe"]
+
+
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
 def test_a_full_disk_is_one_line(tmp_path):
     (tmp_path / "log.mcap.part").symlink_to("/dev/full")

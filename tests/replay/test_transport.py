@@ -1,23 +1,28 @@
 """The contract of every transport: all of the stream, in order, from where the consumer wants it, or an error."""
 
 import json
+import math
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import collector
 import pytest
 from collector import Collector
 
-from recorders.errors import LogError, ReenactError, WireError
+from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS
+from recorders.wire.frames import Frame, Kind
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import MAX_PAYLOAD
 from recorders.wire.session import SessionConfig, open_session
 from replay.transport import InProcess, Transport
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.zenoh_transport import SenderConfig, ZenohTransport, _Delivery
 
 COUNT = 2_000
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
@@ -116,7 +121,134 @@ def test_a_slow_consumer_loses_nothing(feed: Feed) -> None:
 
 
 def test_no_consumer_is_one_clear_error() -> None:
-    with open_session(SessionConfig(connect=(free_endpoint(),))) as session:
+    with open_session(SessionConfig(listen=(free_endpoint(),))) as session:
         transport = ZenohTransport(session, config=SenderConfig(wait_s=0.5))
         with pytest.raises(WireError, match="no consumer named 'learner'"):
             transport.deliver(OFFER, stream_from)
+
+
+@contextmanager
+def collectors(endpoint: str, **options: dict[str, Any]) -> Iterator[dict[str, Any]]:
+    """Run collectors by name, each in a process of its own; when the block ends, what each said is in the result."""
+    processes = {
+        name: subprocess.Popen(
+            [sys.executable, collector.__file__, endpoint, name, json.dumps(chosen)], stdout=subprocess.PIPE, text=True
+        )
+        for name, chosen in options.items()
+    }
+    said: dict[str, Any] = {}
+    try:
+        yield said
+        for name, process in processes.items():
+            out, _ = process.communicate(timeout=30)
+            said[name] = json.loads(out)
+    finally:
+        for process in processes.values():
+            process.kill()
+            process.communicate()
+
+
+@pytest.mark.parametrize(("window", "batch"), [(64, 1), (256, 16)])
+def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int) -> None:
+    """Zenoh drops what a stalled link cannot hold; here the link loses three frames and then the end."""
+    endpoint = free_endpoint()
+    lost: list[Frame] = []
+
+    class Lossy(_Delivery):
+        def _put(self, frame: Frame) -> None:
+            lose = len(lost) < 3 and frame.first >= 300 * (len(lost) + 1)
+            lose = lose or (len(lost) == 3 and frame.kind is Kind.END)
+            if lose:
+                lost.append(frame)
+            else:
+                super()._put(frame)
+
+    config = SenderConfig(window=window, batch=batch)
+    offer = replace(OFFER, sender="cd" * 16, window=window)
+    with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
+        with Lossy(session, config, offer, lambda consumed: None) as delivery:
+            assert delivery.run(stream_from) == {"learner": expected()}
+    assert [frame.kind for frame in lost][3:] == [Kind.END]
+    assert said == {"learner": expected()}
+
+
+@pytest.mark.parametrize(("window", "batch"), [(1, 1), (8, 1), (64, 16)])
+def test_no_more_than_the_window_is_under_way(window: int, batch: int) -> None:
+    endpoint, under_way, consumed = free_endpoint(), [0], [0]
+
+    def counted(start: int) -> Iterator[Stamped]:
+        for index in range(start, 300):
+            under_way.append(index - consumed[-1])
+            yield message(index)
+
+    with collectors(endpoint, learner={"delay_s": 0.0005}), open_session(SessionConfig(listen=(endpoint,))) as session:
+        config = SenderConfig(window=window, batch=batch)
+        ZenohTransport(session, config=config, on_progress=consumed.append).deliver(OFFER, counted)
+    assert max(under_way) <= window + batch  # a batch is gathered before there is room for it
+    assert consumed[-1] == 300
+
+
+def test_two_consumers_both_get_everything_at_the_pace_of_the_slower() -> None:
+    endpoint = free_endpoint()
+    with collectors(endpoint, anna={}, bob={"delay_s": 0.001, "start": 1_000}) as said:
+        with open_session(SessionConfig(listen=(endpoint,))) as session:
+            config = SenderConfig(consumers=("anna", "bob"), wait_s=30.0)
+            results = ZenohTransport(session, config=config).deliver(OFFER, stream_from)
+    assert results == {"anna": expected(), "bob": expected(1_000)} == said
+
+
+def test_who_accepted_is_told_when_another_refuses() -> None:
+    endpoint = free_endpoint()
+    with collectors(endpoint, anna={}, bob={"refuse": "another robot", "wait_s": 3.0}) as said:
+        with open_session(SessionConfig(listen=(endpoint,))) as session:
+            transport = ZenohTransport(session, config=SenderConfig(consumers=("anna", "bob"), wait_s=30.0))
+            with pytest.raises(WireError, match="bob: another robot"):
+                transport.deliver(OFFER, stream_from)
+    assert "the sender gave up at message 0: bob: another robot" in said["anna"]["error"]
+
+
+def test_a_message_too_large_to_be_received_is_refused_before_it_is_sent() -> None:
+    endpoint = free_endpoint()
+
+    def large(start: int) -> Iterator[Stamped]:
+        yield message(0)
+        yield message(1)._replace(data=bytes(MAX_PAYLOAD + 1))
+
+    with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
+        with pytest.raises(WireError, match=f"expected at most {MAX_PAYLOAD} bytes"):
+            ZenohTransport(session).deliver(OFFER, large)
+    assert "expected at most" in said["learner"]["error"]
+
+
+def test_large_messages_travel_in_small_batches() -> None:
+    endpoint = free_endpoint()
+
+    def large(start: int) -> Iterator[Stamped]:
+        return (message(index)._replace(data=bytes(3 << 20)) for index in range(start, 12))
+
+    with collectors(endpoint, learner={}), open_session(SessionConfig(listen=(endpoint,))) as session:
+        assert ZenohTransport(session).deliver(OFFER, large)["learner"]["count"] == 12
+
+
+def test_a_start_beyond_the_end_is_refused() -> None:
+    endpoint = free_endpoint()
+    with collectors(endpoint, learner={"start": COUNT + 1}), open_session(SessionConfig(listen=(endpoint,))) as session:
+        with pytest.raises(WireError, match=f"wants message {COUNT + 1} of a stream that has {COUNT}"):
+            ZenohTransport(session).deliver(replace(OFFER, messages=COUNT), stream_from)
+
+
+@pytest.mark.parametrize(
+    "options", [{"consumers": ("a b",)}, {"consumers": ("a/*",)}, {"namespace": "/x"}, {"namespace": ""}]
+)
+def test_names_that_cannot_be_keys_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(WireError, match="expected"):
+        SenderConfig(**options)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"window": 0}, {"batch": 2, "window": 1}, {"wait_s": math.inf}, {"wait_s": -1.0}, {"consumers": ("a", "a")}],
+)
+def test_numbers_out_of_range_are_refused(options: dict[str, Any]) -> None:
+    with pytest.raises(ConfigError, match="expected"):
+        SenderConfig(**options)

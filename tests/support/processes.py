@@ -24,6 +24,15 @@ def start(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
     )
 
 
+def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
+    """Read the process's standard error up to a line that holds the text, and return that line."""
+    assert process.stderr is not None
+    for line in process.stderr:
+        if text in line:
+            return line
+    raise AssertionError(f"the process ended without saying {text!r}")
+
+
 def complaint(run: subprocess.CompletedProcess[str]) -> str:
     """Return the one line that a failed command says, having checked that it is one and no traceback."""
     lines = run.stderr.strip().splitlines()

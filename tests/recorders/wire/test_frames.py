@@ -12,38 +12,38 @@ from recorders.stream import Offer, Progress
 from recorders.topics import TOPICS
 from recorders.wire.frames import Frame, Kind, message_key, pack, unpack
 
-RUN = bytes(range(16))
+RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 
 stamped = st.builds(
     lambda topic, data, sequence, time: Stamped(topic.name, topic.type, data, sequence, time),
     st.sampled_from(list(TOPICS.values())),
     st.binary(max_size=200),
     st.integers(0, 2**32 - 1),
-    st.integers(-(2**63), 2**63 - 1),
+    st.integers(0, 2**64 - 1),
 )
 indices = st.integers(0, 2**64 - 1)
 
 
 @given(message=stamped, index=indices)
 def test_a_single_message_survives(message: Stamped, index: int) -> None:
-    frame = Frame(Kind.MESSAGE, RUN, index, (message,))
+    frame = Frame(Kind.MESSAGE, RUN, SENDER, index, (message,))
     assert unpack(message.topic, *pack(frame)) == frame
 
 
 @given(messages=st.lists(stamped, max_size=20), index=indices)
 def test_a_batch_survives(messages: list[Stamped], index: int) -> None:
-    frame = Frame(Kind.BATCH, RUN, index, tuple(messages))
+    frame = Frame(Kind.BATCH, RUN, SENDER, index, tuple(messages))
     assert unpack("/replay/batch", *pack(frame)) == frame
 
 
 def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
     message = Stamped("/clock", TOPICS["/clock"].type, b"any bytes", 3, 4)
-    assert pack(Frame(Kind.MESSAGE, RUN, 0, (message,)))[0] == message.data
+    assert pack(Frame(Kind.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
 
 
 @pytest.mark.parametrize("kind", [Kind.END, Kind.ABORT])
 def test_the_end_survives(kind: Kind) -> None:
-    frame = Frame(kind, RUN, 7, reason="disk full" if kind is Kind.ABORT else "")
+    frame = Frame(kind, RUN, SENDER, 7, reason="disk full" if kind is Kind.ABORT else "")
     assert unpack("/replay/batch", *pack(frame)) == frame
 
 
@@ -56,7 +56,7 @@ def test_random_bytes_are_refused_with_a_message_error(payload: bytes, attachmen
 @given(data=st.data())
 def test_damaged_batches_never_raise_anything_else(data: st.DataObject) -> None:
     messages = tuple(Stamped("/clock", TOPICS["/clock"].type, b"12345", n, n) for n in range(3))
-    payload, attachment = pack(Frame(Kind.BATCH, RUN, 0, messages))
+    payload, attachment = pack(Frame(Kind.BATCH, RUN, SENDER, 0, messages))
     cut = payload[: data.draw(st.integers(0, len(payload)))]
     flipped = bytearray(cut)
     if flipped:
@@ -71,7 +71,7 @@ def test_keys_are_topics_without_the_leading_slash() -> None:
 
 def test_offer_and_progress_survive() -> None:
     offer = Offer(
-        run="0f" * 16, schedule={"epochs": 1}, logs=[{"name": "a"}], robot={"toml": "x"}, sender="s", window=7
+        run="0f" * 16, schedule={"epochs": 1}, logs=[{"name": "a"}], robot={"toml": "x"}, sender="ab" * 16, window=7
     )
     assert Offer.from_json(offer.to_json()) == offer
     progress = Progress(run="r", next=1, received=2, result={"a": 1}, error=None)

@@ -1,0 +1,62 @@
+"""The two messages that a served controller cannot do without, read and written with as little ado as can be.
+
+Both classes take the bytes that are constant from the codec itself, and leave to it whatever is unusual.
+"""
+
+import struct
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.cdr import decode_as, encode
+from recorders.messages import JointState, PoseStamped
+
+Floats = NDArray[np.float64]
+Position = tuple[float, ...]
+"""Of one hand [m], length 3."""
+
+_STAMP = struct.Struct("<iI")  # s and ns, behind the four bytes of the encapsulation
+_STAMP_AT = 4
+_SECOND = 10**9
+
+
+class CommandEncoder:
+    """Writes the commands of one robot: they differ in stamp and positions alone, so all other bytes are kept.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        Joint names, in the order of the positions.
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self._payload = bytearray(encode(JointState(0, joints, np.zeros(len(joints)))))
+        end = len(self._payload) - 8  # the lengths of velocities and efforts, of which there are none
+        self._positions = slice(end - 8 * len(joints), end)
+
+    def encode(self, stamp_ns: int, positions: Floats) -> bytes:
+        """Return a JointState as CDR, the bytes that `recorders.cdr.encode` gives: stamp [ns], positions (n,)."""
+        _STAMP.pack_into(self._payload, _STAMP_AT, *divmod(stamp_ns, _SECOND))
+        self._payload[self._positions] = positions.tobytes()
+        return bytes(self._payload)
+
+
+class PoseReader:
+    """Reads stamp and position out of poses in the world frame without making a message; others it decodes."""
+
+    def __init__(self) -> None:
+        payload = encode(PoseStamped(0, np.zeros(3)))
+        self._size = len(payload)
+        frame = self._size - 12 - 7 * 8  # the bytes between the stamp and the seven numbers
+        self._layout = struct.Struct(f"<4siI{frame}s3d")
+        self._encapsulation, _, _, self._frame, *_ = self._layout.unpack_from(payload)
+
+    def read(self, data: bytes) -> tuple[int, Position]:
+        """Return stamp [ns] and position [m] of a PoseStamped; raises MessageError if it is none."""
+        if len(data) == self._size:
+            encapsulation, seconds, nanoseconds, frame, x, y, z = self._layout.unpack_from(data)
+            usual = encapsulation == self._encapsulation and frame == self._frame
+            if usual and seconds >= 0 and nanoseconds < _SECOND:
+                return seconds * _SECOND + nanoseconds, (x, y, z)
+        pose = decode_as(PoseStamped, data)
+        return pose.stamp_ns, tuple(pose.position.tolist())

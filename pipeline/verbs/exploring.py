@@ -1,0 +1,107 @@
+"""The verbs explore and robot: a teacher and a robot make an episode, in one process or in two."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import (
+    Await,
+    Connect,
+    Json,
+    Listen,
+    Namespace,
+    Overwrite,
+    Robot,
+    Seed,
+    Wait,
+    ZenohConfig,
+    session_config,
+)
+from recorders.errors import ConfigError
+
+
+def explore(
+    motion: Annotated[str, typer.Option(help="circles, eight, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].")],
+    out: Annotated[Path | None, typer.Option(help="Log to write, unless a running robot is driven.")] = None,
+    robot: Robot = "asimo",
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    connect: Annotated[
+        list[str] | None, typer.Option(help="Drive the robot that runs there, in place of one of our own.")
+    ] = None,
+    awaited: Await = None,
+    epochs: Annotated[int, typer.Option(help="With --connect: epochs of the live session.", min=1)] = 1,
+    wait: Wait = 10.0,
+    zenoh_config: ZenohConfig = None,
+    namespace: Namespace = "reenact",
+    as_json: Json = False,
+) -> None:
+    """Let the teacher and a robot follow a motion: a simulated one into a log, or a running one, live."""
+    if connect or zenoh_config:
+        if out is not None:
+            raise ConfigError("--out: a live session is recorded with `reenact record`; leave --out away")
+        result = _drive(motion, connect, zenoh_config, seed, epochs, awaited, wait, namespace)
+        console.show(result, as_json=as_json)
+        return
+    if out is None:
+        raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
+    from pipeline.exploration import explore as run
+    from pipeline.motions import load_motion
+    from pipeline.robot import load_robot
+
+    config = load_robot(robot)
+    with console.progress(f"explore {Path(motion).stem}") as advance:
+        summary = run(config, load_motion(motion, config), seed=seed, out=out, overwrite=overwrite, progress=advance)
+    console.show(asdict(summary) | {"path": str(summary.path)}, as_json=as_json)
+
+
+def robot(
+    robot: Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.")] = "asimo",
+    rate: Annotated[float, typer.Option(help="How often it says its state, in its own time [Hz].")] = 50.0,
+    real_time: Annotated[
+        bool, typer.Option("--real-time", help="Run with the clock on the wall, not as fast as the driver goes.")
+    ] = False,
+    listen: Listen = None,
+    connect: Connect = None,
+    zenoh_config: ZenohConfig = None,
+    namespace: Namespace = "reenact",
+) -> None:
+    """Simulate a robot that follows joint commands over Zenoh, until it is stopped."""
+    from pipeline.follower import FollowerConfig
+    from pipeline.robot import load_robot
+    from pipeline.robot_node import run_robot
+
+    config = load_robot(robot)
+    following = FollowerConfig(rate_hz=rate, real_time=real_time)
+    session = session_config(listen, connect, zenoh_config, listens=True)
+    run_robot(config, session=session, namespace=namespace, config=following, say=console.say)
+
+
+def _drive(
+    motion: str,
+    connect: list[str] | None,
+    zenoh_config: Path | None,
+    seed: int,
+    epochs: int,
+    awaited: list[str] | None,
+    wait_s: float,
+    namespace: str,
+) -> dict[str, Any]:
+    from pipeline.live_exploration import explore_live
+    from replay.schedule import Schedule
+    from replay.zenoh_transport import SenderConfig
+
+    sender = SenderConfig(consumers=tuple(awaited or ()), namespace=namespace, batch=1, wait_s=wait_s)
+    with console.progress(f"explore {Path(motion).stem}") as advance:
+        live = explore_live(
+            motion,
+            seed=seed,
+            schedule=Schedule(epochs=epochs),
+            session=session_config(None, connect, zenoh_config, listens=False, wait_s=wait_s),
+            sender=sender,
+            progress=advance,
+        )
+    return asdict(live)

@@ -1,0 +1,173 @@
+"""The verbs that speak Zenoh: learn and replay."""
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import (
+    AsRecorded,
+    Connect,
+    Json,
+    Listen,
+    Logs,
+    Namespace,
+    Renames,
+    Seed,
+    StreamsRobot,
+    Wait,
+    ZenohConfig,
+    renames,
+    session_config,
+)
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.nodes import Source
+
+_SPECTATORS = "nobody is awaited: whoever listens may lose messages"
+
+
+def learn(
+    out: Annotated[Path, typer.Option(help="Controller to write when the stream ends.")],
+    name: Annotated[str, typer.Option(help="Name by which a replay awaits this learner.")] = "learner",
+    robot: StreamsRobot = None,
+    seed: Seed = 0,
+    checkpoint: Annotated[
+        Path | None, typer.Option(help="File to keep the learner in on the way, and to go on from.")
+    ] = None,
+    every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1)] = 10_000,
+    listen: Listen = None,
+    connect: Connect = None,
+    zenoh_config: ZenohConfig = None,
+    namespace: Namespace = "reenact",
+    as_json: Json = False,
+) -> None:
+    """Learn online from a stream over Zenoh, of a live session or a replay, until it ends."""
+    from pipeline.controller import check_writable
+    from pipeline.learner_config import LearnerConfig
+    from pipeline.nodes import OWN_TOPICS
+    from pipeline.nodes import learn as run
+    from pipeline.robot import load_robot
+    from pipeline.training import CheckpointConfig, Trainer
+    from recorders.wire.receiver import ReceiverConfig
+
+    check_writable(out)
+    if checkpoint is not None:
+        check_writable(checkpoint)
+    receiver = ReceiverConfig(name=name, namespace=namespace, own_topics=OWN_TOPICS)
+    config = None if robot is None else load_robot(robot)
+    with console.progress("learn") as advance:
+        trainer = Trainer(
+            LearnerConfig(seed=seed),
+            robot=config,
+            checkpoint=None if checkpoint is None else CheckpointConfig(checkpoint, every),
+            on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
+        )
+        session = session_config(listen, connect, zenoh_config, listens=True)
+        result = run(trainer, session=session, receiver=receiver, say=console.say)
+    trainer.controller().save(out)
+    console.show(result | {"controller": str(out)}, as_json=as_json)
+
+
+def replay(
+    logs: Logs,
+    awaited: Annotated[
+        list[str] | None,
+        typer.Option("--await", help="Consumer to feed and wait for; learner, unless --rate plays to whoever listens."),
+    ] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1)
+    ] = None,
+    as_recorded: AsRecorded = False,
+    rate: Annotated[float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.")] = None,
+    play: Annotated[
+        bool, typer.Option("--play", help="Play every topic once, in place of a training schedule.")
+    ] = False,
+    loop: Annotated[int, typer.Option(help="With --play: how often; 0 for ever.", min=0)] = 1,
+    start: Annotated[float, typer.Option(help="With --play: seconds after the first message to start at.")] = 0.0,
+    end: Annotated[float, typer.Option(help="With --play: seconds after the first message to end at.")] = float("inf"),
+    topic: Annotated[list[str] | None, typer.Option(help="With --play: topic to play; all if left out.")] = None,
+    map_: Renames = None,
+    against: Annotated[Path | None, typer.Option(help="Recorded run to compare with; stops where they part.")] = None,
+    window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1)] = 1024,
+    batch: Annotated[int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1)] = None,
+    wait: Wait = 10.0,
+    listen: Listen = None,
+    connect: Connect = None,
+    zenoh_config: ZenohConfig = None,
+    namespace: Namespace = "reenact",
+    as_json: Json = False,
+) -> None:
+    """Replay logs over Zenoh: into learners as fast as they acknowledge, or paced, on the original keys.
+
+    On a terminal, the space bar stops and starts a paced replay, and a full stop lets one message pass.
+    """
+    from pipeline.nodes import replay as run
+    from pipeline.playing import Guarded, keyboard
+    from replay.clock import Paced, Pausable, Unpaced
+    from replay.zenoh_transport import SenderConfig
+
+    source = _source(logs, epochs, as_recorded, play, renames(map_), loop, start, end, topic)
+    if against is not None:
+        source = Guarded(source, against, everything=play)
+    consumers = tuple(awaited or (() if play else ("learner",)))
+    sender = SenderConfig(
+        consumers=consumers,
+        namespace=namespace,
+        window=window,
+        batch=min(batch or (64 if rate is None and consumers else 1), window),
+        wait_s=wait,
+    )
+    pace = Unpaced() if rate is None else Paced(rate)
+    session = session_config(listen, connect, zenoh_config, listens=False, wait_s=wait)
+    if not consumers:
+        console.say(_SPECTATORS)
+    clock = Pausable(pace)
+    with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None and sys.stdin.isatty()):
+        result = run(
+            source, session=session, sender=sender, clock=clock if rate is not None else pace, on_progress=advance
+        )
+    if isinstance(pace, Paced):
+        result["slipped_s"] = round(pace.slipped_s, 3)
+    console.show(result if as_json else _flat(result), as_json=as_json)
+
+
+def _source(
+    logs: list[Path],
+    epochs: int | None,
+    as_recorded: bool,
+    play: bool,
+    names: dict[str, str],
+    loop: int,
+    start: float,
+    end: float,
+    topics: list[str] | None,
+) -> "Source":
+    from replay.engine import Replay
+    from replay.playback import Playback, PlaybackConfig
+    from replay.schedule import Schedule
+    from replay.session import RecordedSession
+
+    if play and (as_recorded or epochs is not None):
+        raise ConfigError("--play: expected neither --as-recorded nor --epochs beside it")
+    if play:
+        chosen = PlaybackConfig(topics=frozenset(topics or ()), renames=names, start_s=start, end_s=end, loops=loop)
+        return Playback(logs, chosen)
+    if topics or loop != 1 or start != 0.0 or end != float("inf"):
+        raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
+    if as_recorded:
+        if len(logs) != 1:
+            raise ConfigError(f"--as-recorded: expected one log, found {len(logs)}")
+        return RecordedSession(logs[0], epochs=epochs, renames=names)
+    return Replay(logs, Schedule(epochs=epochs or 150), renames=names)
+
+
+def _flat(result: dict[str, Any]) -> dict[str, Any]:
+    """Name the entries of each consumer's result after it."""
+    flat = {name: value for name, value in result.items() if name != "consumers"}
+    for consumer, entries in result["consumers"].items():
+        flat |= {f"{consumer}: {name}": value for name, value in entries.items()}
+    return flat

@@ -1,0 +1,110 @@
+"""The verbs that need no network: demo, explore in this process, train, evaluate, diff."""
+
+from dataclasses import asdict
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import AsRecorded, Controller, Epochs, Json, Logs, Renames, Seed, StreamsRobot, renames
+from recorders.errors import CheckFailed, ConfigError
+
+
+def demo(
+    out: Annotated[Path, typer.Option(help="Folder for logs, controller, report and summary.")] = Path("out/demo"),
+    seed: Seed = 0,
+    epochs: Epochs = 150,
+    as_json: Json = False,
+) -> None:
+    """Explore, record, replay over Zenoh, learn, check and report: the main job, end to end."""
+    from pipeline.demo import REPORT, results_table, run_demo
+
+    result = run_demo(out, seed=seed, epochs=epochs)
+    if as_json:
+        console.show(result.summary(out), as_json=True)
+        return
+    console.table(results_table(result))
+    digest, took = result.file_digest[:16], sum(result.seconds.values())
+    print(f"State digest {digest}…, over Zenoh and from the file alike. {took:.0f} s. Look at {out / REPORT}")
+
+
+def train(
+    logs: Logs,
+    out: Annotated[Path, typer.Option(help="Controller to write.")],
+    seed: Seed = 0,
+    epochs: Annotated[int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1)] = None,
+    as_recorded: AsRecorded = False,
+    robot: StreamsRobot = None,
+    map_: Renames = None,
+    as_json: Json = False,
+) -> None:
+    """Train the learner straight from logs; the digest is that of the same logs replayed over Zenoh."""
+    from pipeline.controller import check_writable
+    from pipeline.learner_config import LearnerConfig
+    from pipeline.robot import load_robot
+    from pipeline.training import Trainer, train_on
+    from replay.engine import Replay
+    from replay.schedule import Schedule
+    from replay.session import RecordedSession
+
+    check_writable(out)
+    config = None if robot is None else load_robot(robot)
+    if as_recorded:
+        source: Replay | RecordedSession = RecordedSession(_only(logs), epochs=epochs, renames=renames(map_))
+    else:
+        source = Replay(logs, Schedule(epochs=epochs or 150), renames=renames(map_))
+    with console.progress("train") as advance:
+        trainer = Trainer(
+            LearnerConfig(seed=seed),
+            robot=config,
+            on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
+        )
+        train_on(source, trainer)
+    trainer.controller().save(out)
+    console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
+
+
+def evaluate(
+    controller: Controller,
+    motion: Annotated[
+        str,
+        typer.Argument(
+            help="A log, a CSV file, circles or eight; samples are taken in order.", metavar="MOTION.csv|LOG.mcap"
+        ),
+    ],
+    as_json: Json = False,
+) -> None:
+    """Try a controller on a motion or a recording: distances of both hands from their targets."""
+    from pipeline.controller import Controller as Loaded
+    from pipeline.trials import try_motion
+
+    trial = try_motion(Loaded.load(controller), motion)
+    result: dict[str, Any] = asdict(trial.errors)
+    for name, errors in (("teacher_cm", trial.teacher), ("linear_cm", trial.linear)):
+        if errors is not None:
+            result[name] = errors.mean_cm
+    console.show(result, as_json=as_json)
+
+
+def diff(
+    a: Annotated[Path, typer.Argument(help="A log or a controller.", metavar="A")],
+    b: Annotated[Path, typer.Argument(help="Another of the same kind.", metavar="B")],
+    as_json: Json = False,
+) -> None:
+    """Name the first divergence of two logs or two controllers; exit status 1 if there is one."""
+    from pipeline.diffing import diff as run
+
+    found = run(a, b)
+    if as_json:
+        console.show({"equal": found is None, "first_divergence": found and asdict(found)}, as_json=True)
+    else:
+        print("no divergence" if found is None else found)
+    if found is not None:
+        raise typer.Exit(CheckFailed.exit_status)
+
+
+def _only(logs: list[Path]) -> Path:
+    if len(logs) != 1:
+        raise ConfigError(f"--as-recorded: expected one log, found {len(logs)}")
+    return logs[0]

@@ -1,0 +1,67 @@
+"""Options that several verbs share, and what their values mean."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from recorders.wire.session import SessionConfig
+
+Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
+Seed = Annotated[int, typer.Option(help="Seed of every random draw.", min=0)]
+Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1)]
+Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap...")]
+Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
+Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.")]
+StreamsRobot = Annotated[str | None, typer.Option(help="Robot; by default the one that the stream or log names.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
+AsRecorded = Annotated[bool, typer.Option("--as-recorded", help="Follow the phase markers of a recorded session.")]
+Renames = Annotated[
+    list[str] | None, typer.Option("--map", help="FOREIGN=OURS: rename a topic.", metavar="FOREIGN=OURS")
+]
+Listen = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
+Connect = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to, such as tcp/127.0.0.1:7447.")]
+Namespace = Annotated[str, typer.Option(help="First part of every Zenoh key.")]
+ZenohConfig = Annotated[
+    Path | None, typer.Option(help="Zenoh configuration (JSON5): credentials, TLS, access control.")
+]
+Await = Annotated[list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.")]
+Wait = Annotated[float, typer.Option(help="Seconds to wait for the other end to appear.", min=0)]
+
+
+def session_config(
+    listen: list[str] | None,
+    connect: list[str] | None,
+    config_file: Path | None,
+    *,
+    listens: bool,
+    wait_s: float = 10.0,
+) -> "SessionConfig":
+    """Return where a session listens and connects; a verb that `listens` does so by default, the others connect."""
+    from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig
+
+    config = SessionConfig(
+        listen=tuple(listen or ()), connect=tuple(connect or ()), config_file=config_file, wait_s=wait_s
+    )
+    default = (DEFAULT_ENDPOINT,)
+    return config.resolved(listen=default) if listens else config.resolved(connect=default)
+
+
+def renames(pairs: list[str] | None) -> dict[str, str]:
+    """Parse FOREIGN=OURS pairs.
+
+    Raises
+    ------
+    ConfigError
+        If one is not such a pair, or a topic is named twice.
+    """
+    found: dict[str, str] = {}
+    for pair in pairs or ():
+        foreign, equals, ours = pair.partition("=")
+        if not (foreign and equals and ours) or foreign in found:
+            raise ConfigError(f"--map: expected FOREIGN=OURS, each topic once, found {pair!r}")
+        found[foreign] = ours
+    return found

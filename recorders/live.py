@@ -1,0 +1,246 @@
+"""The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
+
+import fnmatch
+import time
+from collections import Counter
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from recorders.cdr import decode
+from recorders.errors import ConfigError, MessageError, WireError
+from recorders.records import Stamped
+from recorders.ros import is_known
+from recorders.topics import type_of
+from recorders.wire.frames import Frame, Kind
+from recorders.wire.receiver import Live, Offered, Receiver
+from recorders.writer import LogWriter
+
+_POLL_S = 0.2
+_NOTHING: Mapping[str, Any] = {}
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """What is recorded, and into how many files.
+
+    Parameters
+    ----------
+    include, exclude : tuple of str
+        Patterns of topics, such as `/hand/*`; everything is included if no pattern is given.
+    split_bytes : int, optional
+        Begin another file when one has this many bytes of messages.
+    split_s : float, optional
+        Begin another file after this time [s].
+    """
+
+    include: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    split_bytes: int | None = None
+    split_s: float | None = None
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if (self.split_bytes is not None and self.split_bytes < 1) or (self.split_s is not None and self.split_s <= 0):
+            raise ConfigError("split: expected a size or a time above 0")
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic is to be recorded."""
+        included = not self.include or any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.include)
+        return included and not any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.exclude)
+
+
+@dataclass
+class Recording:
+    """What has been recorded so far.
+
+    Attributes
+    ----------
+    paths : files, in order
+    messages, size : how many messages, and how many bytes of them
+    gaps : messages that producers numbered and that did not arrive, by topic
+    opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
+    """
+
+    paths: list[Path] = field(default_factory=list)
+    messages: int = 0
+    size: int = 0
+    gaps: Counter[str] = field(default_factory=Counter)
+    opaque: Counter[str] = field(default_factory=Counter)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the recording for JSON."""
+        return {
+            "paths": [str(path) for path in self.paths],
+            "messages": self.messages,
+            "bytes": self.size,
+            "gaps": dict(self.gaps),
+            "opaque": dict(self.opaque),
+        }
+
+
+class LiveRecorder:
+    """Writes what a receiver hears; as an awaited consumer it also acknowledges, and so misses nothing.
+
+    Parameters
+    ----------
+    out : Path
+        Log to write; with a split, `NAME_0.mcap`, `NAME_1.mcap` and so on.
+    config : RecordConfig
+        What is recorded.
+    overwrite : bool
+        Whether existing files may be replaced.
+    on_progress : callable
+        Told of the recording so far, a few times a second.
+
+    Raises
+    ------
+    LogError
+        If the first file cannot be made.
+    """
+
+    def __init__(
+        self,
+        out: Path,
+        *,
+        config: RecordConfig | None = None,
+        overwrite: bool = False,
+        on_progress: Callable[[Recording], None] = lambda recording: None,
+    ) -> None:
+        self._out = out
+        self._config = config or RecordConfig()
+        self._overwrite = overwrite
+        self._on_progress = on_progress
+        self._last: dict[str, int] = {}
+        self._notes: dict[str, Any] = {}
+        self._attachments: dict[str, bytes] = {}
+        self.recording = Recording()
+        self._writer = self._open()
+
+    def run(
+        self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
+    ) -> Recording:
+        """Record until it is stopped, or to the end of a stream, and finish the file.
+
+        Parameters
+        ----------
+        receiver : Receiver
+            One that hears live messages too.
+        stopped : callable
+            Whether to stop; asked a few times a second.
+        until_end : bool
+            Whether the end of an awaited stream ends the recording.
+
+        Raises
+        ------
+        LogError
+            If a file cannot be written; what was written stays readable.
+        """
+        try:
+            with receiver.reporting_failure():
+                while not stopped() and not (self._take(receiver) and until_end):
+                    self._split_by_time()
+                    self._on_progress(self.recording)
+        finally:
+            self._writer.close()
+        return self.recording
+
+    def close(self) -> None:
+        """Finish the file."""
+        self._writer.close()
+
+    def _take(self, receiver: Receiver) -> bool:
+        """Take the next event; True if it ended a stream."""
+        try:
+            event = receiver.next_event(_POLL_S)
+        except WireError:
+            receiver.give_up()  # the sender is gone: what it sent is recorded, and others may follow
+            return True
+        if isinstance(event, Live):
+            self._write(event.record, numbered=event.numbered)
+        elif isinstance(event, Offered):
+            self._note(event)
+            receiver.accept(event, 0)
+        elif isinstance(event, Frame):
+            return self._take_frame(receiver, event)
+        return False
+
+    def _take_frame(self, receiver: Receiver, frame: Frame) -> bool:
+        if frame.kind is Kind.END:
+            receiver.finish(self.recording.to_dict())
+            return True
+        if frame.kind is Kind.ABORT:
+            receiver.give_up()
+            return True
+        for record in frame.messages:
+            self._write(record, numbered=True)
+        receiver.consumed(frame)
+        return False
+
+    def _note(self, offered: Offered) -> None:
+        """Keep what the sender says of its stream, for whoever reads the log."""
+        offer = offered.offer
+        self._notes |= {"run": offer.run, "schedule": offer.schedule or None, "logs": offer.logs}
+        for key, name in (("toml", "robot.toml"), ("urdf", "robot.urdf")):
+            text = offer.robot.get(key)
+            if isinstance(text, str) and name not in self._attachments:
+                self._attachments[name] = text.encode()
+                self._writer.attach(name, self._attachments[name])
+        self._writer.note(self._notes)
+
+    def _write(self, record: Stamped, *, numbered: bool) -> None:
+        if not self._config.wants(record.topic):
+            return
+        if numbered:
+            self._count_gap(record)
+        if self._config.split_bytes is not None and self._written + len(record.data) > self._config.split_bytes:
+            self._next_file()
+        sequence = record.sequence if numbered else None
+        kind = self._type(record)
+        self._writer.write(
+            record.topic, record.data, log_time_ns=time.time_ns(), sequence=sequence, type_name=kind, opaque=not kind
+        )
+        self._written += len(record.data)
+        self.recording.messages += 1
+        self.recording.size += len(record.data)
+
+    def _type(self, record: Stamped) -> str:
+        """Return the ROS 2 type of a message, an empty string for one that has none or is not what it is said to be."""
+        kind = type_of(record.topic) or record.type
+        try:
+            if type_of(record.topic):
+                decode(kind, record.data)
+                return kind
+            if is_known(kind):
+                return kind
+        except MessageError:
+            pass
+        self.recording.opaque[record.topic] += 1
+        return ""
+
+    def _count_gap(self, record: Stamped) -> None:
+        last = self._last.get(record.topic)
+        if last is not None and record.sequence > last + 1:
+            self.recording.gaps[record.topic] += record.sequence - last - 1
+        self._last[record.topic] = record.sequence
+
+    def _split_by_time(self) -> None:
+        if self._config.split_s is not None and time.monotonic() - self._began_s >= self._config.split_s:
+            self._next_file()
+
+    def _next_file(self) -> None:
+        self._writer.close()
+        self._writer = self._open()
+        self._writer.note(self._notes)
+
+    def _open(self) -> LogWriter:
+        split = self._config.split_bytes is not None or self._config.split_s is not None
+        path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if split else self._out
+        writer = LogWriter(
+            path, manifest={"kind": "recording"}, attachments=self._attachments, overwrite=self._overwrite
+        )
+        self.recording.paths.append(path)
+        self._written = 0
+        self._began_s = time.monotonic()
+        return writer

@@ -1,0 +1,112 @@
+"""Clocks: when the messages of a stream are due."""
+
+import threading
+import time
+from collections.abc import Iterator
+from typing import Protocol
+
+from recorders.errors import ConfigError
+from recorders.records import Stamped
+
+_NS_PER_S = 1_000_000_000
+
+
+class Clock(Protocol):
+    """Blocks until a message is due; the times of a stream may jump back where a cycle begins anew."""
+
+    def wait(self, log_time_ns: int) -> None:
+        """Return when a message of this time is due."""
+
+
+class Unpaced:
+    """Everything is due at once."""
+
+    def wait(self, log_time_ns: int) -> None:
+        """Return at once."""
+
+
+class Paced:
+    """Keeps the distances between the messages, divided by a rate; where it cannot, it slips and says by how much.
+
+    The rate is a ceiling: a stream that is held up goes on from where it is, without hurrying after what it lost.
+
+    Parameters
+    ----------
+    rate : float
+        1 is real time, 2 twice as fast; from 0.1 to 1000.
+
+    Attributes
+    ----------
+    slipped_s : float
+        How much later than asked for the stream is by now [s].
+
+    Raises
+    ------
+    ConfigError
+        If the rate is out of range.
+    """
+
+    def __init__(self, rate: float) -> None:
+        if not 0.1 <= rate <= 1000.0:
+            raise ConfigError(f"rate: expected 0.1 to 1000, found {rate}")
+        self._ns_per_log_ns = 1.0 / rate
+        self._last_log_ns: int | None = None
+        self._due_ns = 0.0
+        self.slipped_s = 0.0
+
+    def wait(self, log_time_ns: int) -> None:
+        """Wait for the distance to the message before; the first one, and one that jumps back, are due at once."""
+        now_ns = float(time.monotonic_ns())
+        if self._last_log_ns is None:
+            self._due_ns = now_ns
+        else:
+            self._due_ns += max(0, log_time_ns - self._last_log_ns) * self._ns_per_log_ns
+        self._last_log_ns = log_time_ns
+        if self._due_ns > now_ns:
+            time.sleep((self._due_ns - now_ns) / _NS_PER_S)
+        else:
+            self.slipped_s += (now_ns - self._due_ns) / _NS_PER_S
+            self._due_ns = now_ns
+
+
+class Pausable:
+    """A clock that a person can stop, step and start again; safe to call from another thread.
+
+    Parameters
+    ----------
+    clock : Clock
+        Paces the stream while it is not stopped.
+    """
+
+    def __init__(self, clock: Clock) -> None:
+        self._clock = clock
+        self._changed = threading.Condition()
+        self._stopped = False
+        self._steps = 0
+
+    def wait(self, log_time_ns: int) -> None:
+        """Wait for the clock, and while stopped for a step."""
+        self._clock.wait(log_time_ns)
+        with self._changed:
+            self._changed.wait_for(lambda: not self._stopped or self._steps > 0)
+            if self._stopped:
+                self._steps -= 1
+
+    def toggle(self) -> None:
+        """Stop, or go on."""
+        with self._changed:
+            self._stopped, self._steps = not self._stopped, 0
+            self._changed.notify_all()
+
+    def step(self) -> None:
+        """Let one message pass, and stop."""
+        with self._changed:
+            self._stopped, self._steps = True, self._steps + 1
+            self._changed.notify_all()
+
+
+def paced(stream: Iterator[Stamped], clock: Clock) -> Iterator[Stamped]:
+    """Yield the messages when the clock says that they are due."""
+    for message in stream:
+        clock.wait(message.log_time_ns)
+        yield message

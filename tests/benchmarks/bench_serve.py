@@ -1,0 +1,171 @@
+"""`serve` beside a bare Zenoh echo of the same bytes, target to command: python tests/benchmarks/bench_serve.py.
+
+Three processes on loopback: a driver, a served controller, an echo. The driver puts the two targets of a tick at 1 kHz
+and takes the time until the command of that stamp is back. The echo subscribes to the same keys in the same way and
+answers the second target with a command of the same size, with the same attachment and quality of service, that it
+does not compute. Rounds of the two take turns, so that a slow moment of the machine hits both. Nothing is asserted.
+"""
+
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from contextlib import ExitStack
+from itertools import chain
+from pathlib import Path
+
+import numpy as np
+import zenoh
+
+from pipeline.controller import Controller
+from pipeline.learner import Learner
+from pipeline.learner_config import LearnerConfig
+from pipeline.motions import circles
+from pipeline.robot import load_robot
+from pipeline.serve_node import serve
+from recorders.cdr import encode, stamp_ns
+from recorders.messages import JointState, PoseStamped
+from recorders.records import Stamped
+from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
+from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+NAMESPACE = "reenact"
+TARGETS, PERIOD_NS = 200, 1_000_000
+ROUNDS = 60
+PATIENCE_S = 2.0  # what is not back by then is lost
+LATE_US = 1000.0
+LOST_US = float("inf")
+QUALITY = {"congestion_control": zenoh.CongestionControl.DROP, "priority": zenoh.Priority.REAL_TIME}
+
+
+def attachment(topic: str, index: int) -> bytes:
+    return pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (Stamped(topic, "", b"", index, 0),)))[1]
+
+
+def trained() -> Controller:
+    """Return a controller that has learned to stand still, so that its commands are within the limits as usual."""
+    robot = load_robot("asimo")
+    centre = np.concatenate([robot.input_centre, robot.comfort])
+    learner = Learner(LearnerConfig(), input_centre=robot.input_centre, output_centre=centre)
+    u = circles(robot).targets.reshape(-1, 6)
+    for _ in range(20):
+        learner.step(u, np.column_stack([u, np.tile(robot.comfort, (len(u), 1))]), learning=True)
+    texts = {"robot_toml": robot.toml_text, "robot_urdf": robot.urdf_text}
+    return Controller.from_learner(learner, joints=robot.joints, **texts)
+
+
+def echo(endpoint: str) -> None:
+    """Answer the right target with the bytes of a command, stamped as the target is."""
+    answer = encode(JointState(0, load_robot("asimo").joints, np.zeros(15)))
+    reply = attachment(JOINT_COMMANDS, 0)
+
+    def on_left(sample: zenoh.Sample) -> None:
+        sample.payload.to_bytes()
+
+    def on_right(sample: zenoh.Sample) -> None:
+        publisher.put(answer[:4] + sample.payload.to_bytes()[4:12] + answer[12:], attachment=reply)
+
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
+        for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
+            session.declare_subscriber(message_key(NAMESPACE, topic), zenoh.handlers.Callback(handler, indirect=False))
+        sys.stdin.read()
+
+
+class Driver:
+    """Puts targets at 1 kHz and notes when their commands are back."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._back: dict[int, int] = {}
+        handler = zenoh.handlers.Callback(self._on_command, indirect=False)
+        self._commands = session.declare_subscriber(message_key(NAMESPACE, JOINT_COMMANDS), handler)
+        keys = [message_key(NAMESPACE, topic) for topic in (LEFT_TARGET, RIGHT_TARGET)]
+        self._targets = [session.declare_publisher(key, **QUALITY) for key in keys]
+        deadline = time.monotonic() + 60.0
+        while not all(publisher.matching_status.matching for publisher in self._targets):
+            if time.monotonic() > deadline:
+                raise SystemExit("nobody subscribes to the targets")
+            time.sleep(0.01)
+        self._sent = 0
+        self._motion = circles(load_robot("asimo")).targets
+
+    def _on_command(self, sample: zenoh.Sample) -> None:
+        now = time.perf_counter_ns()
+        self._back[stamp_ns(JointState.TYPE, sample.payload.to_bytes()) or 0] = now
+
+    def round(self) -> list[float]:
+        """Return the time from target to command of each tick [us]; infinite if it never came."""
+        prepared = [self._prepare() for _ in range(TARGETS)]  # now: later it would hold up the taking of the time
+        put: dict[int, int] = {}
+        due = time.perf_counter_ns()
+        for stamp, samples in prepared:
+            due += PERIOD_NS
+            time.sleep(max(0, due - time.perf_counter_ns()) / 1e9)
+            put[stamp] = time.perf_counter_ns()
+            for publisher, (message, label) in zip(self._targets, samples, strict=True):
+                publisher.put(message, attachment=label)
+        patience = time.monotonic() + PATIENCE_S
+        while not put.keys() <= self._back.keys() and time.monotonic() < patience:
+            time.sleep(0.02)
+        return [(self._back[stamp] - at) / 1e3 if stamp in self._back else LOST_US for stamp, at in put.items()]
+
+    def _prepare(self) -> tuple[int, list[tuple[bytes, bytes]]]:
+        self._sent += 1
+        stamp = self._sent * PERIOD_NS
+        hands = self._motion[self._sent % len(self._motion)]
+        topics = (LEFT_TARGET, RIGHT_TARGET)
+        return stamp, [
+            (encode(PoseStamped(stamp, hand)), attachment(topic, self._sent))
+            for topic, hand in zip(topics, hands, strict=True)
+        ]
+
+
+def show(times: dict[str, list[list[float]]]) -> None:
+    everything = {name: sorted(chain.from_iterable(rounds)) for name, rounds in times.items()}
+    print(f"two targets to one command, 1 kHz, {ROUNDS} rounds of {TARGETS}")
+    for name, values in everything.items():
+        p50, p99 = values[len(values) // 2], values[len(values) * 99 // 100]
+        late, lost = sum(v > LATE_US for v in values), sum(v == LOST_US for v in values)
+        print(
+            f"{name:6s} p50 {p50:7.1f} us   p99 {p99:8.1f} us   later than 1 ms: {late} of {len(values)} (lost {lost})"
+        )
+    differences = [
+        statistics.median(served) - statistics.median(echoed)
+        for served, echoed in zip(times["serve"], times["echo"], strict=True)
+    ]
+    print(
+        f"serve adds {statistics.median(differences):.1f} us (p50, median of the rounds; "
+        f"{min(differences):.1f} to {max(differences):.1f})"
+    )
+
+
+def main() -> None:
+    times: dict[str, list[list[float]]] = {"echo": [], "serve": []}
+    with ExitStack() as stack:
+        folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
+        trained().save(folder / "controller.npz")
+        drivers: dict[str, Driver] = {}
+        for name in times:
+            endpoint = free_endpoint()
+            arguments = [sys.executable, __file__, name, endpoint, str(folder / "controller.npz")]
+            process = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
+            stack.callback(process.kill)
+            drivers[name] = Driver(stack.enter_context(open_session(SessionConfig(connect=(endpoint,)))))
+        for driver in drivers.values():
+            driver.round()
+        for turn in range(ROUNDS):
+            for name in sorted(drivers, reverse=bool(turn % 2)):
+                times[name].append(drivers[name].round())
+    show(times)
+
+
+if __name__ == "__main__":
+    if len(sys.argv) == 1:
+        main()
+    elif sys.argv[1] == "echo":
+        echo(sys.argv[2])
+    else:
+        serve(Controller.load(sys.argv[3]), session=SessionConfig(listen=(sys.argv[2],)))

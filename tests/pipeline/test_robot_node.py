@@ -1,0 +1,295 @@
+"""The robot as a node: lockstep to the bit, its own rate, refusals that leave it where it is, and a clean end."""
+
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import replace
+from subprocess import Popen
+
+import numpy as np
+import pytest
+import zenoh
+from live import robot, spawn, stop
+
+from pipeline.follower import FollowerConfig
+from pipeline.remote_robot import RemoteRobot
+from pipeline.robot import load_robot
+from pipeline.robot_wire import MAX_COMMAND, RobotStatus, robot_key
+from pipeline.simulation import Simulation
+from recorders import topics
+from recorders.cdr import decode, decode_as, encode
+from recorders.errors import ConfigError, ReenactError, WireError
+from recorders.messages import Clock, JointState, PoseStamped, String
+from recorders.records import Stamped
+from recorders.wire.frames import message_key, unpack
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+ASIMO = load_robot("asimo")
+PERIOD_NS = 5_000_000
+COMMAND_KEY = robot_key("reenact", "command")
+TOPIC_KEY = message_key("reenact", topics.JOINT_COMMANDS)
+
+
+@pytest.fixture(scope="module")
+def endpoint() -> Iterator[str]:
+    """A robot in lockstep that all tests of this module drive, one after the other."""
+    where = free_endpoint()
+    with robot(where):
+        yield where
+
+
+@pytest.fixture
+def session(endpoint: str) -> Iterator[zenoh.Session]:
+    with open_session(SessionConfig(connect=(endpoint,))) as opened:
+        yield opened
+
+
+@pytest.fixture
+def remote(session: zenoh.Session) -> RemoteRobot:
+    return RemoteRobot(session)
+
+
+def command(stamp_ns: int = 0, q: np.ndarray = ASIMO.comfort, names: tuple[str, ...] = ASIMO.joints) -> JointState:
+    return JointState(stamp_ns, names, q)
+
+
+def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes | str:
+    """Return the robot's answer, or why it refused."""
+    (reply,) = session.get(key, payload=payload, timeout=10.0)
+    if reply.ok is not None:
+        return reply.ok.payload.to_bytes()
+    assert reply.err is not None
+    return reply.err.payload.to_string()
+
+
+def status(session: zenoh.Session) -> RobotStatus:
+    answer = ask(session, robot_key("reenact", "status"), b"")
+    assert isinstance(answer, bytes)
+    return RobotStatus.from_json(answer)
+
+
+def moves(count: int) -> list[np.ndarray]:
+    """Commands that swing about the comfort posture."""
+    return [ASIMO.comfort + 0.05 * np.sin(0.1 * k) for k in range(count)]
+
+
+def test_in_lockstep_it_is_where_the_simulation_is_to_the_bit(remote: RemoteRobot) -> None:
+    here = Simulation(ASIMO)
+    start = ASIMO.comfort + 0.01
+    for driven in (here, remote):
+        driven.reset(start)
+    for posture in moves(60):
+        here.advance(posture, PERIOD_NS)
+        remote.advance(posture, PERIOD_NS)
+        assert remote.time_ns == here.time_ns
+        np.testing.assert_array_equal(remote.positions, here.positions)
+        np.testing.assert_array_equal(remote.velocities, here.velocities)
+    np.testing.assert_allclose(remote.hands(), here.hands(), atol=1e-12)
+
+
+def test_who_comes_late_is_told_which_robot_it_is_and_where(session: zenoh.Session, remote: RemoteRobot) -> None:
+    remote.reset(ASIMO.comfort)
+    remote.advance(ASIMO.comfort, PERIOD_NS)
+    late = RemoteRobot(session)
+    assert late.time_ns == PERIOD_NS
+    np.testing.assert_array_equal(late.positions, remote.positions)
+    assert remote.robot.urdf_text == ASIMO.urdf_text
+    assert remote.robot.toml_text == ASIMO.toml_text
+
+
+def test_a_command_again_changes_nothing(session: zenoh.Session, remote: RemoteRobot) -> None:
+    remote.reset(ASIMO.comfort)
+    first = ask(session, COMMAND_KEY, encode(command(0)))
+    assert ask(session, COMMAND_KEY, encode(command(0))) == first
+    assert isinstance(first, bytes)
+    assert decode_as(JointState, first).stamp_ns == PERIOD_NS == status(session).time_ns
+
+
+def test_joints_are_found_by_name(session: zenoh.Session, remote: RemoteRobot) -> None:
+    posture = moves(9)[-1]
+    remote.reset(ASIMO.comfort)
+    remote.advance(posture, PERIOD_NS)
+    expected = remote.positions
+    order = np.random.default_rng(0).permutation(len(ASIMO.joints))
+    remote.reset(ASIMO.comfort)
+    answer = ask(session, COMMAND_KEY, encode(command(0, posture[order], tuple(ASIMO.joints[k] for k in order))))
+    assert isinstance(answer, bytes)
+    np.testing.assert_array_equal(decode_as(JointState, answer).position, expected)
+
+
+def test_it_keeps_within_its_joints_limits(remote: RemoteRobot) -> None:
+    remote.reset(ASIMO.comfort)
+    remote.advance(np.full(len(ASIMO.joints), 1e300), 200 * PERIOD_NS)
+    assert (remote.positions < ASIMO.upper + 0.02).all()
+
+
+REFUSED = {
+    "nan": (encode(command(0, np.full(15, np.nan))), "expected a finite position for joint hip_height, found nan"),
+    "ahead": (
+        encode(command(5 * PERIOD_NS)),
+        "expected stamp 10000000 ns, the robot's time, or the last command again, found stamp 25000000 ns",
+    ),
+    "past": (encode(command(0)), "found stamp 0 ns; is someone else driving it?"),
+    "another robot's joints": (encode(JointState(0, ("a", "b"), np.zeros(2))), "no joint hip_height"),
+    "a joint too many": (
+        encode(command(0, np.zeros(16), (*ASIMO.joints, "tail"))),
+        "'asimo' has no joint tail; it has hip_height",
+    ),
+    "another type": (encode(String("stand up")), "JointState"),
+    "random bytes": (bytes(range(256)), ""),
+    "too much": (bytes(MAX_COMMAND + 1), f"expected a JointState of at most {MAX_COMMAND} bytes"),
+    "nothing": (b"", ""),
+}
+
+
+@pytest.mark.parametrize("case", REFUSED)
+def test_a_wrong_command_is_refused_and_the_robot_stays(session: zenoh.Session, remote: RemoteRobot, case: str) -> None:
+    payload, expected = REFUSED[case]
+    remote.reset(ASIMO.comfort)
+    remote.advance(ASIMO.comfort, 2 * PERIOD_NS)
+    before = status(session)
+    reason = ask(session, COMMAND_KEY, payload)
+    assert isinstance(reason, str)
+    assert expected in reason
+    assert "\n" not in reason
+    session.put(TOPIC_KEY, payload)
+    remote.advance(ASIMO.comfort, PERIOD_NS)  # it goes on from where it was
+    after = status(session)
+    assert after == replace(before, time_ns=3 * PERIOD_NS, commands=before.commands + 1, refused=before.refused + 2)
+
+
+def test_a_wrong_posture_to_stand_in_is_refused(session: zenoh.Session, remote: RemoteRobot) -> None:
+    remote.advance(ASIMO.comfort, PERIOD_NS)
+    with pytest.raises(WireError, match="the robot refused: expected a finite position"):
+        remote.reset(np.full(15, np.inf))
+    assert status(session).time_ns == remote.time_ns > 0
+
+
+@pytest.mark.parametrize("periods", [1, 2])
+def test_a_driver_notices_another(remote: RemoteRobot, session: zenoh.Session, periods: int) -> None:
+    remote.reset(ASIMO.comfort)
+    RemoteRobot(session).advance(ASIMO.comfort, periods * PERIOD_NS)
+    with pytest.raises(WireError, match="found stamp 0 ns; is someone else driving it"):
+        remote.advance(ASIMO.comfort + 0.01, PERIOD_NS)
+
+
+def test_a_duration_that_is_no_multiple_of_the_period_is_refused(remote: RemoteRobot) -> None:
+    with pytest.raises(ConfigError, match="multiples of that, found 7 ns"):
+        remote.advance(ASIMO.comfort, 7)
+
+
+def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: RemoteRobot) -> None:
+    heard: list[Stamped] = []
+
+    def hear(sample: zenoh.Sample) -> None:
+        topic = "/" + str(sample.key_expr).removeprefix("reenact/")
+        assert sample.attachment is not None
+        heard.extend(unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes()).messages)
+
+    with session.declare_subscriber("reenact/**", hear):
+        time.sleep(0.3)
+        remote.reset(ASIMO.comfort)
+        for posture in moves(40):
+            remote.advance(posture, PERIOD_NS)
+        deadline_s = time.monotonic() + 10.0
+        while len(heard) < 11 * 5 and time.monotonic() < deadline_s:
+            time.sleep(0.01)
+    due = list(range(0, 40 * PERIOD_NS + 1, 20_000_000))
+    for topic in (topics.CLOCK, topics.JOINT_STATES, topics.TF, topics.LEFT_MEASURED, topics.RIGHT_MEASURED):
+        records = [record for record in heard if record.topic == topic]
+        assert [record.log_time_ns for record in records] == due
+        assert np.diff([record.sequence for record in records]).tolist() == [1] * (len(due) - 1)
+        for record in records:
+            message = decode(record.type, record.data)
+            if isinstance(message, Clock):
+                assert message.clock_ns == record.log_time_ns
+            elif isinstance(message, JointState | PoseStamped):
+                assert message.stamp_ns == record.log_time_ns
+
+
+def test_two_robots_in_one_namespace_are_one_too_many(endpoint: str) -> None:
+    from pipeline.robot_node import RobotNode
+
+    with (
+        open_session(SessionConfig(connect=(endpoint,))) as session,
+        pytest.raises(WireError, match="a robot stands in namespace 'reenact' already"),
+        RobotNode(Simulation(ASIMO), session),
+    ):
+        pass
+
+
+def test_no_robot_is_one_clear_line() -> None:
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        pytest.raises(WireError, match=r"no robot answered in namespace 'reenact' within 0\.3 s; start one"),
+    ):
+        RemoteRobot(session, wait_s=0.3)
+
+
+def test_a_robot_that_is_gone_is_noticed() -> None:
+    endpoint = free_endpoint()
+    with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
+        remote = RemoteRobot(session, patience_s=1.0)
+        process.kill()
+        with pytest.raises(WireError, match="no robot answered"):
+            remote.advance(ASIMO.comfort, PERIOD_NS)
+
+
+def alive(session: zenoh.Session) -> bool:
+    return any(reply.ok is not None for reply in session.liveliness().get("reenact/@robot/alive", timeout=5.0))
+
+
+@pytest.mark.parametrize(("signum", "exit_status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
+def test_a_signal_ends_it_cleanly_and_it_has_named_each_reason_once(signum: signal.Signals, exit_status: int) -> None:
+    endpoint = free_endpoint()
+    with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
+        assert alive(session)
+        for _ in range(5):
+            session.put(TOPIC_KEY, encode(command(0, np.full(15, np.nan))))
+        assert status(session).refused == 5
+        complaints = stop(process, signum)
+    assert process.returncode == exit_status
+    assert complaints == ["refused a command: expected a finite position for joint hip_height, found nan"]
+
+
+def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> float:
+    """Return how long the robot's time takes to come to `time_ns` [s]."""
+    began_s = time.monotonic()
+    while status(session).time_ns < time_ns:
+        assert process.poll() is None
+        assert time.monotonic() < began_s + 30.0
+        time.sleep(0.01)
+    return time.monotonic() - began_s
+
+
+def test_in_real_time_it_goes_on_by_itself_and_holds_the_latest_command() -> None:
+    endpoint = free_endpoint()
+    with robot(endpoint, real_time=True) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
+        remote = RemoteRobot(session)
+        assert remote.status.real_time
+        remote.reset(ASIMO.comfort)
+        took_s = wait_for(process, session, 300_000_000)
+        assert took_s > 0.2  # never faster than the clock on the wall
+        goal = ASIMO.comfort + 0.05
+        session.put(TOPIC_KEY, encode(command(0, goal)))
+        wait_for(process, session, status(session).time_ns + 500_000_000)
+        remote.advance(goal, PERIOD_NS)
+        np.testing.assert_allclose(remote.positions, goal, atol=5e-3)
+
+
+def test_bad_settings_are_refused() -> None:
+    for bad in ({"rate_hz": 0.0}, {"rate_hz": 300.0}, {"rate_hz": float("nan")}, {"period_ns": 0}):
+        with pytest.raises(ConfigError):
+            FollowerConfig(**bad)  # type: ignore[arg-type]
+    with spawn("robot", listen=[free_endpoint()], rate_hz=1e6) as process:
+        _, complaints = process.communicate(timeout=30)
+    assert process.returncode == 2
+    assert complaints == "reenact: rate: expected 0.01 to 200 Hz, found 1e+06\n"
+
+
+@pytest.mark.parametrize("data", [b"", b"[]", b"{}", b"[" * 100_000, b'{"robot": 1}'])
+def test_a_status_that_is_none_is_refused(data: bytes) -> None:
+    with pytest.raises(ReenactError, match="expected the status of a robot"):
+        RobotStatus.from_json(data)

@@ -1,0 +1,273 @@
+"""`reenact serve` in a process of its own: who may send what, what comes back, and what is left when it ends."""
+
+import json
+import os
+import queue
+import signal
+import subprocess
+import time
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import zenoh
+from episodes import write_episode
+from processes import complaint, reenact, start
+
+from pipeline.controller import Controller
+from pipeline.evaluation import predicted_joints
+from pipeline.learner_config import LearnerConfig
+from pipeline.samples import Samples, read_samples
+from pipeline.serving import ServedController, ServingConfig
+from pipeline.training import train
+from recorders.cdr import decode_as, encode
+from recorders.messages import JointState, PoseStamped
+from recorders.reader import LogReader
+from recorders.records import Stamped
+from recorders.topics import JOINT_COMMANDS, LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+from replay.schedule import Schedule
+
+WAIT_S = 30.0
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("serve") / "log.mcap", samples=30)
+
+
+@pytest.fixture(scope="module")
+def controller(log: Path) -> Controller:
+    return train([log], schedule=Schedule(epochs=3), config=LearnerConfig(seed=2)).controller()
+
+
+@pytest.fixture(scope="module")
+def samples(log: Path) -> Samples:
+    return read_samples(log)
+
+
+class Watcher:
+    """Somebody else on the network: puts targets, hears commands, sees who is alive, asks for the status."""
+
+    def __init__(self, session: zenoh.Session, *, namespace: str = "reenact") -> None:
+        self._session = session
+        self._namespace = namespace
+        self._commands: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
+        self._subscriber = session.declare_subscriber(message_key(namespace, JOINT_COMMANDS), self._commands.put)
+
+    def await_alive(self, name: str = "controller") -> None:
+        deadline = time.monotonic() + WAIT_S
+        while self.alive() != [f"{self._namespace}/@controller/{name}/alive"]:
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+
+    def alive(self) -> list[str]:
+        replies = self._session.liveliness().get(f"{self._namespace}/@controller/*/alive", timeout=2.0)
+        return [str(reply.ok.key_expr) for reply in replies if reply.ok is not None]
+
+    def status(self, name: str = "controller") -> dict[str, Any]:
+        (reply,) = self._session.get(f"{self._namespace}/@controller/{name}/status", timeout=WAIT_S)
+        assert reply.ok is not None
+        return dict(json.loads(reply.ok.payload.to_bytes()))
+
+    def status_where(self, **expected: object) -> dict[str, Any]:
+        """Ask until the status says what is expected, for messages take their time."""
+        deadline = time.monotonic() + WAIT_S
+        while True:
+            status = self.status()
+            if all(status[name] == value for name, value in expected.items()) or time.monotonic() > deadline:
+                assert {name: status[name] for name in expected} == expected
+                return status
+            time.sleep(0.05)
+
+    def put(self, record: Stamped, *, attached: bool = True, encoding: str | None = None) -> None:
+        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, record.sequence, (record,)))
+        self._session.put(
+            message_key(self._namespace, record.topic),
+            payload,
+            attachment=attachment if attached else None,
+            encoding=encoding,
+            congestion_control=zenoh.CongestionControl.BLOCK,
+        )
+
+    def command(self) -> tuple[int, np.ndarray, Stamped]:
+        """Return stamp, positions and record of the next command."""
+        sample = self._commands.get(timeout=WAIT_S)
+        assert sample.attachment is not None
+        assert str(sample.encoding) == f"application/cdr;{JointState.TYPE}"
+        (record,) = unpack(JOINT_COMMANDS, sample.payload.to_bytes(), sample.attachment.to_bytes()).messages
+        message = decode_as(JointState, record.data)
+        return message.stamp_ns, message.position, record
+
+    def heard_nothing(self) -> bool:
+        return self._commands.empty()
+
+
+@contextmanager
+def serving(
+    controller: Controller, folder: Path, *options: object, name: str = "controller", namespace: str = "reenact"
+) -> Iterator[tuple[Watcher, subprocess.Popen[str]]]:
+    """Serve a controller in an empty folder, with somebody connected who has seen it alive."""
+    endpoint, path = free_endpoint(), folder / "controller.npz"
+    controller.save(path)
+    arguments = ("serve", path, "--listen", endpoint, "--name", name, "--namespace", namespace, "--json", *options)
+    with start(*arguments, cwd=folder) as process:
+        try:
+            with open_session(SessionConfig(connect=(endpoint,), wait_s=WAIT_S)) as session:
+                watcher = Watcher(session, namespace=namespace)
+                watcher.await_alive(name)
+                yield watcher, process
+        finally:
+            process.kill()
+
+
+def stop(process: subprocess.Popen[str], signum: int = signal.SIGTERM) -> tuple[dict[str, Any], str]:
+    """Return the summary and what was said, once a signal has ended the process."""
+    process.send_signal(signum)
+    summary, said = process.communicate(timeout=WAIT_S)
+    assert process.returncode == {signal.SIGTERM: 143, signal.SIGINT: 130}[signum], said
+    return json.loads(summary), said
+
+
+def targets(stamp_ns: int, u: Iterable[float], *, sequence: int = 0) -> list[Stamped]:
+    hands = np.reshape(np.array(u), (2, 3))
+    return [
+        Stamped(topic, PoseStamped.TYPE, encode(PoseStamped(stamp_ns, hand)), sequence, stamp_ns)
+        for topic, hand in zip((LEFT_TARGET, RIGHT_TARGET), hands, strict=True)
+    ]
+
+
+@pytest.mark.parametrize("attached", [True, False])
+def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
+    controller: Controller, samples: Samples, tmp_path: Path, attached: bool
+) -> None:
+    expected = predicted_joints(controller.learner(), samples.targets, 15)
+    with serving(controller, tmp_path, name="anna", namespace="lab/asimo") as (watcher, process):
+        for k, u in enumerate(samples.targets):
+            for record in targets(k * 10**8, u, sequence=k):
+                watcher.put(record, attached=attached)
+            stamp, positions, record = watcher.command()
+            assert (stamp, record.sequence, record.log_time_ns) == (k * 10**8, k, k * 10**8)
+            limited = np.clip(expected[k], samples.robot.lower, samples.robot.upper)
+            assert positions.tobytes() == limited.tobytes()
+        status = watcher.status("anna")
+        summary, said = stop(process)
+    assert status["accepted"] == status["commands"] == len(samples.targets)
+    assert status["refused"] == {}
+    assert status["controller"] == controller.digest
+    assert 0 < status["latency_us"]["p50"] <= status["latency_us"]["p99"] <= status["latency_us"]["max"]
+    assert status["rate_hz"] > 0
+    assert summary["name"] == "anna"
+    assert summary["digest"] == status["digest"]
+    assert said.splitlines() == ["anna serves lab/asimo/joint_commands"]
+
+
+def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
+    controller: Controller, samples: Samples, tmp_path: Path
+) -> None:
+    u = samples.targets[0]
+    left, right = targets(20, u)
+    nan, _ = targets(30, [np.nan, *u[1:]])
+    joints = Stamped(LEFT_TARGET, "", encode(JointState(40, ("a",), np.zeros(1))), 0, 0)
+    with serving(controller, tmp_path) as (watcher, process):
+        for record in targets(10, u):
+            watcher.put(record)
+        watcher.command()
+        digest = watcher.status()["digest"]
+        watcher.put(targets(10, u)[0])
+        watcher.put(nan)
+        watcher.put(joints, encoding=f"application/cdr;{JointState.TYPE}")
+        watcher.put(joints)
+        watcher.put(left._replace(data=os.urandom(300)), attached=False)
+        watcher.put(left._replace(data=bytes(100_000_000)), attached=False)
+        watcher.put(left._replace(topic="/session/phase", data=os.urandom(50)))
+        refused = {"stale": 1, "not finite": 1, "wrong type": 1, "undecodable": 3, "too large": 1}
+        status = watcher.status_where(refused=refused)
+        assert watcher.heard_nothing()
+        assert status["digest"] == digest
+        watcher.put(left)
+        for record in targets(50, u):
+            watcher.put(record)
+        assert watcher.command()[0] == 50
+        watcher.status_where(refused=refused | {"no partner": 1}, accepted=2)
+        watcher.put(right)
+        watcher.status_where(refused=refused | {"no partner": 1, "stale": 2})
+        _, said = stop(process)
+    assert [line.partition(": ")[0] for line in said.splitlines()[1:]] == [
+        f"refused, {reason}" for reason in (*refused, "no partner")
+    ]
+
+
+@pytest.mark.parametrize("signum", [signal.SIGTERM, signal.SIGINT])
+def test_a_signal_leaves_a_complete_log_of_targets_and_commands(
+    controller: Controller, samples: Samples, tmp_path: Path, signum: int
+) -> None:
+    with serving(controller, tmp_path, "--record", "served.mcap") as (watcher, process):
+        answers = []
+        for k, u in enumerate(samples.targets):
+            for record in targets(k, u, sequence=100 + k):
+                watcher.put(record)
+            answers.append(watcher.command()[2].data)
+        watcher.put(targets(10**6, samples.targets[0])[0])  # half a tick: not answered, not in the log
+        summary, _ = stop(process, signum)
+    reader = LogReader(tmp_path / "served.mcap")
+    assert reader.manifest["complete"] is True
+    assert reader.manifest["controller"] == controller.digest
+    records = list(reader)
+    assert [record.data for record in records if record.topic == JOINT_COMMANDS] == answers
+    assert [record.sequence for record in records if record.topic == LEFT_TARGET] == [
+        100 + k for k in range(len(samples.targets))
+    ]
+    assert summary["recorded"] == len(records) == 3 * len(samples.targets)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["controller.npz", "served.mcap"]
+
+
+def test_learning_over_zenoh_is_learning_in_process_and_its_log_trains(
+    controller: Controller, log: Path, tmp_path: Path
+) -> None:
+    records = [record for record in LogReader(log) if record.topic in {topic.name for topic in LEARNER_TOPICS}]
+    expected = ServedController(controller, config=ServingConfig(learn=True))
+    for record in records:
+        expected.take(record)
+    with serving(controller, tmp_path, "--learn", "--record", "s.mcap", "--out", "learned.npz") as (watcher, process):
+        for record in records:
+            watcher.put(record)
+        status = watcher.status_where(accepted=31, learned_steps=30)
+        summary, _ = stop(process)
+    assert status["digest"] == summary["digest"] == expected.status()["digest"]
+    learned = Controller.load(tmp_path / "learned.npz")
+    assert learned.digest == summary["digest"] != controller.digest
+    assert learned.provenance["served_from"] == controller.digest
+    recorded = [record for record in LogReader(tmp_path / "s.mcap") if record.topic != JOINT_COMMANDS]
+    assert sorted(r.data for r in recorded) == sorted(r.data for r in records)
+    assert np.array_equal(read_samples(tmp_path / "s.mcap").targets, read_samples(log).targets)
+    assert SAMPLE_JOINTS in {record.topic for record in recorded}
+
+
+def test_a_file_that_is_no_controller_is_one_clear_line(tmp_path: Path) -> None:
+    (tmp_path / "bad.npz").write_bytes(b"no zip")
+    for name in ("bad.npz", "absent.npz"):
+        line = complaint(reenact("serve", name, "--listen", free_endpoint(), "--record", "s.mcap", cwd=tmp_path))
+        assert f"cannot use controller {name}" in line
+    assert [path.name for path in tmp_path.iterdir()] == ["bad.npz"]
+
+
+def test_a_log_that_exists_is_one_clear_line(controller: Controller, log: Path, tmp_path: Path) -> None:
+    controller.save(tmp_path / "c.npz")
+    line = complaint(reenact("serve", "c.npz", "--listen", free_endpoint(), "--record", log, cwd=tmp_path))
+    assert f"{log} exists" in line
+
+
+def test_whoever_watches_sees_the_controller_go(controller: Controller, tmp_path: Path) -> None:
+    with serving(controller, tmp_path) as (watcher, process):
+        process.kill()
+        process.wait(WAIT_S)
+        deadline = time.monotonic() + WAIT_S
+        while watcher.alive():
+            assert time.monotonic() < deadline
+            time.sleep(0.05)

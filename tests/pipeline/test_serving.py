@@ -1,0 +1,293 @@
+"""The served controller answers as an evaluation does, refuses what is no target, and learns as a training does."""
+
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episodes import write_episode
+
+from pipeline.controller import Controller
+from pipeline.evaluation import WASHOUT_STEPS, predicted_joints
+from pipeline.learner import Learner, state_digest
+from pipeline.learner_config import LearnerConfig
+from pipeline.robot import load_robot
+from pipeline.samples import Samples, read_samples
+from pipeline.serving import MAX_OPEN, Command, Refusal, ServedController, ServingConfig
+from pipeline.training import Trainer, train
+from recorders.cdr import decode_as, encode
+from recorders.errors import ConfigError, ControllerError
+from recorders.messages import JointState, Message, PoseStamped, String
+from recorders.phase import Phase
+from recorders.reader import LogReader
+from recorders.records import Stamped
+from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
+from replay.engine import Replay
+from replay.schedule import Schedule
+from replay.transport import InProcess
+
+CENTRE = load_robot("asimo").input_centre
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("serving") / "log.mcap", samples=40)
+
+
+@pytest.fixture(scope="module")
+def controller(log: Path) -> Controller:
+    return train([log], schedule=Schedule(epochs=3), config=LearnerConfig(seed=1)).controller()
+
+
+@pytest.fixture(scope="module")
+def samples(log: Path) -> Samples:
+    return read_samples(log)
+
+
+def record(topic: str, message: Message) -> Stamped:
+    return Stamped(topic, message.TYPE, encode(message), 0, 0)
+
+
+def pair(stamp_ns: int, u: Iterable[float] = CENTRE) -> list[Stamped]:
+    left, right = np.reshape(np.array(u), (2, 3))
+    return [record(LEFT_TARGET, PoseStamped(stamp_ns, left)), record(RIGHT_TARGET, PoseStamped(stamp_ns, right))]
+
+
+def feed(served: ServedController, records: Iterable[Stamped]) -> list[Command]:
+    return [command for record in records if (command := served.take(record)) is not None]
+
+
+def positions(command: Command) -> np.ndarray:
+    return decode_as(JointState, command.data).position
+
+
+def state_of(served: ServedController) -> str:
+    return str(served.status()["digest"])
+
+
+def test_the_commands_for_a_motion_are_the_postures_of_its_evaluation(controller: Controller, samples: Samples) -> None:
+    served = ServedController(controller)
+    expected = predicted_joints(controller.learner(), samples.targets, 15)
+    robot = samples.robot
+    commands = feed(served, [m for k, u in enumerate(samples.targets) for m in pair(k * 7, u)])
+    assert [command.stamp_ns for command in commands] == [k * 7 for k in range(len(samples.targets))]
+    postures = np.array([positions(command) for command in commands])
+    assert postures.tobytes() == np.clip(expected, robot.lower, robot.upper).tobytes()
+    within = ((robot.lower <= expected) & (expected <= robot.upper)).all(axis=1)
+    assert within.sum() > 20
+    assert postures[within].tobytes() == expected[within].tobytes()
+
+
+def test_a_command_is_the_message_that_the_codec_writes(controller: Controller) -> None:
+    (command,) = feed(ServedController(controller), pair(3 * 10**9 + 5))
+    message = decode_as(JointState, command.data)
+    assert message.stamp_ns == 3 * 10**9 + 5
+    assert message.name == controller.joints
+    assert command.data == encode(JointState(message.stamp_ns, controller.joints, message.position))
+    assert [answered.topic for answered in command.answered] == [LEFT_TARGET, RIGHT_TARGET]
+
+
+def test_the_order_of_a_pair_does_not_matter(controller: Controller) -> None:
+    one, other = ServedController(controller), ServedController(controller)
+    forward, backward = feed(one, pair(1)), feed(other, reversed(pair(1)))
+    assert [command.data for command in forward] == [command.data for command in backward]
+    assert state_of(one) == state_of(other)
+
+
+def test_joint_limits_are_kept_and_counted_by_joint(controller: Controller) -> None:
+    tight = tighten(controller, joint="head_pan", lower=-1e-6, upper=1e-6)
+    served = ServedController(tight)
+    free = feed(ServedController(controller), pair(1))[0]
+    (command,) = feed(served, pair(1))
+    place = controller.joints.index("head_pan")
+    assert abs(positions(free)[place]) > 1e-6
+    assert abs(positions(command)[place]) == 1e-6
+    assert np.array_equal(np.delete(positions(command), place), np.delete(positions(free), place))
+    assert served.status()["clipped"].keys() - ServedController(controller).status()["clipped"].keys() == {"head_pan"}
+    assert served.status()["clipped"]["head_pan"] == 1
+
+
+def tighten(controller: Controller, *, joint: str, lower: float, upper: float) -> Controller:
+    from xml.etree import ElementTree
+
+    urdf = ElementTree.fromstring(controller.robot_urdf)
+    (limit,) = urdf.findall(f"joint[@name='{joint}']/limit")
+    limit.attrib |= {"lower": str(lower), "upper": str(upper)}
+    return replace(controller, robot_urdf=ElementTree.tostring(urdf, encoding="unicode"))
+
+
+NAN = [np.nan, *CENTRE[1:]]
+INFINITE = [*CENTRE[:5], -np.inf]
+FAR = [*CENTRE[:5], 1e300]
+
+
+@pytest.mark.parametrize(
+    ("bad", "reason"),
+    [
+        ([pair(10)[0]], Refusal.STALE),
+        ([pair(9)[1]], Refusal.STALE),
+        ([pair(20, NAN)[0]], Refusal.NOT_FINITE),
+        ([pair(20, INFINITE)[1]], Refusal.NOT_FINITE),
+        ([pair(20, FAR)[1]], Refusal.OUT_OF_RANGE),
+        ([pair(20)[0], pair(20)[0]], Refusal.REPEATED),
+        ([record(LEFT_TARGET, JointState(20, ("a",), np.zeros(1)))], Refusal.WRONG_TYPE),
+        ([pair(20)[0]._replace(data=b"")], Refusal.UNDECODABLE),
+        ([pair(20)[0]._replace(data=encode(JointState(20, ("a",), np.zeros(1))))], Refusal.UNDECODABLE),
+        ([pair(20)[0]._replace(data=pair(20)[0].data[:-1])], Refusal.UNDECODABLE),
+        ([pair(20)[0]._replace(data=b"\xff" * 96)], Refusal.UNDECODABLE),
+        ([record(SESSION_PHASE, String("no marker"))], Refusal.UNDECODABLE),
+    ],
+)
+def test_what_is_no_target_is_refused_and_changes_nothing(
+    controller: Controller, bad: list[Stamped], reason: Refusal
+) -> None:
+    said: list[str] = []
+    served, undisturbed = ServedController(controller, say=said.append), ServedController(controller)
+    feed(served, pair(10))
+    feed(undisturbed, pair(10))
+    before = state_of(served)
+    assert feed(served, bad) == []
+    status = served.status()
+    assert status["refused"] == {reason.value: 1}
+    assert len(said) == 1
+    assert said[0].startswith(f"refused, {reason.value}: ")
+    assert said[0].endswith(status["last_refusal"])
+    assert status["digest"] == before
+    assert [c.data for c in feed(served, pair(30))] == [c.data for c in feed(undisturbed, pair(30))]
+
+
+def test_a_text_from_the_network_is_made_printable(controller: Controller) -> None:
+    said: list[str] = []
+    served = ServedController(controller, config=ServingConfig(learn=True), say=said.append)
+    served.take(record(SAMPLE_JOINTS, JointState(1, ("\x1b[2J\nroot",), np.zeros(1))))
+    assert served.status()["refused"] == {"wrong joints": 1}
+    assert said[0].isprintable()
+
+
+def test_halves_are_dropped_and_counted_when_a_newer_pair_is_complete(controller: Controller) -> None:
+    served, undisturbed = ServedController(controller), ServedController(controller)
+    late = pair(5)
+    feed(served, [pair(1)[0], pair(2)[1], late[0], *pair(3)])
+    assert served.status()["refused"] == {"no partner": 2}
+    assert served.status()["last_refusal"] == "/hand/right/target: /hand/left/target at 2 ns never came"
+    assert len(feed(served, [late[1]])) == 1
+    feed(undisturbed, [*pair(3), *pair(5)])
+    assert state_of(served) == state_of(undisturbed)
+
+
+def test_halves_alone_do_not_fill_the_memory_nor_push_out_what_is_due(controller: Controller) -> None:
+    served = ServedController(controller)
+    feed(served, [pair(10**12 + k)[0] for k in range(3 * MAX_OPEN)])
+    assert served.status()["refused"] == {"no partner": 2 * MAX_OPEN}
+    assert len(feed(served, pair(1))) == 1
+
+
+def test_a_target_outside_is_counted_and_served(controller: Controller) -> None:
+    served = ServedController(controller)
+    assert len(feed(served, pair(1, CENTRE + 0.3))) == 1
+    assert served.status()["outside"] == 2
+
+
+def test_a_marker_begins_a_cycle_with_a_washout_of_its_own(controller: Controller) -> None:
+    served = ServedController(controller)
+    marker = record(SESSION_PHASE, Phase("run", 0, 0, "evaluate", "log").to_message())
+    first = feed(served, [*pair(10), *pair(20, CENTRE + 0.01)])
+    again = feed(served, [marker, *pair(10), *pair(20, CENTRE + 0.01)])
+    assert [command.data for command in again] == [command.data for command in first]
+
+
+def ticks(log: Path) -> list[Stamped]:
+    return [r for r in LogReader(log) if r.topic in (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS)]
+
+
+def untrained() -> Controller:
+    robot = load_robot("asimo")
+    centre = np.concatenate([robot.input_centre, robot.comfort])
+    learner = Learner(LearnerConfig(seed=4, epochs=1), input_centre=robot.input_centre, output_centre=centre)
+    return Controller.from_learner(learner, joints=robot.joints, robot_toml=robot.toml_text, robot_urdf=robot.urdf_text)
+
+
+def test_learning_while_serving_is_training_on_the_same_stream(log: Path) -> None:
+    replay = Replay([log], Schedule(epochs=1, phases=(("learn", 1),)))
+    trainer = Trainer(LearnerConfig(seed=4))
+    InProcess({"learner": trainer}).deliver(replay.offer(), replay.stream)
+    served = ServedController(untrained(), config=ServingConfig(learn=True, washout_steps=0))
+    commands = feed(served, ticks(log))
+    assert len(commands) == 41
+    assert served.status()["learned_steps"] == 40
+    assert state_of(served) == trainer.result()["digest"] == served.controller().digest
+
+
+def test_the_prediction_sent_is_the_prediction_scored(controller: Controller, log: Path, samples: Samples) -> None:
+    served = ServedController(controller, config=ServingConfig(learn=True))
+    commands = feed(served, ticks(log))
+    learner = controller.learner()
+    learner.washout(samples.targets[0], steps=WASHOUT_STEPS)
+    following = np.vstack([samples.targets[1:], served.controller().pending])
+    scored = learner.step(samples.targets, np.column_stack([following, samples.joints]), learning=True)[:, 6:]
+    sent = np.array([positions(command) for command in commands[:-1]])
+    assert sent.tobytes() == np.clip(scored, samples.robot.lower, samples.robot.upper).tobytes()
+    assert state_of(served) == state_digest(learner.state(), served.controller().pending)
+    assert 0.0 < served.status()["hand_error_cm"] < 100.0
+
+
+def test_a_tick_that_lacks_its_joints_is_as_if_it_had_not_been(controller: Controller, log: Path) -> None:
+    records = ticks(log)
+    stamps = [decode_as(PoseStamped, r.data).stamp_ns for r in records if r.topic == LEFT_TARGET]
+    served, other = (ServedController(controller, config=ServingConfig(learn=True)) for _ in range(2))
+    lost = [r for r in records if not (r.topic == SAMPLE_JOINTS and stamp_of(r) == stamps[7])]
+    without = [r for r in records if stamp_of(r) != stamps[7]]
+    assert len(feed(served, lost)) == len(feed(other, without)) == 40
+    assert state_of(served) == state_of(other)
+    assert served.status()["refused"] == {"no partner": 2}
+
+
+def stamp_of(record: Stamped) -> int:
+    kind = JointState if record.topic == SAMPLE_JOINTS else PoseStamped
+    return decode_as(kind, record.data).stamp_ns
+
+
+def test_joints_that_cannot_be_learned_from_are_refused(controller: Controller) -> None:
+    served = ServedController(controller, config=ServingConfig(learn=True))
+    names, comfort = controller.joints, load_robot("asimo").comfort
+    for wrong in (
+        JointState(1, names[1:], comfort[1:]),
+        JointState(1, names, comfort * np.nan),
+        JointState(1, names, comfort + 1e9),
+    ):
+        assert served.take(record(SAMPLE_JOINTS, wrong)) is None
+    assert served.status()["refused"] == {"wrong joints": 1, "not finite": 1, "out of range": 1}
+
+
+def test_a_phase_that_is_not_for_learning_teaches_nothing(controller: Controller, log: Path) -> None:
+    served = ServedController(controller, config=ServingConfig(learn=True))
+    feed(served, [record(SESSION_PHASE, Phase("run", 0, 0, "evaluate", "log").to_message()), *ticks(log)])
+    assert served.status()["learned_steps"] == 0
+    weights = "reservoir_output_weights"
+    assert np.array_equal(served.controller().state[weights], controller.state[weights])
+
+
+def test_serving_alone_never_changes_what_was_learned(controller: Controller, samples: Samples) -> None:
+    served = ServedController(controller)
+    feed(served, [m for k, u in enumerate(samples.targets) for m in pair(k, u)])
+    now = served.controller()
+    adapted = [name for name in controller.state if name.endswith("weights") or name in "ab"]
+    assert all(np.array_equal(now.state[name], controller.state[name]) for name in adapted)
+    assert now.provenance["served_from"] == controller.digest
+
+
+def test_a_controller_for_other_joints_than_its_robots_is_refused(controller: Controller) -> None:
+    with pytest.raises(ControllerError, match="the joints of asimo"):
+        ServedController(replace(controller, joints=tuple(reversed(controller.joints))))
+
+
+@pytest.mark.parametrize("wrong", [{"washout_steps": -1}, {"outside_m": 0.0}, {"outside_m": float("nan")}])
+def test_a_configuration_out_of_range_is_refused(wrong: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="washout_steps"):
+        ServingConfig(**wrong)  # type: ignore[arg-type]
+
+
+def test_other_topics_are_passed_over(controller: Controller) -> None:
+    served = ServedController(controller)
+    assert served.take(record(JOINT_COMMANDS, JointState(1, ("a",), np.zeros(1)))) is None

@@ -1,0 +1,168 @@
+"""The examples in data/zenoh, as they are: who has no credentials can neither feed the learner nor read commands."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+from certificates import write_certificates
+from collector import Collector
+from visitor import await_ready, outcome, refusal, stream_from, visitor
+
+from recorders.wire.loopback import free_endpoint
+
+EXAMPLES = Path(__file__).parents[3] / "data" / "zenoh"
+
+KINDS = {
+    "usrpwd": ("usrpwd-listen.json5", "usrpwd-connect.json5"),
+    "tls": ("tls-listen.json5", "tls-connect.json5"),
+    "mtls": ("mtls-listen.json5", "mtls-connect.json5"),
+    "access": ("access-listen.json5", "usrpwd-connect.json5"),
+}
+COMMANDS, ERRORS = "reenact/joint_commands", "reenact/learner/error"
+
+
+@pytest.fixture(scope="module")
+def keys(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The examples, with certificates beside them."""
+    folder = tmp_path_factory.mktemp("keys") / "zenoh"
+    shutil.copytree(EXAMPLES, folder)
+    write_certificates(folder)
+    with (folder / "users.txt").open("a") as users:
+        users.write("newcomer:change-me-4\n")  # may connect; no policy names it
+    return folder
+
+
+def endpoint_for(kind: str) -> str:
+    return free_endpoint().replace("tcp", "tls" if "tls" in kind else "tcp")
+
+
+def user(keys: Path, name: str, password: str) -> Path:
+    text = f'{{ transport: {{ auth: {{ usrpwd: {{ user: "{name}", password: "{password}" }} }} }} }}'
+    return write(keys / f"{name}-{password}.json5", text)
+
+
+def write(path: Path, text: str) -> Path:
+    path.write_text(text)
+    return path
+
+
+@contextmanager
+def learner(keys: Path, kind: str) -> Iterator[tuple[str, Any]]:
+    endpoint = endpoint_for(kind)
+    with visitor("learn", listen=[endpoint], config_file=keys / KINDS[kind][0], seconds=60.0) as process:
+        await_ready(process)
+        yield endpoint, process
+
+
+def feed(keys: Path, kind: str, endpoint: str, process: Any) -> None:
+    """Feed the learner as the example says, and check that it took exactly that."""
+    with visitor("replay", connect=[endpoint], config_file=keys / KINDS[kind][1]) as replay:
+        assert outcome(replay) == outcome(process) == Collector().consume(stream_from(0))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_with_the_example_a_replay_feeds_the_learner(keys: Path, kind: str) -> None:
+    with learner(keys, kind) as (endpoint, process):
+        feed(keys, kind, endpoint, process)
+
+
+def strangers(keys: Path, kind: str) -> dict[str, Path | None]:
+    """The configurations with which nobody must be let in."""
+    if kind in ("usrpwd", "access"):
+        return {
+            "no user": None,
+            "unknown user": user(keys, "mallory", "change-me-1"),
+            "wrong password": user(keys, "replay", "sesame"),
+        }
+    found: dict[str, Path | None] = {
+        "no certificates at all": None,
+        "another authority": tls(keys / "other.json5", root_ca_certificate="stranger-ca.pem"),
+    }
+    if kind == "mtls":
+        mine = {"connect_private_key": "stranger.key", "connect_certificate": "stranger.pem"}
+        found["nothing to show"] = tls(keys / "bare.json5", root_ca_certificate="ca.pem")
+        found["a stranger's certificate"] = tls(
+            keys / "stranger.json5", root_ca_certificate="ca.pem", enable_mtls=True, **mine
+        )
+    return found
+
+
+def tls(path: Path, **settings: str | bool) -> Path:
+    return write(path, json.dumps({"transport": {"link": {"tls": settings}}}))
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_stranger_is_not_let_in_and_told_so_in_one_line(keys: Path, kind: str) -> None:
+    with learner(keys, kind) as (endpoint, process):
+        for what, file in strangers(keys, kind).items():
+            options = {} if file is None else {"config_file": file}
+            with visitor("replay", connect=[endpoint], wait_s=0.5, **options) as stranger:
+                line = refusal(stranger)
+            assert f"{endpoint} is there, but let no session in within 0.5 s" in line, what
+            assert "change-me" not in line, what
+            assert "sesame" not in line, what
+        feed(keys, kind, endpoint, process)
+
+
+@pytest.mark.parametrize("kind", ["tls", "mtls"])
+def test_plain_tcp_reaches_nobody_who_asked_for_tls(keys: Path, kind: str) -> None:
+    with learner(keys, kind) as (endpoint, process):
+        plain = endpoint.replace("tls/", "tcp/")
+        with visitor("replay", connect=[plain], wait_s=0.5) as stranger:
+            assert f"{plain} is there, but let no session in" in refusal(stranger)
+        feed(keys, kind, endpoint, process)
+
+
+def meet(keys: Path, listen: Path, connect: Path, endpoint: str) -> tuple[list[str], list[str]]:
+    """Let a guest try everything; return what the host heard of it, and it of the host."""
+    with (
+        visitor("host", listen=[endpoint], config_file=listen) as host,
+        visitor("guest", connect=[endpoint], config_file=connect, seconds=2.0) as guest,
+    ):
+        await_ready(host)
+        overheard = outcome(guest)["heard"]
+        host.terminate()
+        return outcome(host)["heard"], overheard
+
+
+def test_whom_access_control_admits_can_do_everything(keys: Path) -> None:
+    heard, overheard = meet(keys, keys / "access-listen.json5", keys / "usrpwd-connect.json5", free_endpoint())
+    expected = {COMMANDS, "reenact/hand/left/target", "reenact/replay/batch", "reenact/@consumer/learner/ack"}
+    assert set(heard) == expected | {"asked", "answered"}
+    assert set(overheard) == {COMMANDS, ERRORS, "asked", "answered"}
+
+
+def test_a_spectator_hears_the_learner_alone_and_sends_nothing(keys: Path) -> None:
+    spectator = user(keys, "spectator", "change-me-3")
+    assert meet(keys, keys / "access-listen.json5", spectator, free_endpoint()) == ([], [ERRORS])
+
+
+def test_whom_no_policy_names_hears_nothing_and_sends_nothing(keys: Path) -> None:
+    newcomer = user(keys, "newcomer", "change-me-4")
+    assert meet(keys, keys / "access-listen.json5", newcomer, free_endpoint()) == ([], [])
+
+
+@pytest.mark.parametrize(("admitted", "expected"), [("replay", 4), ("somebody-else", 0)])
+def test_access_control_by_the_name_in_a_certificate(keys: Path, admitted: str, expected: int) -> None:
+    """As data/zenoh/README.md says: access_control of one example, transport of the other."""
+    access = (keys / "access-listen.json5").read_text()
+    control = access[access.index("access_control:") : access.rindex("}")]
+    control = control.replace('usernames: ["replay", "robot"]', f'cert_common_names: ["{admitted}"]')
+    transport = (keys / "mtls-listen.json5").read_text()
+    both = transport[: transport.rindex("}")] + control + "}"
+    listen = write(keys / f"both-{admitted}.json5", both)
+    _, overheard = meet(keys, listen, keys / "mtls-connect.json5", endpoint_for("mtls"))
+    assert len(overheard) == expected
+
+
+@pytest.mark.parametrize("name", ["spectator-change-me-3", "newcomer-change-me-4"])
+def test_who_may_not_feed_the_learner_finds_none(keys: Path, name: str) -> None:
+    listed = user(keys, *name.split("-", 1))
+    with learner(keys, "access") as (endpoint, process):
+        with visitor("replay", connect=[endpoint], config_file=listed, seconds=1.0) as replay:
+            assert "no consumer named 'learner' answered" in refusal(replay)
+        feed(keys, "access", endpoint, process)

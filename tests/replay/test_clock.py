@@ -1,0 +1,84 @@
+"""The contract of every clock: it delays, it never drops or reorders."""
+
+import threading
+import time
+from collections.abc import Iterator
+
+import pytest
+
+from recorders.errors import ConfigError
+from recorders.records import Stamped
+from replay.clock import Clock, Paced, Pausable, Unpaced, paced
+
+CLOCKS = {"unpaced": Unpaced, "paced": lambda: Paced(1000.0), "pausable": lambda: Pausable(Paced(1000.0))}
+
+
+def stream(count: int, *, period_ns: int = 1_000_000, cycles: int = 1) -> Iterator[Stamped]:
+    for _ in range(cycles):
+        for index in range(count):
+            yield Stamped("/t", "t", b"", index, index * period_ns)
+
+
+@pytest.mark.parametrize("make", CLOCKS.values(), ids=CLOCKS)
+def test_everything_passes_in_order(make: type[Clock]) -> None:
+    assert list(paced(stream(50, cycles=3), make())) == list(stream(50, cycles=3))
+
+
+def test_it_is_never_early() -> None:
+    began = time.monotonic()
+    list(paced(stream(11, period_ns=20_000_000), Paced(2.0)))
+    assert time.monotonic() - began >= 10 * 0.020 / 2.0
+
+
+def test_a_cycle_that_begins_anew_is_due_at_once() -> None:
+    began = time.monotonic()
+    list(paced(stream(2, period_ns=10_000_000, cycles=5), Paced(1.0)))
+    assert 0.05 <= time.monotonic() - began < 5.0
+
+
+def test_a_held_up_stream_slips_and_says_so() -> None:
+    clock = Paced(1.0)
+    for number, _ in enumerate(paced(stream(4, period_ns=10_000_000), clock)):
+        if number == 1:
+            time.sleep(0.1)
+    assert clock.slipped_s >= 0.08
+
+
+@pytest.mark.parametrize("rate", [0.0, -1.0, 0.05, 1001.0, float("nan"), float("inf")])
+def test_a_rate_out_of_range_is_refused(rate: float) -> None:
+    with pytest.raises(ConfigError, match=r"0\.1 to 1000"):
+        Paced(rate)
+
+
+def test_a_person_can_stop_step_and_go_on() -> None:
+    clock, passed = Pausable(Unpaced()), list[int]()
+    clock.toggle()
+    thread = threading.Thread(
+        target=lambda: passed.extend(m.sequence for m in counted(paced(stream(6), clock), passed))
+    )
+    thread.start()
+    time.sleep(0.1)
+    assert passed == []
+    for expected in (1, 2):
+        clock.step()
+        wait_for(lambda expected=expected: len(passed) == expected)
+        time.sleep(0.05)
+        assert len(passed) == expected
+    clock.toggle()
+    thread.join(5.0)
+    assert not thread.is_alive()
+    assert passed == [0, 1, 2, 3, 4, 5]
+
+
+def counted(messages: Iterator[Stamped], passed: list[int]) -> Iterator[Stamped]:
+    """Note each message as it passes; yields none of them again."""
+    for message in messages:
+        passed.append(message.sequence)
+    yield from ()
+
+
+def wait_for(condition: object, *, timeout_s: float = 5.0) -> None:
+    deadline = time.monotonic() + timeout_s
+    while not condition():  # type: ignore[operator]
+        assert time.monotonic() < deadline
+        time.sleep(0.005)

@@ -1,0 +1,100 @@
+"""The robot node and live exploration, each in a process of its own; to be run as a script."""
+
+import json
+import signal
+import subprocess
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any, NoReturn
+
+
+def spawn(verb: str, **options: Any) -> subprocess.Popen[str]:
+    return subprocess.Popen(
+        [sys.executable, __file__, verb, json.dumps(options)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    )
+
+
+@contextmanager
+def robot(endpoint: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
+    """Run a robot that listens at an endpoint, from the moment when it is ready."""
+    with spawn("robot", listen=[endpoint], **options) as process:
+        try:
+            assert process.stderr is not None
+            ready = process.stderr.readline()
+            assert "waits for commands" in ready, ready
+            yield process
+        finally:
+            process.kill()
+
+
+def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM) -> list[str]:
+    """End a process by a signal, and return what it said on standard error since it was ready."""
+    process.send_signal(signum)
+    _, complaints = process.communicate(timeout=20)
+    return complaints.splitlines()
+
+
+def run_robot_node(*, listen: list[str], **config: Any) -> NoReturn:
+    from pipeline import console
+    from pipeline.follower import FollowerConfig
+    from pipeline.robot import load_robot
+    from pipeline.robot_node import run_robot
+    from recorders.wire.session import SessionConfig
+
+    run_robot(
+        load_robot("asimo"),
+        session=SessionConfig(listen=tuple(listen)),
+        config=FollowerConfig(**config),
+        say=console.say,
+    )
+
+
+def run_exploration(
+    *,
+    connect: str,
+    motion: str,
+    seed: int,
+    phases: list[list[Any]],
+    settle_ns: int,
+    consumers: list[str],
+    wait_s: float = 30.0,
+) -> None:
+    from dataclasses import asdict
+
+    from pipeline.episode import ExplorationConfig
+    from pipeline.live_exploration import explore_live
+    from recorders.wire.session import SessionConfig
+    from replay.schedule import Schedule
+    from replay.zenoh_transport import SenderConfig
+
+    schedule = Schedule.from_dict({"epochs": 1, "phases": phases})
+    sender = SenderConfig(consumers=tuple(consumers), wait_s=wait_s)
+    session = SessionConfig(connect=(connect,))
+    config = ExplorationConfig(settle_ns=settle_ns)
+    result = explore_live(motion, seed=seed, schedule=schedule, session=session, sender=sender, config=config)
+    print(json.dumps(asdict(result)))
+
+
+def main() -> None:
+    from recorders.errors import ReenactError
+
+    signal.signal(signal.SIGTERM, lambda signum, frame: sys.exit(128 + signum))
+    verb, options = sys.argv[1], json.loads(sys.argv[2])
+    try:
+        {"robot": run_robot_node, "explore": run_exploration}[verb](**options)
+    except ReenactError as error:
+        print(f"reenact: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+    except KeyboardInterrupt:
+        sys.exit(130)
+
+
+if __name__ == "__main__":
+    sys.path.insert(0, str(Path(__file__).parents[2]))
+    main()

@@ -1,0 +1,151 @@
+"""One end of a session in a process of its own: takes a stream, feeds one, or tries everything a peer can try."""
+
+import json
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import zenoh
+from collector import Collector
+
+from recorders.errors import ReenactError
+from recorders.records import Stamped
+from recorders.stream import Offer
+from recorders.topics import LEARNER_TOPICS
+from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+from replay.zenoh_transport import SenderConfig, ZenohTransport
+
+COUNT = 200
+COMMANDS = "reenact/joint_commands"
+ERRORS = "reenact/learner/error"
+HELLO = "reenact/@consumer/learner/hello"
+OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
+
+
+@contextmanager
+def visitor(role: str, *, seconds: float = 20.0, **session: Any) -> Iterator[subprocess.Popen[str]]:
+    """Start one in a process of its own; see `main` for what it is told."""
+    command = [sys.executable, __file__, role, json.dumps(session | {"seconds": seconds}, default=str)]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def await_ready(process: subprocess.Popen[str]) -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline() == "ready\n", process.communicate(timeout=30)
+
+
+def outcome(process: subprocess.Popen[str]) -> dict[str, Any]:
+    """Return what a process says last, having checked that all went well and nothing stands on standard error."""
+    out, err = process.communicate(timeout=60)
+    assert (process.returncode, err) == (0, "")
+    result: dict[str, Any] = json.loads(out.splitlines()[-1])
+    return result
+
+
+def refusal(process: subprocess.Popen[str]) -> str:
+    """Return the one line with which a process gave up, having checked that it is one, and the exit status."""
+    _, err = process.communicate(timeout=60)
+    assert process.returncode == 2, err
+    (line,) = err.splitlines()
+    return line
+
+
+def stream_from(start: int) -> Iterator[Stamped]:
+    """The stream that `replay` sends."""
+    for index in range(start, COUNT):
+        topic = LEARNER_TOPICS[index % 3]
+        yield Stamped(topic.name, topic.type, f"payload {index}".encode(), index, index)
+
+
+def learn(session: zenoh.Session, seconds: float) -> dict[str, Any]:
+    with Receiver(session, config=ReceiverConfig(silence_s=5.0)) as receiver:
+        say("ready")
+        return receiver.serve(Collector(), wait_s=seconds)
+
+
+def replay(session: zenoh.Session, seconds: float) -> dict[str, Any]:
+    return ZenohTransport(session, config=SenderConfig(wait_s=seconds)).deliver(OFFER, stream_from)["learner"]
+
+
+def host(session: zenoh.Session, seconds: float) -> dict[str, Any]:
+    """Publish commands and errors, ask for a learner, until SIGTERM; then tell what was heard."""
+    return converse(session, seconds, name="host", publishes=(COMMANDS, ERRORS))
+
+
+def guest(session: zenoh.Session, seconds: float) -> dict[str, Any]:
+    """Publish on the learner's inputs and on the stream's keys, answer for the learner, and tell what is heard."""
+    keys = ("reenact/hand/left/target", "reenact/replay/batch", "reenact/@consumer/learner/ack", COMMANDS)
+    return converse(session, seconds, name="guest", publishes=keys)
+
+
+def converse(session: zenoh.Session, seconds: float, *, name: str, publishes: tuple[str, ...]) -> dict[str, Any]:
+    other = {"host": "guest", "guest": "host"}[name]
+    heard: set[str] = set()
+
+    def note(word: str, payload: zenoh.ZBytes | None) -> None:
+        if payload is not None and payload.to_string() == other:
+            heard.add(word)
+
+    def on_query(query: zenoh.Query) -> None:
+        with query:
+            note("asked", query.payload)
+            query.reply(query.key_expr, name)
+
+    # A wildcard that is not allowed must not hide a key that is: each is asked for by itself.
+    watched = ("**", "reenact/**", "reenact/@consumer/**", COMMANDS, ERRORS)
+    for key in watched:
+        session.declare_subscriber(key, lambda sample: note(str(sample.key_expr), sample.payload))
+    session.declare_queryable(HELLO, on_query)
+    leave = threading.Event()
+    signal.signal(signal.SIGTERM, lambda signum, frame: leave.set())
+    say("ready")
+    end = time.monotonic() + seconds
+    while not leave.wait(0.05) and time.monotonic() < end:
+        for key in publishes:
+            session.put(key, name)
+        for reply in session.get(HELLO, payload=name, timeout=0.5):
+            if reply.ok is not None:
+                note("answered", reply.ok.payload)
+    return {"heard": sorted(heard)}
+
+
+def idle(session: zenoh.Session, seconds: float) -> dict[str, Any]:
+    say("ready")
+    time.sleep(seconds)
+    return {}
+
+
+def say(line: str) -> None:
+    print(line, flush=True)
+
+
+def main() -> None:
+    """Arguments: role, then JSON with connect, listen, config_file, wait_s, and the seconds to stay."""
+    role, options = sys.argv[1], json.loads(sys.argv[2])
+    seconds = options.pop("seconds")
+    if "config_file" in options:
+        options["config_file"] = Path(options["config_file"])
+    for name in {"connect", "listen"} & set(options):
+        options[name] = tuple(options[name])
+    try:
+        with open_session(SessionConfig(**options)) as session:
+            roles = {"learn": learn, "replay": replay, "host": host, "guest": guest, "idle": idle}
+            print(json.dumps(roles[role](session, seconds)))
+    except ReenactError as error:
+        print(f"reenact: {error}", file=sys.stderr)
+        sys.exit(error.exit_status)
+
+
+if __name__ == "__main__":
+    main()
