@@ -52,7 +52,9 @@ class Phase:
             if type(value) is not kind:  # exactly: JSON's true would pass as an int
                 raise MessageError(f"phase marker: {name} must be {kind.__name__}, found {value!r}")
         if not (0 <= self.epoch < MAX_COUNT and 0 <= self.cycle < MAX_COUNT):
-            raise MessageError(f"phase marker: epoch and cycle count from 0 to {MAX_COUNT - 1}, found others")
+            raise MessageError(
+                f"phase marker: epoch and cycle count from 0 to {MAX_COUNT - 1}, found a number out of range"
+            )
         if self.phase not in PHASES:
             raise MessageError(f"phase marker: unknown phase {self.phase!r}; there are {', '.join(PHASES)}")
 

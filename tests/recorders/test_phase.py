@@ -4,7 +4,7 @@ from hypothesis import strategies as st
 
 from recorders.errors import MessageError
 from recorders.messages import String
-from recorders.phase import EVALUATE, LEARN, PHASES, Phase
+from recorders.phase import EVALUATE, LEARN, MAX_COUNT, PHASES, Phase
 
 text = st.text(st.characters(codec="utf-8"))
 
@@ -14,7 +14,10 @@ def test_a_marker_is_compact_json_in_fixed_order():
     assert message.data == '{"run":"run-1","epoch":2,"cycle":3,"phase":"learn","log":"circles.mcap"}'
 
 
-@given(st.builds(Phase, text, st.integers(0), st.integers(0), st.sampled_from(PHASES), text))
+counts = st.integers(0, MAX_COUNT - 1)
+
+
+@given(st.builds(Phase, text, counts, counts, st.sampled_from(PHASES), text))
 def test_markers_come_back(phase):
     assert Phase.from_message(phase.to_message()) == phase
 
