@@ -10,11 +10,16 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from episodes import write_episode
 from processes import reenact
 
 import pipeline
+from pipeline import cli, demo
 from pipeline.controller import Controller
+from pipeline.learner_config import LearnerConfig
+from pipeline.training import train
 from recorders.reader import LogReader
+from replay.schedule import Schedule
 
 ROOT = Path(pipeline.__file__).parent.parent
 KEYS = {
@@ -124,3 +129,29 @@ def test_a_wheel_installed_elsewhere_gives_the_same_digests_and_results(checkout
         assert (checkout_demo / log).read_bytes() == (wheel_demo / log).read_bytes()
     assert (checkout_demo / "report.png").read_bytes() == (wheel_demo / "report.png").read_bytes()
     assert (checkout_demo / "controller.npz").read_bytes() == (wheel_demo / "controller.npz").read_bytes()
+
+
+def test_a_learner_that_parts_from_the_file_is_a_failed_check_and_leaves_everything(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Small logs in place of the exploration, and another seed in place of the learner over Zenoh."""
+
+    def explored(robot: object, logs: list[Path], **options: object) -> None:
+        for log in logs:
+            write_episode(log, samples=8)
+
+    def learned(log: Path, controller: Path, *, seed: int, epochs: int, **options: object) -> str:
+        trainer = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=seed + 1))
+        trainer.controller().save(controller)
+        return str(trainer.result()["digest"])
+
+    monkeypatch.setattr(demo, "_explore_both", explored)
+    monkeypatch.setattr(demo, "_learn_over_zenoh", learned)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["demo", "--out", str(tmp_path), "--epochs", "1"])
+    assert end.value.code == 1
+    (line,) = capsys.readouterr().err.splitlines()
+    assert line.startswith("reenact: expected one state, found ")
+    found = summary(tmp_path)
+    assert found["zenoh_digest"] != found["file_digest"]
+    assert (tmp_path / "report.png").exists()

@@ -45,6 +45,20 @@ def write_episode(
     return path
 
 
+def write_plain_episode(path: Path, *, samples: int = 10) -> Path:
+    """Write an episode whose numbers are products and sums alone: the same bits on every machine."""
+    robot = load_robot("asimo")
+    attachments = {"robot.urdf": robot.urdf_text.encode(), "robot.toml": robot.toml_text.encode()}
+    with LogWriter(path, manifest={"kind": "test"}, attachments=attachments) as writer:
+        for tick in range(samples + 1):
+            stamp, wave = tick * PERIOD_NS, (tick % 8 - 4) * 0.015625
+            writer.write(LEFT_TARGET, PoseStamped(stamp, [0.25, 0.25 + wave, 0.75 - wave]), log_time_ns=stamp)
+            writer.write(RIGHT_TARGET, PoseStamped(stamp, [0.25, -0.25 + wave, 0.75 + wave]), log_time_ns=stamp)
+            joints = JointState(stamp, robot.joints, robot.comfort + wave * 0.5)
+            writer.write(SAMPLE_JOINTS, joints, log_time_ns=stamp)
+    return path
+
+
 def _ticks(robot: RobotConfig, count: int) -> list[tuple[np.ndarray, np.ndarray]]:
     teacher, q, ticks = Teacher(Kinematics(robot)), robot.comfort, []
     for targets in circles(robot).targets[:count]:
