@@ -10,10 +10,10 @@ demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
 
 test: check
-	$(BIN)/python -m pytest -m "not campaign"
+	$(BIN)/python -m pytest -n 2 --dist loadfile -m "not campaign"
 
 test-all: check
-	$(BIN)/python -m pytest
+	$(BIN)/python -m pytest -n 2 --dist loadfile
 
 check: .venv/dev
 	$(BIN)/ruff check .

@@ -64,14 +64,24 @@ def show(result: Mapping[str, Any], *, as_json: bool) -> None:
     if as_json:
         _print(json.dumps(result, allow_nan=False))
         return
-    width = max(map(len, result))
-    for name, value in result.items():
+    lines = dict(_flat(result))
+    width = max(map(len, lines))
+    for name, value in lines.items():
         _print(f"{name:<{width}}  {_text(value)}")
 
 
 def table(content: Table) -> None:
     """Print a table, as wide as it needs to be where there is no terminal."""
     Console(highlight=False, width=None if sys.stdout.isatty() else 120).print(content)
+
+
+def _flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the entries of a result; those of a result within it, such as each consumer's, by both names."""
+    for name, value in result.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{name}: " if prefix or name != "consumers" else "")
+        else:
+            yield prefix + name, value
 
 
 def _print(line: str) -> None:

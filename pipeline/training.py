@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
@@ -43,6 +43,13 @@ class CheckpointConfig:
             raise ConfigError(f"checkpoint: expected at least 1 tick between two, found {self.every_ticks}")
 
 
+class _Whole(NamedTuple):
+    """A place between ticks: the stream index of the next message, and how many ticks came before it."""
+
+    next: int
+    ticks: int
+
+
 class Trainer:
     """Feeds a learner, message by message, and scores its predictions before each update.
 
@@ -73,6 +80,8 @@ class Trainer:
         self._run: LearningRun | None = None
         self._offer: Offer | None = None
         self._next = 0  # stream index of the next message
+        self._whole = _Whole(0, 0)
+        self._busy = False  # whether a message is half-way in: a signal may interrupt anything
         self._saved_ticks = 0
 
     def hello(self, offer: Offer) -> int:
@@ -90,6 +99,7 @@ class Trainer:
         run = LearningRun(replace(self._config, epochs=schedule.epochs), robot, offer.run)
         self._next = self._resume(run, offer)
         self._saved_ticks = run.counts.ticks
+        self._whole = _Whole(self._next, run.counts.ticks)
         self._run, self._offer = run, offer
         return self._next
 
@@ -124,13 +134,13 @@ class Trainer:
         run = self._running()
         with self._naming_the_log(run):
             for message in messages:
-                if message.topic == SESSION_PHASE:
-                    self._report(run.begin_presentation(message))
-                else:
-                    run.feed(message)
-                self._next += 1
+                self._busy = True
+                self._take(run, message)
+                self._busy = False
                 self._keep(run)
+            self._busy = True
             self._report(run.end())
+            self._busy = False
         return self.result()
 
     def result(self) -> dict[str, Any]:
@@ -149,7 +159,9 @@ class Trainer:
         return self._running().controller(self._provenance())
 
     def save_checkpoint(self) -> None:
-        """Keep the learner as it stands, if it is to be kept at all and no tick is half-way in.
+        """Keep the learner as of its last complete tick, if it is to be kept at all and can be gone on from there.
+
+        It cannot while messages of several ticks are interleaved, nor after it was interrupted in the middle of one.
 
         Raises
         ------
@@ -157,8 +169,10 @@ class Trainer:
             If the file cannot be written.
         """
         run = self._run
-        if run is not None and self._checkpoint is not None and run.between_ticks:
-            kept = run.controller({**self._provenance(), "checkpoint": {"next": self._next, **run.snapshot()}})
+        if run is None or self._checkpoint is None or self._busy:
+            return
+        if run.counts.ticks == self._whole.ticks:
+            kept = run.controller({**self._provenance(), "checkpoint": {"next": self._whole.next, **run.snapshot()}})
             kept.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks
 
@@ -193,6 +207,15 @@ class Trainer:
         if due and run.between_ticks:
             self.save_checkpoint()
 
+    def _take(self, run: LearningRun, message: Stamped) -> None:
+        if message.topic == SESSION_PHASE:
+            self._report(run.begin_presentation(message))
+        else:
+            run.feed(message)
+        self._next += 1
+        if run.between_ticks:
+            self._whole = _Whole(self._next, run.counts.ticks)
+
     def _report(self, report: CycleReport | None) -> None:
         if report is not None:
             self._on_cycle(report)
@@ -203,6 +226,7 @@ class Trainer:
         try:
             yield
         except (MessageError, JointError) as error:
+            self._busy = False  # a message that is refused leaves the run as it was
             logs = self._offer.logs if self._offer else []
             names = [log.get("name") for log in logs if run.phase and log.get("ticks_sha256") == run.phase.log]
             raise type(error)(f"{names[0]}: {error}" if names else str(error)) from error

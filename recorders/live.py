@@ -2,7 +2,7 @@
 
 import fnmatch
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -18,6 +18,7 @@ from recorders.wire.receiver import Live, Offered, Receiver
 from recorders.writer import LogWriter
 
 _POLL_S = 0.2
+_MAX_BROKEN = 100  # anyone may offer a stream and break it off
 _NOTHING: Mapping[str, Any] = {}
 
 
@@ -61,6 +62,7 @@ class Recording:
     messages, size : how many messages, and how many bytes of them
     gaps : messages that producers numbered and that did not arrive, by topic
     opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
+    broken : why the latest of the streams that awaited this and never came to their end did not
     """
 
     paths: list[Path] = field(default_factory=list)
@@ -68,6 +70,7 @@ class Recording:
     size: int = 0
     gaps: Counter[str] = field(default_factory=Counter)
     opaque: Counter[str] = field(default_factory=Counter)
+    broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recording for JSON."""
@@ -77,6 +80,7 @@ class Recording:
             "bytes": self.size,
             "gaps": dict(self.gaps),
             "opaque": dict(self.opaque),
+            "broken": list(self.broken),
         }
 
 
@@ -112,6 +116,7 @@ class LiveRecorder:
         self._config = config or RecordConfig()
         self._overwrite = overwrite
         self._on_progress = on_progress
+        self._streaming = False  # in the middle of a stream that awaits this
         self._last: dict[str, int] = {}
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
@@ -136,14 +141,20 @@ class LiveRecorder:
         ------
         LogError
             If a file cannot be written; what was written stays readable.
+        WireError
+            If the stream whose end was to end the recording broke off.
         """
         try:
             with receiver.reporting_failure():
                 while not stopped() and not (self._take(receiver) and until_end):
                     self._split_by_time()
                     self._on_progress(self.recording)
+                if stopped() and self._streaming:
+                    self._break_off("the recorder was stopped")
         finally:
             self._writer.close()
+        if until_end and self.recording.broken:
+            raise WireError(f"{self._out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
 
     def close(self) -> None:
@@ -154,13 +165,13 @@ class LiveRecorder:
         """Take the next event; True if it ended a stream."""
         try:
             event = receiver.next_event(_POLL_S)
-        except WireError:
-            receiver.give_up()  # the sender is gone: what it sent is recorded, and others may follow
-            return True
+        except WireError as error:
+            return self._leave(receiver, str(error))
         if isinstance(event, Live):
             self._write(event.record, numbered=event.numbered)
         elif isinstance(event, Offered):
             self._note(event)
+            self._streaming = True
             receiver.accept(event, 0)
         elif isinstance(event, Frame):
             return self._take_frame(receiver, event)
@@ -168,15 +179,27 @@ class LiveRecorder:
 
     def _take_frame(self, receiver: Receiver, frame: Frame) -> bool:
         if frame.kind is Kind.END:
+            self._streaming = False
             receiver.finish(self.recording.to_dict())
             return True
         if frame.kind is Kind.ABORT:
-            receiver.give_up()
-            return True
+            return self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
         for record in frame.messages:
             self._write(record, numbered=True)
         receiver.consumed(frame)
         return False
+
+    def _leave(self, receiver: Receiver, reason: str) -> bool:
+        """Leave a stream whose sender is gone: what it sent is recorded, and others may follow."""
+        receiver.give_up()
+        self._break_off(reason)
+        return True
+
+    def _break_off(self, reason: str) -> None:
+        self._streaming = False
+        self.recording.broken.append(reason)
+        self._notes["broken"] = list(self.recording.broken)
+        self._writer.note(self._notes)
 
     def _note(self, offered: Offered) -> None:
         """Keep what the sender says of its stream, for whoever reads the log."""

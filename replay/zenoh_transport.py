@@ -25,13 +25,14 @@ from recorders.wire.frames import (
     message_key,
     pack,
 )
-from recorders.wire.receiver import FAREWELL, MAX_PAYLOAD
+from recorders.wire.receiver import MAX_PAYLOAD, asking
 from replay.transport import StreamFrom
 
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
 _BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
 _LONGEST_WAIT_S = 86_400.0
+_ALIVE_S = 1.0  # how often the consumers hear that a sender which has nothing to say still lives
 
 
 @dataclass(frozen=True)
@@ -137,7 +138,9 @@ class _Delivery:
         self._progress: dict[str, Progress] = {}
         self._unacknowledged: deque[Frame] = deque()
         self._sent = 0
+        self._furthest = 0  # what was ever sent
         self._ended = False
+        self._leaving = threading.Event()
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._stack = ExitStack()
 
@@ -145,6 +148,10 @@ class _Delivery:
         for name in self._config.consumers:
             key = control_key(self._config.namespace, name, "ack")
             self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
+        heart = threading.Thread(target=self._stay_alive, daemon=True)
+        heart.start()
+        self._stack.callback(heart.join)
+        self._stack.callback(self._leaving.set)
         return self
 
     def __exit__(self, *error: object) -> None:
@@ -166,7 +173,7 @@ class _Delivery:
             raise
         results = {name: progress.result or {} for name, progress in self._progress.items()}
         for name in self._config.consumers:
-            self._ask(name, "status", FAREWELL)
+            self._ask(name, "status", asking(self._offer, farewell=True))
         return results
 
     def _send_from(self, index: int, stream_from: StreamFrom) -> None:
@@ -218,6 +225,7 @@ class _Delivery:
     def _send(self, frame: Frame) -> None:
         self._unacknowledged.append(frame)
         self._sent = frame.end
+        self._furthest = max(self._furthest, self._sent)
         self._put(frame)
 
     def _put(self, frame: Frame) -> None:
@@ -263,7 +271,7 @@ class _Delivery:
 
     def _poll(self, name: str, watch: "_Watch") -> None:
         """Ask a consumer how far it is, and send again what it has twice said it lacks."""
-        answer = self._ask(name, "status", b"")
+        answer = self._ask(name, "status", asking(self._offer))
         if answer is not None and answer.run != self._offer.run:
             self._progress[name] = self._hello(name)  # it was started anew
             self._check_start(name, self._progress[name].next)
@@ -273,14 +281,18 @@ class _Delivery:
         # Once everything has arrived, a consumer may take its time; the end has arrived when there is a result.
         lacking = answer is None or answer.received < self._sent or (self._sent_end() and answer.next == self._sent)
         if watch.lacks(name, None if answer is None else answer.received, lacking=lacking) and answer is not None:
-            self._resend(answer.received)
+            self._resend(name, answer)
 
     def _sent_end(self) -> bool:
         return bool(self._unacknowledged) and self._unacknowledged[-1].kind is Kind.END
 
-    def _resend(self, index: int) -> None:
+    def _resend(self, name: str, answer: Progress) -> None:
+        """Send again what a consumer lacks; from the stream itself, if somebody else has acknowledged it."""
+        if self._unacknowledged and self._unacknowledged[0].first > answer.received:
+            self._progress[name] = answer
+            raise _Rewind(answer.received)
         for frame in tuple(self._unacknowledged):
-            if frame.end > index or frame.kind is Kind.END:
+            if frame.end > answer.received or frame.kind is Kind.END:
                 self._put(frame)
 
     def _discard_consumed(self) -> None:
@@ -296,10 +308,22 @@ class _Delivery:
 
     def _on_ack(self, name: str) -> Callable[[zenoh.Sample], None]:
         def note(sample: zenoh.Sample) -> None:
-            with suppress(WireError):  # what is no progress is not from our consumer: anyone may publish here
-                self._note(name, Progress.from_json(sample.payload.to_bytes()))
+            with suppress(WireError, zenoh.ZError):  # anyone may publish here, also what is no progress at all
+                progress = Progress.from_json(sample.payload.to_bytes())
+                if progress.run == self._offer.run and _is_final(progress):
+                    confirmed = self._ask(name, "status", asking(self._offer))
+                    progress = confirmed or replace(progress, result=None, error=None)
+                if progress.received <= self._furthest:
+                    self._note(name, progress)
 
         return note
+
+    def _stay_alive(self) -> None:
+        """Let the consumers that have taken the offer know that the sender lives, while the stream has a pause."""
+        while not self._leaving.wait(_ALIVE_S):
+            for name in tuple(self._progress):
+                with suppress(WireError, zenoh.ZError):
+                    self._ask(name, "status", asking(self._offer), timeout_s=1.0)
 
     def _note(self, name: str, progress: Progress) -> None:
         """Take a consumer's word, if it is of this run and says more than what is known."""
@@ -307,8 +331,7 @@ class _Delivery:
             return
         with self._changed:
             known = self._progress.get(name)
-            final = known is not None and (known.result is not None or known.error is not None)
-            if known is not None and progress.next >= known.next and not final:
+            if known is not None and progress.next >= known.next and not _is_final(known):
                 self._progress[name] = progress
                 self._changed.notify_all()
 
@@ -337,6 +360,10 @@ class _Watch:
             raise WireError(f"{name}: {what} for {self._patience_s:g} s; the rest of the stream is unconfirmed")
         self._received[name] = received
         return again
+
+
+def _is_final(progress: Progress) -> bool:
+    return progress.result is not None or progress.error is not None
 
 
 def _checked(name: str, progress: Progress) -> Progress:

@@ -2,7 +2,7 @@
 
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -132,7 +132,7 @@ def replay(
         )
     if isinstance(pace, Paced):
         result["slipped_s"] = round(pace.slipped_s, 3)
-    console.show(result if as_json else _flat(result), as_json=as_json)
+    console.show(result, as_json=as_json)
 
 
 def _source(
@@ -163,11 +163,3 @@ def _source(
             raise ConfigError(f"--as-recorded: expected one log, found {len(logs)}")
         return RecordedSession(logs[0], epochs=epochs, renames=names)
     return Replay(logs, Schedule(epochs=epochs or 150), renames=names)
-
-
-def _flat(result: dict[str, Any]) -> dict[str, Any]:
-    """Name the entries of each consumer's result after it."""
-    flat = {name: value for name, value in result.items() if name != "consumers"}
-    for consumer, entries in result["consumers"].items():
-        flat |= {f"{consumer}: {name}": value for name, value in entries.items()}
-    return flat

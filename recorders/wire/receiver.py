@@ -22,8 +22,8 @@ from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, Kind, check_name, ch
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
 
-FAREWELL = b"farewell"
-_FAREWELL_WAIT_S = 5.0  # the sender confirms the result within milliseconds, if it still lives
+_FAREWELL = b"farewell "
+_FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
 _POLL_S = 1.0
 _TAKEN = "{} is already fed by another replay"
 _MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
@@ -109,7 +109,8 @@ class Receiver:
         self._say = say
         self._lock = threading.Lock()
         self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
-        self._farewell = threading.Event()
+        self._released = threading.Event()  # no sender waits for word from here
+        self._released.set()
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
         self._acknowledged = 0
@@ -160,7 +161,6 @@ class Receiver:
         with self.reporting_failure():
             result = consumer.consume(self._messages())
         self.finish(result)
-        self._farewell.wait(_FAREWELL_WAIT_S)
         return result
 
     def next_event(self, timeout_s: float) -> Event | None:
@@ -187,7 +187,7 @@ class Receiver:
             self._offer = offered.offer
             self._progress = Progress(run=offered.offer.run, next=start, received=start)
             self._acknowledged = start
-            self._farewell.clear()
+            self._released.clear()
             self._last_heard_s = time.monotonic()
         self._say(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
         with offered.query as query:
@@ -207,23 +207,27 @@ class Receiver:
             self._ack.put(self._progress.to_json())
 
     def finish(self, result: dict[str, Any]) -> None:
-        """Report the result of the stream, which is through; the next offer is welcome when the sender has it."""
+        """Report the result of the stream, which is through, and wait until the sender has it or has gone."""
         self._update(result=result)
         self._ack.put(self._progress.to_json())
+        if not self._released.wait(_FAREWELL_WAIT_S):
+            self.give_up()
 
     def reporting_failure(self) -> "_ReportingFailure":
         """Return a context that tells the sender why it was left with an exception."""
         return _ReportingFailure(self)
 
     def fail(self, reason: str) -> None:
-        """Tell the sender that its stream is given up, and why."""
+        """Tell the sender, if it still lives, that its stream is given up, and why."""
         self._update(error=reason)
         self._ack.put(self._progress.to_json())
+        self._released.wait(_FAREWELL_WAIT_S)
 
     def give_up(self) -> None:
         """Leave the stream under way to itself, as its sender has; the next offer is welcome."""
         with self._lock:
             self._offer = None
+        self._released.set()
 
     @property
     def offer(self) -> Offer | None:
@@ -255,6 +259,7 @@ class Receiver:
                 if event.kind is Kind.END:
                     return
                 if event.kind is Kind.ABORT:
+                    self._released.set()
                     raise WireError(f"the sender gave up at message {self._progress.next}: {event.reason}")
                 yield from event.messages
                 self.consumed(event)
@@ -263,6 +268,7 @@ class Receiver:
         silent_s = time.monotonic() - self._last_heard_s
         under_way = self._offer is not None and self._progress.result is None and self._progress.error is None
         if under_way and silent_s > self._config.silence_s:
+            self._released.set()
             raise WireError(
                 f"the sender fell silent {silent_s:.0f} s ago, before message {self._progress.received}: "
                 "it was killed, or the connection is gone"
@@ -282,7 +288,7 @@ class Receiver:
         try:
             frame = self._framed(topic, sample)
         except MessageError as error:
-            self._refuse_message(topic, str(error))
+            self._refuse_message(topic, str(error).removeprefix(f"{topic}: "))
             return
         if self._offer is not None and frame is not None and (frame.run, frame.sender) == self._offer.identity:
             self._last_heard_s = time.monotonic()
@@ -325,7 +331,8 @@ class Receiver:
             topic, reason = "other topics", "refused"
         self.refused[f"{topic}: {reason}"] += 1
         if self.refused[f"{topic}: {reason}"] == 1:
-            self._say(f"refused a message on {topic}: {reason}")
+            line = f"refused a message on {topic}: {reason}"
+            self._say(line if line.isprintable() else ascii(line)[1:-1])  # a key may hold what a terminal obeys
 
     def _on_hello(self, query: zenoh.Query) -> None:
         try:
@@ -347,15 +354,21 @@ class Receiver:
 
     def _on_status(self, query: zenoh.Query) -> None:
         with query:
+            offer, progress, asked = self._offer, self._progress, _payload(query)
+            self._answer(query, progress)
+            if offer is None or asked not in (asking(offer), asking(offer, farewell=True)):
+                return  # anyone may ask, and changes nothing by it
             self._last_heard_s = time.monotonic()
-            self._answer(query, self._progress)
-            if _payload(query) == FAREWELL:
-                self._farewell.set()
-                with self._lock:
-                    self._offer = None
+            if progress.error is not None or (progress.result is not None and asked == asking(offer, farewell=True)):
+                self.give_up()
 
     def _answer(self, query: zenoh.Query, progress: Progress) -> None:
         query.reply(query.key_expr, progress.to_json())
+
+
+def asking(offer: Offer, *, farewell: bool = False) -> bytes:
+    """Return what a sender asks a consumer's `status` with: who it is, and whether it has all that it needs."""
+    return (_FAREWELL if farewell else b"") + offer.sender.encode()
 
 
 class _ReportingFailure:

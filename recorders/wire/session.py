@@ -4,7 +4,8 @@ import json
 import re
 import socket
 import time
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Self
@@ -18,6 +19,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""
 
 _RETRY_S = 0.1
+_CLOSING_TRIES = 50
 _NOBODY = "Unable to connect"  # how Zenoh's error begins when no endpoint let a client in
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws)/(?P<host>[^\s/]+):(?P<port>\d+)([?#]\S*)?|unixsock-stream/\S+")
 
@@ -111,8 +113,8 @@ class SessionConfig:
         return config
 
 
-def open_session(config: SessionConfig) -> zenoh.Session:
-    """Open a session; use it as a context manager, or its threads keep the interpreter alive.
+def open_session(config: SessionConfig) -> AbstractContextManager[zenoh.Session]:
+    """Open a session, and close it at the end of the `with` block; left open, its threads keep the interpreter alive.
 
     Raises
     ------
@@ -120,7 +122,29 @@ def open_session(config: SessionConfig) -> zenoh.Session:
         If the configuration is not usable, an endpoint to listen on is in use already, or nobody listens at the
         endpoints to connect to, or lets this session in, within `wait_s`.
     """
-    config = config.resolved()
+    return _closing(_open(config.resolved()))
+
+
+@contextmanager
+def _closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
+    try:
+        yield session
+    finally:
+        _close(session)
+
+
+def _close(session: zenoh.Session) -> None:
+    """Close a session, once no thread of Zenoh's holds it any more: until then it says that it is borrowed."""
+    for _ in range(_CLOSING_TRIES):
+        try:
+            session.close()  # type: ignore[no-untyped-call]
+        except RuntimeError:
+            time.sleep(_RETRY_S)
+        else:
+            return
+
+
+def _open(config: SessionConfig) -> zenoh.Session:
     settings = config.to_zenoh()
     deadline = time.monotonic() + config.wait_s
     while True:
@@ -146,7 +170,7 @@ def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float)
                 raise WireError(_unreached(missing, config))
             time.sleep(_RETRY_S)
     except BaseException:
-        session.close()  # type: ignore[no-untyped-call]
+        _close(session)
         raise
 
 

@@ -45,9 +45,10 @@ def main() -> None:
 
     endpoint, name, options = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
     wait_s = options.pop("wait_s", 20.0)
+    silence_s = options.pop("silence_s", 5.0)
     with (
         open_session(SessionConfig(connect=(endpoint,))) as session,
-        Receiver(session, config=ReceiverConfig(name=name, silence_s=5.0)) as receiver,
+        Receiver(session, config=ReceiverConfig(name=name, silence_s=silence_s)) as receiver,
     ):
         try:
             print(json.dumps(receiver.serve(Collector(**options), wait_s=wait_s)))

@@ -1,0 +1,88 @@
+"""`replay --play`: anyone who subscribes gets the recorded bytes on the original keys, at the pace asked for."""
+
+import json
+import time
+from pathlib import Path
+from threading import Lock
+from typing import Any
+
+import pytest
+import zenoh
+from episodes import PERIOD_NS, write_episode
+from processes import complaint, reenact
+
+from recorders.reader import LogReader
+from recorders.topics import LEFT_TARGET
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+SAMPLES = 9
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("replay") / "log.mcap", samples=SAMPLES)
+
+
+class Listener:
+    """Subscribes as anyone would, and keeps what comes: key, payload, time of arrival."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._lock = Lock()
+        self.heard: list[tuple[str, bytes, float]] = []
+        self._subscriber = session.declare_subscriber("**", self._on_sample)
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        with self._lock:
+            self.heard.append((str(sample.key_expr), sample.payload.to_bytes(), time.monotonic()))
+
+
+def play(folder: Path, *arguments: object) -> tuple[dict[str, Any], list[tuple[str, bytes, float]]]:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        listener = Listener(session)
+        run = reenact("replay", *arguments, "--play", "--connect", endpoint, "--json", cwd=folder)
+        assert run.returncode == 0, run.stderr
+        assert "whoever listens may lose messages" in run.stderr
+        time.sleep(0.5)
+    return json.loads(run.stdout), [entry for entry in listener.heard if not entry[0].endswith("replay/batch")]
+
+
+def test_the_bytes_and_keys_are_those_of_the_log(log: Path, tmp_path: Path) -> None:
+    result, heard = play(tmp_path, log, "--rate", 50)
+    recorded = [("reenact" + record.topic, record.data) for record in LogReader(log)]
+    assert [(key, payload) for key, payload, _ in heard] == recorded
+    assert result["messages"] == len(recorded)
+
+
+def test_it_keeps_the_pace(log: Path, tmp_path: Path) -> None:
+    rate = 4.0
+    result, heard = play(tmp_path, log, "--rate", rate)
+    took_s = heard[-1][2] - heard[0][2]
+    assert took_s >= 0.9 * SAMPLES * PERIOD_NS / 1e9 / rate
+    assert result["slipped_s"] >= 0.0
+
+
+def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: Path) -> None:
+    options = ("--namespace", "lab/one", "--topic", LEFT_TARGET, "--map", f"{LEFT_TARGET}=/goal", "--loop", 2)
+    _, heard = play(tmp_path, log, *options, "--end", 0.5, "--rate", 100)
+    targets = [record.data for record in LogReader(log) if record.topic == LEFT_TARGET][:3]
+    assert [(key, payload) for key, payload, _ in heard] == [("lab/one/goal", data) for data in targets * 2]
+
+
+@pytest.mark.parametrize(
+    ("options", "expected"),
+    [
+        (("--rate", 0.01), "rate: expected 0.1 to 1000"),
+        (("--play", "--epochs", 3), "--play: expected neither"),
+        (("--loop", 2), "expected --play beside them"),
+        (("--play", "--topic", "/nothing"), "no topic /nothing"),
+        (("--map", "nonsense"), "--map: expected FOREIGN=OURS"),
+        (("--as-recorded",), "expected the phase markers of one recorded run, found none"),
+        (("--namespace", "/x"), "namespace: expected"),
+        (("--await", "a/b"), "name: expected"),
+        (("--wait", "inf"), "wait"),
+    ],
+)
+def test_bad_usage_is_one_clear_line(log: Path, tmp_path: Path, options: tuple[object, ...], expected: str) -> None:
+    assert expected in complaint(reenact("replay", log, *options, "--connect", free_endpoint(), cwd=tmp_path))

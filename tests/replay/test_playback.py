@@ -1,0 +1,77 @@
+"""Plain playback: every message of the logs, unchanged, in one order; sliced, renamed, repeated as asked."""
+
+from itertools import islice
+from pathlib import Path
+
+import pytest
+from episodes import PERIOD_NS, write_episode
+
+from recorders.errors import ConfigError, LogError
+from recorders.reader import LogReader
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from replay.playback import Playback, PlaybackConfig
+
+PERIOD_S = PERIOD_NS / 1e9
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("playback") / "log.mcap", samples=9)
+
+
+def test_it_is_the_log(log: Path) -> None:
+    assert list(Playback([log]).stream()) == list(LogReader(log))
+
+
+def test_it_begins_at_any_message(log: Path) -> None:
+    assert list(Playback([log]).stream(7)) == list(LogReader(log))[7:]
+
+
+def test_a_slice_is_taken_by_time(log: Path) -> None:
+    config = PlaybackConfig(start_s=2 * PERIOD_S, end_s=5 * PERIOD_S)
+    times = [record.log_time_ns for record in Playback([log], config).stream()]
+    assert times == [tick * PERIOD_NS for tick in (2, 3, 4) for _ in range(3)]
+
+
+def test_topics_are_chosen_and_renamed(log: Path) -> None:
+    config = PlaybackConfig(topics=frozenset({LEFT_TARGET}), renames={LEFT_TARGET: "/other"})
+    played = list(Playback([log], config).stream())
+    chosen = [record for record in LogReader(log) if record.topic == LEFT_TARGET]
+    assert played == [record._replace(topic="/other") for record in chosen]
+
+
+def test_it_loops(log: Path) -> None:
+    once = list(LogReader(log))
+    assert list(Playback([log], PlaybackConfig(loops=3)).stream()) == once * 3
+    assert list(islice(Playback([log], PlaybackConfig(loops=0)).stream(), len(once) * 5)) == once * 5
+
+
+def test_several_logs_are_one_stream_in_the_order_of_time(log: Path, tmp_path: Path) -> None:
+    other = write_episode(tmp_path / "other.mcap", samples=4)
+    played = list(Playback([log, other]).stream())
+    assert len(played) == 3 * (10 + 5)
+    assert [record.log_time_ns for record in played] == sorted(record.log_time_ns for record in played)
+    assert [record for record in played[:6] if record.topic == SAMPLE_JOINTS]
+
+
+def test_the_run_names_what_is_played(log: Path) -> None:
+    run = Playback([log]).offer().run
+    assert Playback([log]).offer().run == run
+    assert Playback([log], PlaybackConfig(loops=2)).offer().run != run
+    assert Playback([log], PlaybackConfig(topics=frozenset({RIGHT_TARGET}))).offer().run != run
+
+
+def test_an_unknown_topic_is_named_with_those_there_are(log: Path) -> None:
+    with pytest.raises(LogError, match=r"no topic /nothing in the logs; there are: /hand/left/target"):
+        Playback([log], PlaybackConfig(topics=frozenset({"/nothing"})))
+
+
+def test_no_log_is_an_error() -> None:
+    with pytest.raises(LogError, match="at least one log"):
+        Playback([])
+
+
+@pytest.mark.parametrize("options", [{"start_s": -1.0}, {"start_s": 2.0, "end_s": 1.0}, {"loops": -1}])
+def test_numbers_out_of_range_are_refused(options: dict[str, float]) -> None:
+    with pytest.raises(ConfigError, match="expected"):
+        PlaybackConfig(**options)  # type: ignore[arg-type]

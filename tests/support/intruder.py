@@ -1,0 +1,162 @@
+"""A peer that means ill, in a process of its own: publishes and asks everything it can, before and during a replay."""
+
+import json
+import random
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import asdict
+
+import numpy as np
+import zenoh
+
+from recorders.cdr import encode
+from recorders.errors import MessageError
+from recorders.messages import Float64MultiArray, JointState, PoseStamped
+from recorders.records import Stamped
+from recorders.stream import Progress
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
+from recorders.wire.frames import (
+    NO_RUN,
+    Frame,
+    Kind,
+    batch_key,
+    batch_topic,
+    control_key,
+    message_key,
+    pack,
+    unpack,
+)
+from recorders.wire.session import SessionConfig, open_session
+
+NAMESPACE = "reenact"
+HUGE = 100 << 20
+STRANGER = b"stranger" * 2
+
+
+@contextmanager
+def intruder(endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    """Start one; it says `garbage is out`, waits for a stream, and says `done` when it has tried everything."""
+    with subprocess.Popen([sys.executable, __file__, endpoint], stdout=subprocess.PIPE, text=True) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
+def await_word(process: subprocess.Popen[str], word: str) -> None:
+    assert process.stdout is not None
+    assert process.stdout.readline() == f"{word}\n"
+
+
+class Intruder:
+    """What an ill-meaning peer does. All of it is drawn from one seed."""
+
+    def __init__(self, session: zenoh.Session) -> None:
+        self._session = session
+        self._random = random.Random(7)
+        self._seen = threading.Event()
+        self._stream = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0)
+
+    def listen(self) -> None:
+        """Learn run, sender and place of the stream, as anyone can who may subscribe."""
+
+        def note(sample: zenoh.Sample) -> None:
+            try:
+                attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
+                frame = unpack("/" + str(sample.key_expr), b"", attachment)
+            except MessageError:
+                return
+            if frame.run != NO_RUN and frame.sender != STRANGER:
+                self._stream = frame
+                self._seen.set()
+
+        self._session.declare_subscriber(f"{NAMESPACE}/**", note)
+
+    def await_stream(self) -> None:
+        assert self._seen.wait(60.0)
+
+    def garbage(self) -> None:
+        """Random bytes on every key, with a random attachment or none, and as questions."""
+        keys = [message_key(NAMESPACE, topic) for topic in (*TOPICS, batch_topic(), "/no/such/topic", "/escape\x1b[2J")]
+        controls = [control_key(NAMESPACE, "learner", verb) for verb in ("hello", "status", "ack")]
+        for key in keys + controls:
+            for length in (0, 1, 48, 1_000):
+                self._put(key, self._bytes(length))
+                self._put(key, self._bytes(length), self._bytes(56))
+        for question in (b"", b"farewell", b"farewell " + b"0" * 32, b"{}", self._bytes(1_000), b"[" * 100_000):
+            for key in controls[:2]:
+                list(self._session.get(key, payload=question, timeout=5.0))
+
+    def wrong_messages(self) -> None:
+        """The wrong type on known keys, and another robot's joints, as a live producer sends them and bare."""
+        joints = JointState(0, ("antenna", "tail"), np.zeros(2))
+        for topic, message in (
+            (LEFT_TARGET, joints),
+            (RIGHT_TARGET, Float64MultiArray([1.0])),
+            (SESSION_PHASE, joints),
+            (SAMPLE_JOINTS, joints),
+        ):
+            data = encode(message)
+            self._put(message_key(NAMESPACE, topic), data)
+            self._forge(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (Stamped(topic, message.TYPE, data, 0, 0),)))
+
+    def forged_frames(self) -> None:
+        """Frames of the run that is under way, from another sender: back in time, the end, an abort, a batch."""
+        run, here = self._stream.run, self._stream.first + 1
+        past = Stamped(LEFT_TARGET, PoseStamped.TYPE, encode(PoseStamped(0, np.zeros(3))), 0, 0)
+        for first in range(here, here + 20):
+            self._forge(Frame(Kind.MESSAGE, run, STRANGER, first, (past,)))
+            self._forge(Frame(Kind.BATCH, run, STRANGER, first, (past, past)))
+            self._forge(Frame(Kind.END, run, STRANGER, first))
+            self._forge(Frame(Kind.ABORT, run, STRANGER, first, reason="forged"))
+
+    def forged_answers(self) -> None:
+        """Acknowledgements, a result and a failure that the learner never gave."""
+        run, key = self._stream.run.hex(), control_key(NAMESPACE, "learner", "ack")
+        for forged in (
+            Progress(run="f" * 32, next=7, received=7),
+            Progress(run=run, next=1 << 40, received=1 << 40),
+            Progress(run=run, next=1 << 40, received=1 << 40, result={"digest": "forged"}),
+            Progress(run=run, next=self._stream.first, received=self._stream.first, result={"digest": "forged"}),
+            Progress(run=run, next=self._stream.first, received=self._stream.first, error="forged"),
+        ):
+            self._put(key, json.dumps(asdict(forged)).encode())
+
+    def huge_message(self) -> None:
+        self._put(message_key(NAMESPACE, SAMPLE_JOINTS), bytes(HUGE))
+        list(self._session.get(control_key(NAMESPACE, "learner", "status"), timeout=30.0))  # it is through
+
+    def _forge(self, frame: Frame) -> None:
+        payload, attachment = pack(frame)
+        single = frame.kind is Kind.MESSAGE
+        key = message_key(NAMESPACE, frame.messages[0].topic) if single else batch_key(NAMESPACE)
+        self._put(key, payload, attachment)
+
+    def _put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
+        self._session.put(key, payload, attachment=attachment, congestion_control=zenoh.CongestionControl.BLOCK)
+
+    def _bytes(self, length: int) -> bytes:
+        return self._random.randbytes(length)
+
+
+def main() -> None:
+    with open_session(SessionConfig(connect=(sys.argv[1],))) as session:
+        guest = Intruder(session)
+        guest.garbage()
+        guest.listen()
+        print("garbage is out", flush=True)
+        guest.await_stream()
+        guest.garbage()
+        guest.wrong_messages()
+        for _ in range(5):
+            guest.forged_frames()
+            guest.forged_answers()
+        guest.huge_message()
+        print("done", flush=True)
+
+
+if __name__ == "__main__":
+    main()

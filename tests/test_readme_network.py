@@ -1,0 +1,147 @@
+"""What README and `data/zenoh` say of the network is so: commands, picture, what becomes of ROS 2 messages."""
+
+import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import matplotlib.image
+import numpy as np
+import pytest
+import typer.main
+import zenoh
+from episodes import write_episode
+from processes import reenact, start, wait_for_line
+
+import pipeline
+from pipeline import cli
+from pipeline.robot import load_robot
+from recorders.messages import JointState, PoseStamped, String
+from recorders.reader import LogReader
+from recorders.topics import LEARNER_TOPICS
+from recorders.wire.frames import message_key
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, open_session
+
+ROOT = Path(pipeline.__file__).parent.parent
+PAGES = [ROOT / "README.md", ROOT / "data" / "zenoh" / "README.md", ROOT / "data" / "zenoh" / "ros2.md"]
+PICTURE = ROOT / "data" / "pictures" / "topology.png"
+LIVE = "## Live, in three terminals"
+NO_DEFAULT_ENDPOINT = {"robot": "--listen", "record": "--connect"}  # what the example leaves to the default
+
+
+def commands(text: str) -> list[list[str]]:
+    """The arguments of every `reenact` in the indented blocks of a page, in order."""
+    lines = re.findall(r"^    (?:\.venv/bin/)?reenact (.*)$", text, re.MULTILINE)
+    return [[word for word in shlex.split(line, comments=True) if word != "&"] for line in lines]
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+def test_every_command_has_the_options_it_names(page: Path) -> None:
+    verbs: Any = typer.main.get_command(cli.app)
+    found = commands(page.read_text())
+    assert found
+    for verb, *arguments in found:
+        verbs.commands[verb].make_context(verb, arguments)
+
+
+def test_every_page_and_picture_of_the_network_is_linked() -> None:
+    readme = PAGES[0].read_text()
+    linked = [page for page in (*PAGES[1:], PICTURE) if f"({page.relative_to(ROOT).as_posix()})" not in readme]
+    assert linked == []
+
+
+def test_the_bridges_configuration_is_one_that_listens_nowhere() -> None:
+    (text,) = re.findall(r"```json5\n(.*?)```", PAGES[2].read_text(), re.DOTALL)
+    config = zenoh.Config.from_json5(text)
+    assert json.loads(config.get_json("mode")) == "client"
+    assert json.loads(config.get_json("connect/endpoints")) == [DEFAULT_ENDPOINT]
+    assert json.loads(config.get_json("scouting/multicast/enabled")) is False
+
+
+def test_the_picture_is_what_its_script_draws(tmp_path: Path) -> None:
+    drawn = tmp_path / "topology.png"
+    subprocess.run([sys.executable, PICTURE.with_suffix(".py"), drawn], check=True, cwd=tmp_path, timeout=60)
+    there, here = (matplotlib.image.imread(path) for path in (PICTURE, drawn))
+    assert there.shape == here.shape
+    assert np.abs(there - here).mean() < 1e-3
+    assert PICTURE.stat().st_size < 150_000
+
+
+def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
+    """As it stands there, on a port of its own and with a shorter motion."""
+    section = PAGES[0].read_text().partition(LIVE)[2].partition("\n## ")[0]
+    endpoint, motion = free_endpoint(), short_motion(tmp_path / "short.csv")
+    replaced = {DEFAULT_ENDPOINT: endpoint, "eight": str(motion)}
+    lines = [[replaced.get(word, word) for word in line] for line in commands(section)]
+    lines = [
+        [*line, NO_DEFAULT_ENDPOINT[line[0]], endpoint] if line[0] in NO_DEFAULT_ENDPOINT else line for line in lines
+    ]
+    assert [verb for verb, *_ in lines] == ["robot", "record", "learn", "explore", "train", "diff"]
+    with ExitStack() as stack:
+        nodes = [stack.enter_context(start(*line, cwd=tmp_path)) for line in lines[:3]]
+        for node in nodes:
+            stack.callback(node.kill)
+        explored = reenact(*lines[3], cwd=tmp_path)
+        assert explored.returncode == 0, explored.stderr
+        _, learned = (node.communicate(timeout=30)[0] for node in nodes[1:])
+    trained, compared = (reenact(*line, cwd=tmp_path) for line in lines[4:])
+    digest = re.compile(r"^digest +([0-9a-f]{64})$", re.MULTILINE)
+    assert digest.findall(learned) == digest.findall(trained.stdout) != []
+    assert (compared.returncode, compared.stdout) == (0, "no divergence\n")
+
+
+def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) -> None:
+    """CDR bytes on the topics' keys, no attachment, no encoding, strings padded: no bridge, but what one sends."""
+    episode = list(LogReader(write_episode(tmp_path / "episode.mcap")))
+    padded = b"\x00\x01\x00\x03\x06\x00\x00\x00<xml>\x00\x00\x00\x00"
+    endpoint = free_endpoint()
+    with ExitStack() as stack:
+        session = stack.enter_context(open_session(SessionConfig(listen=(endpoint,))))
+        process = stack.enter_context(
+            start("record", "--out", "ros.mcap", "--connect", endpoint, "--json", cwd=tmp_path)
+        )
+        stack.callback(process.kill)
+        wait_for_line(process, "records reenact/**")
+        for record in episode:
+            put(session, record.topic, record.data)
+        put(session, "/robot_description", padded)
+        put(session, "/rosout", b"\x00\x01\x00\x00")
+        time.sleep(0.5)  # what was put last is on its way
+        process.send_signal(signal.SIGINT)
+        result = json.loads(process.communicate(timeout=30)[0])
+    assert result["opaque"] == {"/rosout": 1}
+    recorded = {record.topic: record.type for record in LogReader(tmp_path / "ros.mcap")}
+    types = {topic.name: topic.type for topic in LEARNER_TOPICS}
+    assert recorded == types | {"/robot_description": String.TYPE, "/rosout": ""}
+    assert set(types.values()) == {PoseStamped.TYPE, JointState.TYPE}
+    train = ("train", "--epochs", 1, "--json")
+    ours = reenact(*train, "episode.mcap", "--out", "ours.npz", cwd=tmp_path)
+    theirs = reenact(*train, "ros.mcap", "--robot", "asimo", "--out", "theirs.npz", cwd=tmp_path)
+    assert json.loads(theirs.stdout)["digest"] == json.loads(ours.stdout)["digest"]
+    unnamed = reenact(*train, "ros.mcap", "--out", "unnamed.npz", cwd=tmp_path)
+    assert unnamed.returncode == 2
+    assert "--robot" in unnamed.stderr
+
+
+def put(session: zenoh.Session, topic: str, payload: bytes) -> None:
+    key = message_key("reenact", topic)
+    session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
+
+
+def short_motion(path: Path) -> Path:
+    """Write a motion of three samples at 10 Hz: both hands move a little to and fro."""
+    robot = load_robot("asimo")
+    rows = ["t,lx,ly,lz,rx,ry,rz"]
+    for sample, lift in enumerate((0.0, 0.02, 0.0)):
+        up = np.array([0.0, 0.0, lift])
+        hands = np.concatenate([robot.left_centre + up, robot.right_centre + up]).tolist()
+        rows.append(",".join(map(repr, [0.1 * sample, *hands])))
+    path.write_text("\n".join(rows))
+    return path
