@@ -1,9 +1,8 @@
 """Robots as data: a URDF and a TOML file become one checked, immutable `RobotConfig`."""
 
 import math
-import tomllib
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -12,14 +11,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.resources import data_path
-from pipeline.urdf import MAX_BYTES, check_links, check_name, check_text, joint_limits, one_line, parse_urdf, shown
+from pipeline.robot_import import import_urdf
+from pipeline.robot_source import parse_source, read_source, read_text
+from pipeline.robot_tables import as_name, as_number, as_table, as_vector, check_keys, parse_toml
+from pipeline.urdf import check_links, joint_limits, one_line, parse_urdf, shown
 from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
 
 URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"
-MAX_CONFIG_BYTES = 32 * 2**10  # 15 joints take two thousand; the time that TOML takes can grow with the square
+IMPORT_FILE = "import.toml"
 
 _KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
 _JOINT_KEYS = frozenset({"name", "weight", "comfort"})
@@ -80,29 +82,39 @@ def robot_names() -> list[str]:
 
 
 def load_robot(name_or_directory: str | Path) -> RobotConfig:
-    """Load a robot that comes with the program, or one from a directory with `robot.urdf` and `robot.toml`.
+    """Load a robot that comes with the program, or one from a directory.
+
+    The directory holds `robot.toml` and either `robot.urdf`, or `import.toml`, which says from what model of others,
+    and how, the URDF is made.
 
     Raises
     ------
     RobotError
-        The robot is unknown, a file cannot be read, or the two files do not make a usable robot.
+        The robot is unknown, a file cannot be read, the package with its model is not installed, or the files do not
+        make a usable robot.
     """
     names = robot_names()
     packaged = str(name_or_directory) in names
     directory = data_path("robots", str(name_or_directory)) if packaged else Path(name_or_directory)
     if not directory.is_dir():
         raise RobotError(f"unknown robot '{name_or_directory}': expected one of {', '.join(names)}, or a directory")
-    return parse_robot(_read(directory / TOML_FILE), _read(directory / URDF_FILE))
+    toml_text = read_text(directory / TOML_FILE)
+    if (directory / IMPORT_FILE).exists():
+        return parse_robot(toml_text, _imported(toml_text, directory))
+    return parse_robot(toml_text, read_text(directory / URDF_FILE))
 
 
-def _read(path: Path) -> str:
-    try:
-        with path.open(encoding="utf-8") as file:
-            return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
-    except OSError as error:
-        raise RobotError(f"cannot read robot file '{path}': {error.strerror}") from error
-    except UnicodeDecodeError as error:
-        raise RobotError(f"cannot read robot file '{path}': expected UTF-8 text") from error
+def _imported(toml_text: str, directory: Path) -> str:
+    """Return the URDF text that the directory's `import.toml` makes."""
+    parts = _parse_config(toml_text)
+    source = parse_source(read_text(directory / IMPORT_FILE))
+    return import_urdf(
+        read_source(source, directory),
+        source,
+        name=parts["name"],
+        joints=parts["joints"],
+        frames=(parts["left_hand"], parts["right_hand"], parts["gaze_frame"]),
+    )
 
 
 def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
@@ -113,83 +125,51 @@ def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
     RobotError
         A text does not parse, a key is missing, unknown or of the wrong kind, or the two do not fit together.
     """
-    check_text(toml_text, "robot config", most=MAX_CONFIG_BYTES)
-    try:
-        table = tomllib.loads(toml_text)
-    except (ValueError, RecursionError) as error:  # also of integers too long, and of brackets too deep
-        raise RobotError(f"robot config is not TOML: {one_line(str(error))}") from error
-    _check_keys(table, _KEYS, "the robot config")
+    parts = _parse_config(toml_text)
+    urdf = parse_urdf(urdf_text)
+    lower, upper = joint_limits(urdf, parts["joints"])
+    check_links(urdf, (parts["left_hand"], parts["right_hand"], parts["gaze_frame"]))
+    _check_comfort(parts["joints"], lower, parts["comfort"], upper)
+    return RobotConfig(**parts, lower=lower, upper=upper, urdf_text=urdf_text, toml_text=toml_text)
+
+
+def _parse_config(toml_text: str) -> dict[str, Any]:
+    """Return what `robot.toml` tells, as the arguments of a RobotConfig."""
+    table = parse_toml(toml_text)
+    check_keys(table, _KEYS, "the robot config")
     joints, weights, comfort = _joints(table["joints"])
     hands = _names(table["hands"], ("left", "right"), "[hands]")
     gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
     pattern = _pattern(table["pattern"])
-    urdf = parse_urdf(urdf_text)
-    lower, upper = joint_limits(urdf, joints)
-    check_links(urdf, (*hands, gaze[1]))
-    _check_comfort(joints, lower, comfort, upper)
     if gaze[0] not in joints:
         raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {', '.join(joints)}")
-    return RobotConfig(
-        name=_text(table["name"], "name"),
-        joints=joints,
-        lower=lower,
-        upper=upper,
-        weights=weights,
-        comfort=comfort,
-        left_hand=hands[0],
-        right_hand=hands[1],
-        gaze_joint=gaze[0],
-        gaze_frame=gaze[1],
+    return {
+        "name": as_name(table["name"], "name"),
+        "joints": joints,
+        "weights": weights,
+        "comfort": comfort,
+        "left_hand": hands[0],
+        "right_hand": hands[1],
+        "gaze_joint": gaze[0],
+        "gaze_frame": gaze[1],
         **pattern,
-        urdf_text=urdf_text,
-        toml_text=toml_text,
-    )
-
-
-def _check_keys(table: Mapping[str, Any], expected: frozenset[str], where: str) -> None:
-    if missing := sorted(expected - table.keys()):
-        raise RobotError(f"{where} lacks {', '.join(missing)}: expected the keys {', '.join(sorted(expected))}")
-    if unknown := sorted(table.keys() - expected):
-        raise RobotError(
-            f"{where} has unknown {one_line(', '.join(unknown))}: expected the keys {', '.join(sorted(expected))}"
-        )
-
-
-def _table(value: object, expected: frozenset[str], where: str) -> Mapping[str, Any]:
-    if not isinstance(value, dict):
-        raise RobotError(f"{where} of the robot config: expected a table, found {shown(value)}")
-    _check_keys(value, expected, where)
-    return value
-
-
-def _text(value: object, where: str) -> str:
-    return check_name(value, f"{where} of the robot config")
-
-
-def _number(value: object, where: str) -> float:
-    try:
-        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
-    except OverflowError:
-        number = math.inf
-    if not math.isfinite(number):
-        raise RobotError(f"{where} of the robot config: expected a finite number, found {shown(value)}")
-    return number
+    }
 
 
 def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
-    table = _table(value, frozenset(keys), where)
-    return _text(table[keys[0]], f"{where} {keys[0]}"), _text(table[keys[1]], f"{where} {keys[1]}")
+    table = as_table(value, frozenset(keys), where)
+    return as_name(table[keys[0]], f"{where} {keys[0]}"), as_name(table[keys[1]], f"{where} {keys[1]}")
 
 
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     if not isinstance(value, list) or not value:
         raise RobotError(f"joints of the robot config: expected a list of tables, found {shown(value)}")
-    rows = [_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
-    names = tuple(_text(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
+    rows = [as_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
+    names = tuple(as_name(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
         raise RobotError(f"joints of the robot config: {one_line(', '.join(repeated))} given more than once")
-    weights = [_number(row["weight"], f"weight of {row['name']}") for row in rows]
-    comfort = [_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
+    weights = [as_number(row["weight"], f"weight of {row['name']}") for row in rows]
+    comfort = [as_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
     if min(weights) <= 0.0:
         name = names[weights.index(min(weights))]
         raise RobotError(f"weight of {name} of the robot config: expected above 0, found {min(weights)}")
@@ -197,8 +177,8 @@ def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
 
 
 def _pattern(value: object) -> dict[str, Floats]:
-    table = _table(value, _PATTERN_KEYS, "[pattern]")
-    vectors = {key: _vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
+    table = as_table(value, _PATTERN_KEYS, "[pattern]")
+    vectors = {key: as_vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
     for key in ("lateral", "up"):
         length = math.hypot(*vectors[key])
         if not math.isclose(length, 1.0, abs_tol=1e-9):
@@ -208,12 +188,6 @@ def _pattern(value: object) -> dict[str, Floats]:
             f"[pattern] of the robot config: expected up at right angles to lateral, found cosine {cosine:g}"
         )
     return vectors
-
-
-def _vector(value: object, where: str) -> Floats:
-    if not isinstance(value, list) or len(value) != 3:
-        raise RobotError(f"{where} of the robot config: expected three numbers, found {shown(value)}")
-    return np.array([_number(entry, where) for entry in value])
 
 
 def _check_comfort(joints: Sequence[str], lower: Floats, comfort: Floats, upper: Floats) -> None:

@@ -11,7 +11,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from recorders.errors import RobotError
 
@@ -102,7 +102,7 @@ def parse_urdf(urdf_text: str) -> ElementTree.Element:
     if root.tag != "robot":
         raise RobotError(f"robot description is not URDF: expected the root element 'robot', found {shown(root.tag)}")
     check_name(root.get("name"), "name of the URDF")
-    links, joints = _named(root, "link"), _named(root, "joint")
+    links, joints = named(root, "link"), named(root, "joint")
     for joint in joints.values():
         _check_joint(joint, links)
     _check_tree(links, joints)
@@ -135,7 +135,7 @@ def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
     RobotError
         As `parse_urdf` does.
     """
-    joints = _named(parse_urdf(urdf_text), "joint")
+    joints = named(parse_urdf(urdf_text), "joint")
     return {
         name: (_attribute(joints[name], "parent", "link"), _attribute(joints[name], "child", "link"))
         for name in sorted(joints)
@@ -150,7 +150,7 @@ def joint_limits(urdf: ElementTree.Element, joints: Sequence[str]) -> tuple[Floa
     RobotError
         `joints` are not the movable joints of the URDF, or one has no limits or no transmission.
     """
-    movable = {name: joint for name, joint in _named(urdf, "joint").items() if joint.get("type") != "fixed"}
+    movable = {name: joint for name, joint in named(urdf, "joint").items() if joint.get("type") != "fixed"}
     motors = {element.get("name", "") for element in urdf.iterfind("transmission/joint")}
     if missing := [name for name in joints if name not in movable]:
         raise RobotError(
@@ -169,10 +169,33 @@ def joint_limits(urdf: ElementTree.Element, joints: Sequence[str]) -> tuple[Floa
 
 def check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
     """Raise RobotError if a frame of the robot config is not a link of the URDF."""
-    links = _named(urdf, "link")
+    links = named(urdf, "link")
     if missing := [frame for frame in frames if frame not in links]:
         found = one_line(", ".join(sorted(links)))
         raise RobotError(f"frames {', '.join(missing)} of the robot config are not links: {found}")
+
+
+def named(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
+    """All elements of a kind, link or joint, by name.
+
+    Raises
+    ------
+    RobotError
+        A name is missing, cannot stand in a line of text, or is given more than once.
+    """
+    found: dict[str, ElementTree.Element] = {}
+    for element in root.iterfind(kind):
+        name = check_name(element.get("name"), f"name of a {kind} of the URDF")
+        if name in found:
+            raise RobotError(f"{kind} {name} of the URDF is given more than once")
+        found[name] = element
+    return found
+
+
+def as_numbers(values: ArrayLike) -> str:
+    """Write numbers as an attribute's text, to 12 digits: the last bits depend on the machine that computed them."""
+    rounded = (round(float(value), 12) + 0.0 for value in np.ravel(values))  # + 0.0 makes -0.0 a plain 0
+    return " ".join(f"{value:.12g}" for value in rounded)
 
 
 class _Builder(ElementTree.TreeBuilder):
@@ -194,16 +217,6 @@ class _Builder(ElementTree.TreeBuilder):
     def end(self, tag: str, /) -> ElementTree.Element:
         self._depth -= 1
         return super().end(tag)
-
-
-def _named(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
-    named: dict[str, ElementTree.Element] = {}
-    for element in root.iterfind(kind):
-        name = check_name(element.get("name"), f"name of a {kind} of the URDF")
-        if name in named:
-            raise RobotError(f"{kind} {name} of the URDF is given more than once")
-        named[name] = element
-    return named
 
 
 def _check_joint(joint: ElementTree.Element, links: Mapping[str, ElementTree.Element]) -> None:

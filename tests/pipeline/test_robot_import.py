@@ -1,0 +1,191 @@
+"""A robot made from a model of others is that model, without what was left out; wrong names are one clear line."""
+
+import random
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+import pinocchio
+import pytest
+from small_robot import CONFIG, IMPORT, JOINTS, MODEL, joint, limited, link, write_robot
+
+from pipeline.kinematics import Kinematics
+from pipeline.robot import RobotConfig, load_robot, parse_robot
+from recorders.errors import RobotError
+
+FINGERS = {"l_grip": 0.5, "r_grip": 0.5}
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> RobotConfig:
+    return load_robot(write_robot(tmp_path_factory.mktemp("robots") / "small"))
+
+
+def changed(folder: Path, file: str, old: str, new: str) -> Path:
+    text = (write_robot(folder) / file).read_text()
+    assert old in text
+    (folder / file).write_text(text.replace(old, new))
+    return folder
+
+
+def theirs(robot: RobotConfig, q: np.ndarray) -> tuple[Any, Any]:
+    """Their whole model, without the rise that is ours, at a posture of our robot; and its data."""
+    model = pinocchio.buildModelFromXML(MODEL)
+    whole = pinocchio.neutral(model)
+    for name, value in (dict(zip(robot.joints[1:], q[1:], strict=True)) | FINGERS).items():
+        whole[model.joints[model.getJointId(name)].idx_q] = value
+    fan = model.joints[model.getJointId("spin")].idx_q
+    whole[fan : fan + 2] = np.cos(0.7), np.sin(0.7)
+    data = model.createData()
+    pinocchio.framesForwardKinematics(model, data, whole)
+    pinocchio.crba(model, data, whole)
+    return model, data
+
+
+def postures(robot: RobotConfig) -> list[np.ndarray]:
+    rng = np.random.default_rng(1)
+    return [rng.uniform(robot.lower, robot.upper) for _ in range(5)]
+
+
+def test_the_hands_are_where_the_whole_model_has_them(robot: RobotConfig) -> None:
+    turn = pinocchio.rpy.rpyToMatrix(0.0, 0.0, np.pi / 2)
+    kinematics = Kinematics(robot)
+    for q in postures(robot):
+        model, data = theirs(robot, q)
+        stand = pinocchio.SE3(turn, np.array([0.0, 0.0, 0.7 + q[0]]))
+        for side, found in zip("lr", kinematics.hands(q), strict=True):
+            palm = data.oMf[model.getFrameId(f"{side}_finger")].act(np.array([0.02, 0.0, -0.04]))
+            np.testing.assert_allclose(found, stand.act(palm), atol=1e-11)
+
+
+def test_what_is_fixed_keeps_its_mass_and_inertia(robot: RobotConfig) -> None:
+    kinematics = Kinematics(robot)
+    for q in postures(robot):
+        model, data = theirs(robot, q)
+        places = [model.joints[model.getJointId(name)].idx_v for name in robot.joints[1:]]
+        expected = np.diagonal(data.M)[places]
+        np.testing.assert_allclose(kinematics.inertia_diagonal(q)[1:], expected, rtol=1e-8)
+
+
+def test_masses_add_up_without_what_is_dropped(robot: RobotConfig) -> None:
+    urdf = ElementTree.fromstring(robot.urdf_text)
+    masses = [float(mass.get("value", "")) for mass in urdf.iter("mass")]
+    assert sum(masses) == pytest.approx(4.0 + 6.0 + 0.2 + 2 * (4 * 0.8 + 0.1))
+
+
+def test_the_text_needs_no_file_and_comes_back_as_the_same_robot(robot: RobotConfig) -> None:
+    assert "mesh" not in robot.urdf_text
+    again = parse_robot(robot.toml_text, robot.urdf_text)
+    assert again.joints == robot.joints == JOINTS
+    np.testing.assert_array_equal(again.lower, robot.lower)
+
+
+def test_every_link_but_the_frames_is_seen(robot: RobotConfig) -> None:
+    urdf = ElementTree.fromstring(robot.urdf_text)
+    bare = {str(element.get("name")) for element in urdf.iterfind("link") if element.find("visual") is None}
+    assert bare == set()
+
+
+def test_equal_input_gives_equal_text_whatever_the_models_order(robot: RobotConfig, tmp_path: Path) -> None:
+    assert load_robot(write_robot(tmp_path / "same")).urdf_text == robot.urdf_text
+    model = ElementTree.fromstring(MODEL)
+    elements = list(model)
+    random.Random(3).shuffle(elements)
+    model[:] = elements
+    (write_robot(tmp_path / "shuffled") / "model.urdf").write_text(ElementTree.tostring(model, encoding="unicode"))
+    shuffled = Kinematics(load_robot(tmp_path / "shuffled"))
+    for q in postures(robot):
+        np.testing.assert_allclose(shuffled.hands(q), Kinematics(robot).hands(q), atol=1e-12)
+
+
+def test_import_says_nothing_on_the_terminal(tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
+    load_robot(write_robot(tmp_path / "small"))
+    assert capfd.readouterr() == ("", "")
+
+
+@pytest.mark.parametrize(
+    ("file", "old", "new", "message"),
+    [
+        ("robot.toml", '"turn", weight', '"twist", weight', r"\[gaze\] joint 'turn' is not among"),
+        ("robot.toml", '"l_elbow"', '"l_knee"', "joints l_knee .* not movable joints of the model, which has l_elbow"),
+        ("robot.toml", '"l_elbow"', '"ankle"', "joints ankle .* not movable joints of the model, which has l_elbow"),
+        ("robot.toml", '"l_elbow"', '"spin"', r"\[frozen\] joints spin are among the robot's joints"),
+        ("robot.toml", 'left = "l_palm"', 'left = "l_paw"', "frames l_paw .* are not links: chest, .*l_palm"),
+        (
+            "import.toml",
+            'drop = ["hip"]',
+            'drop = ["tail"]',
+            "drop: joints tail are not in the model, .* anchor, ankle",
+        ),
+        ("import.toml", 'drop = ["hip"]', 'drop = "hip"', "drop of the robot config: expected a list, found 'hip'"),
+        ("import.toml", 'drop = ["hip"]', "dorp = []", "import.toml has unknown dorp: expected the keys base, drop"),
+        (
+            "import.toml",
+            "l_grip = 0.5",
+            "l_claw = 0.5",
+            r"\[frozen\] joints l_claw .* which has l_elbow",
+        ),
+        ("import.toml", "l_grip = 0.5", "", r"\[frozen\] l_grip: expected between its limits 0.2 and 1, found 0"),
+        ("import.toml", "l_grip = 0.5", "l_grip = nan", r"\[frozen\] l_grip .* finite number"),
+        ("import.toml", 'parent = "l_finger"', 'parent = "thumb"', "frames thumb .* are not links: chest, fan"),
+        ("import.toml", 'name = "l_palm"', 'name = "l_finger"', "link l_finger of the URDF is given more than once"),
+        ("import.toml", 'type = "prismatic"', 'type = "slidy"', "type of rise .* expected revolute or prismatic"),
+        ("import.toml", 'type = "prismatic"', "type = []", "type of rise .* expected revolute or prismatic"),
+        ("import.toml", "lower = -0.1\n", "", "virtual joint 0 lacks lower"),
+        ("import.toml", 'name = "rise"', 'name = "turn"', "joint turn of the URDF is given more than once"),
+        ("import.toml", "axis = [0.0, 0.0, 1.0]", "axis = [0.0, 1.0]", "axis of rise .* expected three numbers"),
+        ("import.toml", "xyz = [0.0, 0.0, 0.7]", "xyz = 0.7", r"\[base\] xyz .* expected three numbers"),
+        ("import.toml", "[base]", "[basis]", "import.toml has unknown basis"),
+        ("import.toml", "[source]", "[sauce]", "import.toml lacks source"),
+        ("import.toml", '"model.urdf"', '"../model.urdf"', "expected a file beside import.toml, found '../model.urdf'"),
+        ("import.toml", '"model.urdf"', '"absent.urdf"', "cannot read robot file .*absent.urdf"),
+        ("import.toml", "[source]", '[source]\npackage = "reenact-no-such-package"', "pip install reenact-no-such-pac"),
+        ("import.toml", "[source]", '[source]\npackage = "../a b"', r"'../a b', which is not installed"),
+        ("import.toml", "[source]", '[source]\npackage = "numpy"', "package 'numpy' has no file 'model.urdf'"),
+        ("model.urdf", limited(-2.4, 0.1), "", "joint l_elbow of the model: expected <limit lower=.*, found none"),
+        ("model.urdf", '<mass value="6.0"/>', '<mass value="much"/>', "link 'chest' .* found 'much'"),
+        ("model.urdf", "</robot>", "", "not XML"),
+    ],
+)
+def test_what_does_not_fit_is_one_clear_line(
+    tmp_path: Path, file: str, old: str, new: str, message: str, capfd: pytest.CaptureFixture[str]
+) -> None:
+    with pytest.raises(RobotError, match=message) as caught:
+        load_robot(changed(tmp_path / "small", file, old, new))
+    assert "\n" not in str(caught.value)
+    assert capfd.readouterr() == ("", "")
+
+
+def test_a_free_joint_is_frozen_at_zero_only(tmp_path: Path) -> None:
+    ball = link("ball", mass=0.1, centre="0 0 0") + joint("float", "chest", "ball", xyz="0 0 1", kind="floating")
+    folder = changed(tmp_path / "small", "model.urdf", "</robot>", f"{ball}</robot>")
+    assert "float" not in load_robot(folder).urdf_text
+    (folder / "import.toml").write_text(IMPORT.replace("spin = 0.7", "float = 0.7"))
+    with pytest.raises(RobotError, match=r"\[frozen\] float: expected 0 for a joint of 6 degrees of freedom"):
+        load_robot(folder)
+
+
+def test_hostile_import_is_one_clear_line(tmp_path: Path) -> None:
+    folder = write_robot(tmp_path / "small")
+    for text in ("a = " + "[" * 20_000, "frozen." + ".".join("a" * 4_000) + " = 1", "# " + "a" * 2**16):
+        (folder / "import.toml").write_text(text)
+        with pytest.raises(RobotError) as caught:
+            load_robot(folder)
+        assert "\n" not in str(caught.value)
+        assert len(str(caught.value)) < 1500
+
+
+def test_a_model_of_endless_joints_is_refused_at_once(tmp_path: Path) -> None:
+    hairs = "".join(
+        f'<link name="hair{i}"/>' + joint(f"root{i}", "chest", f"hair{i}", xyz="0 0 1", kind="fixed")
+        for i in range(10_000)
+    )
+    with pytest.raises(RobotError, match="expected at most 1000 joints, found 1001"):
+        load_robot(changed(tmp_path / "small", "model.urdf", "</robot>", f"{hairs}</robot>"))
+
+
+def test_a_config_alone_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "robot.toml").write_text(CONFIG)
+    with pytest.raises(RobotError, match=r"cannot read robot file .*robot\.urdf"):
+        load_robot(tmp_path)
