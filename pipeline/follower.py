@@ -1,5 +1,6 @@
 """A robot that follows commands: checks them, moves by them, and says its state when that is due. No Zenoh."""
 
+from collections import deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -13,6 +14,8 @@ from recorders.errors import ConfigError, MessageError
 from recorders.messages import Message
 
 Floats = NDArray[np.float64]
+
+_REMEMBERED = 2048  # commands; twice what a sender by default has under way, and so may send again
 
 
 @dataclass(frozen=True)
@@ -75,7 +78,7 @@ class Follower:
         self._publish = publish
         self._commands = CommandReader(backend.robot)
         self._held = backend.robot.comfort  # the last command
-        self._last_ns = -1  # its stamp, in lockstep
+        self._done: deque[Floats] = deque(maxlen=_REMEMBERED)  # the last commands, in lockstep one for each period
         self._state_due_ns = 0
         self._carried_out = self.refused = 0
         self.slipped_s = 0.0
@@ -87,43 +90,32 @@ class Follower:
     def stand(self, posture: Floats) -> None:
         """Stand still at a posture (n,), at time 0."""
         self._backend.reset(posture)
-        self._held, self._last_ns = posture, -1
+        self._held = posture
+        self._done.clear()
         self._state_due_ns = 0
         self._say_state()
 
-    def follow(self, data: bytes, *, repeats_ns: int) -> None:
+    def follow(self, data: bytes) -> None:
         """Take a command: in lockstep, move on by it; in real time, hold it from now on.
 
-        In real time the latest to arrive counts, whatever its stamp: its sender's clock need not be the robot's.
-
-        Parameters
-        ----------
-        data : bytes
-            The command, CDR.
-        repeats_ns : int
-            A past command that is no older than this [ns] has been carried out before, and comes again.
+        A command that comes again changes nothing. In real time the latest to arrive counts, whatever its stamp: its
+        sender's clock need not be the robot's.
 
         Raises
         ------
         MessageError
-            If it is no command, or, in lockstep, not one for now.
+            If it is no command, or, in lockstep, neither one for now nor one of the last again.
         JointError
             If it is one for another robot.
         """
         stamp_ns, posture = self._commands.read(data)
-        now_ns = self._backend.time_ns
-        if self._config.real_time:
-            self._held = posture
-        elif now_ns - repeats_ns <= stamp_ns < now_ns and self._repeats(stamp_ns, posture):
-            return
-        elif stamp_ns != now_ns:
-            raise MessageError(
-                f"expected stamp {now_ns} ns, the robot's time, or the last command again, found stamp {stamp_ns} ns; "
-                "is someone else driving it?"
-            )
-        else:
+        if not self._config.real_time:
+            if self._is_done(stamp_ns, posture):
+                return
+            self._check_due(stamp_ns)
             self._move(posture)
-            self._last_ns, self._held = stamp_ns, posture
+            self._done.append(posture)
+        self._held = posture
         self._carried_out += 1
 
     def hold(self) -> None:
@@ -143,9 +135,17 @@ class Follower:
             slipped_s=self.slipped_s,
         )
 
-    def _repeats(self, stamp_ns: int, posture: Floats) -> bool:
-        """Whether a past command can have been carried out before: of the last one it is known which it was."""
-        return stamp_ns != self._last_ns or np.array_equal(posture, self._held)
+    def _is_done(self, stamp_ns: int, posture: Floats) -> bool:
+        """Whether a command is one of the last that were carried out, and comes again."""
+        periods, rest = divmod(self._backend.time_ns - stamp_ns, self._config.period_ns)
+        return rest == 0 and 1 <= periods <= len(self._done) and np.array_equal(self._done[-periods], posture)
+
+    def _check_due(self, stamp_ns: int) -> None:
+        if stamp_ns != self._backend.time_ns:
+            raise MessageError(
+                f"expected stamp {self._backend.time_ns} ns, the robot's time, or one of the last commands again, "
+                f"found stamp {stamp_ns} ns; is someone else driving it?"
+            )
 
     def _move(self, posture: Floats) -> None:
         self._backend.advance(posture, self._config.period_ns)

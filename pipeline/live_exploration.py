@@ -213,6 +213,7 @@ def explore_live(
             robot, presented, seed=seed, schedule=schedule, teacher=teacher, config=config, progress=progress
         )
         live.settle()
+        robot.wait()
         transport = ZenohTransport(opened, config=replace(sender, batch=1))
         consumers = transport.deliver(live.offer(), live.stream_from)
     return LiveExploration(

@@ -8,7 +8,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.kinematics import Kinematics
 from pipeline.robot import RobotConfig, parse_robot
-from pipeline.robot_wire import RobotStatus, config_key, robot_key
+from pipeline.robot_wire import MAX_COMMAND, RobotStatus, config_key, pack_commands, robot_key
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, WireError
 from recorders.messages import JointState, String
@@ -24,8 +24,10 @@ _ANSWER_S = 2.0  # how long one answer may take before the question is asked aga
 class RemoteRobot:
     """The robot node of a namespace. Implements `pipeline.backend.RobotBackend`.
 
-    A command is a query, so that it is asked again if it or its answer is lost. Publishing it on its topic too, before
-    `advance`, lets others see it; the robot knows the repeat. `hands` are computed from the joints measured.
+    Commands travel in a query, so that they are asked again if they or the answer are lost. In lockstep the robot's
+    time after a command is known: commands wait here and go out together, when somebody reads what was measured, when
+    they fill a query, or with `wait`. Publishing a command on its topic too, before `advance`, lets others see it and
+    the robot begin; it knows the repeat. `hands` are computed from the joints measured.
 
     Parameters
     ----------
@@ -58,6 +60,8 @@ class RemoteRobot:
         self._session = session
         self._namespace = namespace
         self._patience_s = wait_s
+        self._waiting: list[bytes] = []  # commands that the robot has not been asked for yet
+        self._name = ""  # until it has answered
         self.status = RobotStatus.from_json(self._ask(robot_key(namespace, "status")))
         self._patience_s = patience_s
         self._robot = parse_robot(
@@ -66,6 +70,7 @@ class RemoteRobot:
         self._kinematics = Kinematics(self._robot)
         self._joints = JointMap(self._robot.joints)
         self._take(self._ask(robot_key(namespace, "joints")))
+        self._name = self._robot.name
 
     @property
     def robot(self) -> RobotConfig:
@@ -74,22 +79,25 @@ class RemoteRobot:
 
     @property
     def time_ns(self) -> int:
-        """The robot's time since the reset [ns], as it last said."""
-        return self._state.stamp_ns
+        """The robot's time since the reset [ns], at the end of all commands."""
+        return self._state.stamp_ns + len(self._waiting) * self.status.period_ns
 
     @property
     def positions(self) -> Floats:
         """Joint positions [rad or m], shape (n,)."""
+        self.wait()
         return self._positions
 
     @property
     def velocities(self) -> Floats:
         """Joint velocities [rad/s or m/s], shape (n,)."""
+        self.wait()
         return self._velocities
 
     def reset(self, q: ArrayLike) -> None:
         """Stand still at posture `q` (n,), at time 0."""
-        self._command("reset", q, stamp_ns=0, expected_ns=0)
+        self.wait()
+        self._tell("reset", self._command(q, stamp_ns=0), expected_ns=0)
 
     def advance(self, q_command: ArrayLike, duration_ns: int) -> None:
         """Command posture `q_command` (n,) and let `duration_ns` pass, a multiple of the robot's period.
@@ -106,15 +114,30 @@ class RemoteRobot:
                 f"that, found {duration_ns} ns"
             )
         for _ in range(duration_ns // period_ns):
-            self._command("command", q_command, stamp_ns=self.time_ns, expected_ns=self.time_ns + period_ns)
+            command = self._command(q_command, stamp_ns=self.time_ns)
+            self._waiting.append(command)
+            # Now, and not before the next command: its topic may say that one first, and the robot is further then.
+            full = (len(self._waiting) + 1) * len(pack_commands([command])) > MAX_COMMAND
+            if full or self.status.real_time:
+                self.wait()
+
+    def wait(self) -> None:
+        """Wait until the robot has carried out every command."""
+        if self._waiting:
+            commands, expected_ns = pack_commands(self._waiting), self.time_ns
+            self._waiting = []
+            self._tell("command", commands, expected_ns=expected_ns)
 
     def hands(self) -> Floats:
         """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
-        return self._kinematics.hands(self._positions)
+        return self._kinematics.hands(self.positions)
 
-    def _command(self, verb: str, q: ArrayLike, *, stamp_ns: int, expected_ns: int) -> None:
-        command = JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64))
-        self._take(self._ask(robot_key(self._namespace, verb), encode(command)))
+    def _command(self, q: ArrayLike, *, stamp_ns: int) -> bytes:
+        return encode(JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64)))
+
+    def _tell(self, verb: str, payload: bytes, *, expected_ns: int) -> None:
+        """Tell the robot to move, and take its answer, which is to say that its time is `expected_ns`."""
+        self._take(self._ask(robot_key(self._namespace, verb), payload))
         late = self.status.real_time and self.time_ns > expected_ns
         if self.time_ns != expected_ns and not late:
             raise WireError(
@@ -142,8 +165,16 @@ class RemoteRobot:
                 if reply.err is not None and reply.err.encoding == zenoh.Encoding.TEXT_PLAIN:
                     raise WireError(f"the robot refused: {reply.err.payload.to_string()}")
             if time.monotonic() > deadline_s:
-                raise WireError(
-                    f"no robot answered in namespace '{self._namespace}' within {self._patience_s:g} s; "
-                    "start one with `reenact robot`, or give its endpoint with --connect"
-                )
+                raise WireError(self._silence())
             time.sleep(0.05)  # nobody there yet: asking is answered at once
+
+    def _silence(self) -> str:
+        if self._name:
+            return (
+                f"robot '{self._name}' has not answered for {self._patience_s:g} s; what it was told after its time "
+                f"{self._state.stamp_ns} ns is unconfirmed; was it stopped, or the connection cut?"
+            )
+        return (
+            f"no robot answered in namespace '{self._namespace}' within {self._patience_s:g} s; "
+            "start one with `reenact robot`, or give its endpoint with --connect"
+        )

@@ -1,6 +1,6 @@
 """The simulated robot as a Zenoh node: joint commands in; joints, hands, link poses and clock out."""
 
-import queue
+import re
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -8,32 +8,33 @@ from types import TracebackType
 from typing import NamedTuple, NoReturn, Self, TypeAlias
 
 import zenoh
+from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from pipeline.backend import VisibleRobot
 from pipeline.follower import Follower, FollowerConfig
 from pipeline.robot import RobotConfig
-from pipeline.robot_wire import MAX_COMMAND, config_key, robot_key
+from pipeline.robot_inbox import MAX_WAITING, Inbox
+from pipeline.robot_wire import MAX_COMMAND, config_key, robot_key, unpack_commands
 from pipeline.simulation import Simulation
 from pipeline.telemetry import joints_message
 from recorders.cdr import encode
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.messages import Message, String
+from recorders.records import Stamped
 from recorders.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
-from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, check_namespace, message_key, unpack
+from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
 from recorders.wire.producer import Producer
 from recorders.wire.session import SessionConfig, open_session
 
-_MAX_WAITING = 1024
-"""Commands and questions beyond this many are dropped: a flood must not fill the memory."""
-
 _ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
+_QUIET_S = 1.0  # after so much silence a flood is over, and the next one is worth a line again
+_SLIP_S = 0.1  # from here on it is said that the robot's time has slipped, and again whenever that has doubled
 
 
 class _Command(NamedTuple):
     """A command from the topic; None if it is too large to be one."""
 
     data: bytes | None
-    streamed: bool  # part of a stream, whose sender may send it again
 
 
 class _Question(NamedTuple):
@@ -62,7 +63,8 @@ class RobotNode:
     config : FollowerConfig
         Rate and mode.
     say : callable
-        Told, in one line, of a command that is refused; not again while the reason stays the same.
+        Told, in one line, of a command that is refused; not again while the reason, numbers aside, stays the same.
+        Told as well of a flood, when it begins, and of time that slips.
 
     Raises
     ------
@@ -85,15 +87,13 @@ class RobotNode:
         self._namespace = namespace
         self._config = config or FollowerConfig()
         self._say = say
-        self._inbox: queue.SimpleQueue[_Event] = queue.SimpleQueue()
+        self._inbox: Inbox[_Event] = Inbox()
         self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
         self._last_refusal = ""
+        self._flooded = False
+        self._slip_to_say_s = _SLIP_S
         self._producer = Producer(session, namespace=namespace)
-        self._robot = Follower(
-            backend,
-            config=self._config,
-            publish=self._publish,
-        )
+        self._robot = Follower(backend, config=self._config, publish=self._publish)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -121,18 +121,32 @@ class RobotNode:
     def run(self) -> NoReturn:
         """Stand in the comfort posture, and follow commands until an exception ends it, such as a signal's."""
         self._robot.stand(self._backend.robot.comfort)
-        while not self._config.real_time:
-            self._handle(self._inbox.get())
+        if self._config.real_time:
+            self._run_with_the_clock()
+        while True:
+            self._handle_next(timeout_s=_QUIET_S)
+
+    def _run_with_the_clock(self) -> NoReturn:
+        period_s = self._config.period_ns / 1e9
         due_s = time.monotonic()
         while True:
-            due_s += self._config.period_ns / 1e9
-            late_s = max(0.0, time.monotonic() - due_s)
-            due_s += late_s  # what is lost is lost: the robot never hurries
-            self._robot.slipped_s += late_s
+            due_s = self._slip(due_s + period_s)
             self._handle_until(due_s)
             self._robot.hold()
             while self._unanswered:
                 self._answer(self._unanswered.pop())
+
+    def _slip(self, due_s: float) -> float:
+        """Return when the period that begins is over: not before now. What is lost is lost: the robot never hurries."""
+        late_s = max(0.0, time.monotonic() - due_s)
+        self._robot.slipped_s += late_s
+        if self._robot.slipped_s >= self._slip_to_say_s:
+            self._slip_to_say_s = 2 * self._robot.slipped_s
+            self._say(
+                f"time slips: {self._robot.slipped_s:.1f} s behind the clock on the wall so far; this machine is too "
+                "slow or too busy for real time"
+            )
+        return due_s + late_s
 
     def _refuse_company(self) -> None:
         for reply in self._session.liveliness().get(robot_key(self._namespace, "alive"), timeout=_ALIVE_WAIT_S):
@@ -142,22 +156,45 @@ class RobotNode:
                 )
 
     def _describe(self, stack: ExitStack) -> None:
-        """Publish the URDF once, and answer whoever asks for it or for the TOML later."""
+        """Answer whoever asks for URDF or TOML, and publish the URDF for subscribers, those that come late as well."""
         robot = self._backend.robot
         topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
         for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):
             answering = zenoh.handlers.Callback(_replier(encode(String(text))), indirect=False)
             stack.enter_context(self._session.declare_queryable(key, answering))
-        self._producer.publish(ROBOT_DESCRIPTION, String(robot.urdf_text), log_time_ns=0)
+        publisher = declare_advanced_publisher(
+            self._session,
+            topic_key,
+            encoding=f"application/cdr;{String.TYPE}",
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            cache=CacheConfig(max_samples=1),
+            publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
+            # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none by default.
+            sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+        )
+        record = Stamped(ROBOT_DESCRIPTION, String.TYPE, encode(String(robot.urdf_text)), 0, 0)
+        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))
+        stack.enter_context(publisher).put(payload, attachment=attachment)
 
     def _handle_until(self, due_s: float) -> None:
         """Handle what comes before a time, and in any case some of what is waiting."""
-        for _ in range(_MAX_WAITING):
-            try:
-                event = self._inbox.get(timeout=max(0.0, due_s - time.monotonic()))
-            except queue.Empty:
+        for _ in range(MAX_WAITING):
+            if not self._handle_next(timeout_s=max(0.0, due_s - time.monotonic())):
                 return
+
+    def _handle_next(self, *, timeout_s: float) -> bool:
+        """Handle what has waited longest; False if nothing comes."""
+        event = self._inbox.get(timeout_s)
+        if event is not None:
             self._handle(event)
+        self._note_flood(self._inbox.take_dropped(), over=event is None)
+        return event is not None
+
+    def _note_flood(self, dropped: int, *, over: bool) -> None:
+        self._robot.refused += dropped
+        if dropped and not self._flooded:
+            self._say(f"a flood: dropped commands and questions, as more than {MAX_WAITING} of them wait")
+        self._flooded = dropped > 0 or (self._flooded and not over)
 
     def _handle(self, event: _Event) -> None:
         query = event.query if isinstance(event, _Question) else None
@@ -165,8 +202,7 @@ class RobotNode:
             if isinstance(event, _Question):
                 self._handle_question(*event)
             else:
-                past_ns = self._backend.time_ns if event.streamed else 0
-                self._robot.follow(_whole(event.data), repeats_ns=past_ns)
+                self._robot.follow(_whole(event.data))
         except ReenactError as error:
             self._refuse(str(error))
             if query is not None:
@@ -185,7 +221,8 @@ class RobotNode:
         if verb == "reset":
             self._robot.reset(data)
         else:
-            self._robot.follow(data, repeats_ns=self._config.period_ns)
+            for command in unpack_commands(data):
+                self._robot.follow(command)
             if self._config.real_time:
                 self._unanswered.append(query)
                 return
@@ -196,8 +233,9 @@ class RobotNode:
 
     def _refuse(self, reason: str) -> None:
         self._robot.refused += 1
-        if reason != self._last_refusal:
-            self._last_refusal = reason
+        kind = re.sub(r"[\d.]+", "", reason)
+        if kind != self._last_refusal:
+            self._last_refusal = kind
             self._say(f"refused a command: {reason}")
 
     def _answer(self, query: zenoh.Query) -> None:
@@ -207,14 +245,10 @@ class RobotNode:
     # From here on: Zenoh's threads.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        self._queue(_Command(_small(sample.payload), _is_streamed(sample)))
+        self._inbox.put(_Command(_small(sample.payload)))
 
     def _on_query(self, verb: str) -> Callable[[zenoh.Query], None]:
-        return lambda query: self._queue(_Question(verb, query))
-
-    def _queue(self, event: _Event) -> None:
-        if self._inbox.qsize() < _MAX_WAITING:
-            self._inbox.put(event)
+        return lambda query: self._inbox.put(_Question(verb, query))
 
 
 def run_robot(
@@ -249,18 +283,8 @@ def _small(payload: zenoh.ZBytes) -> bytes | None:
 
 def _whole(data: bytes | None) -> bytes:
     if data is None:
-        raise MessageError(f"expected a JointState of at most {MAX_COMMAND} bytes, found none or a larger message")
+        raise MessageError(f"expected commands of at most {MAX_COMMAND} bytes, found none or a larger message")
     return data
-
-
-def _is_streamed(sample: zenoh.Sample) -> bool:
-    """Whether a sample is part of a stream; a live message is not, and one of a foreign publisher has no attachment."""
-    if sample.attachment is None:
-        return False
-    try:
-        return unpack(JOINT_COMMANDS, b"", sample.attachment.to_bytes()).run != NO_RUN
-    except MessageError:
-        return False
 
 
 def _replier(payload: bytes) -> Callable[[zenoh.Query], None]:

@@ -3,7 +3,8 @@
 One robot stands in a namespace:
 
 - `NAMESPACE/joint_commands`: commands for it, from anyone; it is also what is recorded.
-- `NAMESPACE/@robot/command`: a query that carries a command; answered with the joints when the command is over.
+- `NAMESPACE/@robot/command`: a query that carries commands, as `pack_commands` packs them; answered with the joints
+  when the last one is over.
 - `NAMESPACE/@robot/reset`: a query that carries a posture; the robot stands there at time 0 and answers alike.
 - `NAMESPACE/@robot/joints`: a query; answered with the joints as they are.
 - `NAMESPACE/@robot/status`: a query; answered with a `RobotStatus` as JSON.
@@ -14,9 +15,13 @@ A command is a JointState that names all joints of the robot, in any order. Its 
 takes effect; it then holds for one period. A robot in lockstep takes a command only at that very time, and its time
 stands still between commands. A command that the robot has carried out may come again, as a query repeats what the
 topic has said and as what is lost on the way is sent again: it changes nothing.
+
+`NAMESPACE/robot_description` is published too, once, for subscribers; one with a history gets it whenever it comes, as
+ROS 2 knows that from a topic that is transient local.
 """
 
 import json
+from collections.abc import Iterable
 from dataclasses import asdict, dataclass
 from typing import Self
 
@@ -32,7 +37,9 @@ from recorders.ticks import JointMap
 Floats = NDArray[np.float64]
 
 MAX_COMMAND = 1 << 16
-"""Larger commands are refused unread [bytes]; one of 15 joints takes 404."""
+"""Larger commands, or more than fit in so much together, are refused unread [bytes]; one of 15 joints takes 404."""
+
+_LENGTH = 4  # bytes
 
 
 def robot_key(namespace: str, verb: str) -> str:
@@ -43,6 +50,31 @@ def robot_key(namespace: str, verb: str) -> str:
 def config_key(namespace: str) -> str:
     """Return the key on which a robot answers with the text of its TOML file."""
     return f"{namespace}/robot_config"
+
+
+def pack_commands(commands: Iterable[bytes]) -> bytes:
+    """Return commands as the payload of one query: each behind its length."""
+    return b"".join(len(command).to_bytes(_LENGTH, "little") + command for command in commands)
+
+
+def unpack_commands(payload: bytes) -> list[bytes]:
+    """Return the commands of a query.
+
+    Raises
+    ------
+    MessageError
+        If the payload holds none, or is not what `pack_commands` makes.
+    """
+    commands: list[bytes] = []
+    place = 0
+    while place < len(payload) or not commands:
+        begin = place + _LENGTH
+        length = int.from_bytes(payload[place:begin], "little")
+        place = begin + length
+        if place > len(payload):
+            raise MessageError(f"expected commands behind their lengths, found {len(payload)} bytes that are none")
+        commands.append(payload[begin:place])
+    return commands
 
 
 class CommandReader:

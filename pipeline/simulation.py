@@ -21,6 +21,8 @@ from recorders.errors import ConfigError, JointError, RobotError
 
 Floats = NDArray[np.float64]
 
+_XYZW = [1, 2, 3, 0]  # Drake's quaternions begin with w, those of ROS end with it
+
 
 @dataclass(frozen=True)
 class SimulationConfig:
@@ -73,10 +75,8 @@ class Simulation:
         self._velocities = np.array([joint.velocity_start() for joint in self._joints])
         self._inputs = np.array([self._plant.GetJointActuatorByName(name).input_start() for name in self._motors])
         self._hands = [self._plant.GetBodyByName(name) for name in (robot.left_hand, robot.right_hand)]
-        self._links = [
-            (self._plant.GetBodyByName(parent), self._plant.GetBodyByName(child))
-            for parent, child in joint_links(robot.urdf_text).values()
-        ]
+        self._links = list(joint_links(robot.urdf_text).values())  # parent and child
+        self._frames = [tuple(self._plant.GetBodyByName(link).body_frame() for link in pair) for pair in self._links]
         self._simulator = Simulator(self._plant)
         self._context = self._simulator.get_mutable_context()
         self.reset(robot.comfort)
@@ -172,12 +172,12 @@ class Simulation:
 
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link, in the canonical order of the joints."""
-        poses = []
-        for parent, child in self._links:
-            X_PC = self._pose(parent).InvertAndCompose(self._pose(child))
-            translation, wxyz = np.array(X_PC.translation()), X_PC.rotation().ToQuaternion().wxyz()
-            poses.append(LinkPose(parent.name(), child.name(), translation, np.roll(wxyz, -1)))
-        return poses
+        poses_PC = [self._plant.CalcRelativeTransform(self._context, *frames) for frames in self._frames]
+        wxyz = np.array([X_PC.rotation().ToQuaternion().wxyz() for X_PC in poses_PC])
+        return [
+            LinkPose(parent, child, X_PC.translation(), rotation)
+            for (parent, child), X_PC, rotation in zip(self._links, poses_PC, wxyz[:, _XYZW], strict=True)
+        ]
 
     def _pose(self, body: RigidBody) -> RigidTransform:
         pose: RigidTransform = self._plant.EvalBodyPoseInWorld(self._context, body)

@@ -1,17 +1,22 @@
 """A live session is one stream: whoever drives, wherever the robot is, and what a learner makes of it is the same."""
 
 import json
+import re
 import signal
+import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import Popen
 from typing import Any
 
 import numpy as np
 import pytest
+import zenoh
 from live import robot, spawn
-from processes import start
+from processes import start, wait_for_line
+from proxy import Proxy
+from visitor import await_ready, refusal, visitor
 
 from pipeline.episode import ExplorationConfig
 from pipeline.learner_config import LearnerConfig
@@ -31,6 +36,7 @@ from recorders.ticks import Tick, TickJoiner
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.schedule import Schedule
+from replay.zenoh_transport import SenderConfig, ZenohTransport
 
 ASIMO = load_robot("asimo")
 PHASES = [[WASHOUT, 1], [LEARN, 1], [EVALUATE, 1]]
@@ -38,6 +44,7 @@ SCHEDULE = Schedule.from_dict({"epochs": 1, "phases": PHASES})
 SAMPLES = 4
 PERIOD_NS = 100_000_000
 CYCLE_NS = SAMPLES * PERIOD_NS
+CUT_S = 1.5
 SETTLING = ExplorationConfig(settle_ns=PERIOD_NS)
 
 
@@ -245,6 +252,60 @@ def test_nobody_need_be_awaited(csv_motion: Path) -> None:
     result = json.loads(explored)
     assert result["consumers"] == {}
     assert result["real_time"]
+
+
+def explore_with(session: LiveSession, opened: zenoh.Session, ordeal: Callable[[], object]) -> dict[str, Any]:
+    """Stream a live session to the learner, let something befall it in the middle, and return its result."""
+
+    def stream_from(index: int) -> Iterator[Stamped]:
+        for sent, message in enumerate(session.stream_from(index)):
+            if sent == len(PHASES) * SAMPLES * 10:  # in the middle, and of a hold
+                ordeal()
+            yield message
+
+    return ZenohTransport(opened, config=SenderConfig(batch=1, wait_s=30.0)).deliver(session.offer(), stream_from)
+
+
+@pytest.mark.parametrize("behind_the_cut", ["explorer", "learner"])
+def test_a_session_whose_connection_is_cut_goes_on_where_it_was(
+    here: list[Stamped], tmp_path: Path, behind_the_cut: str
+) -> None:
+    expected = Trainer(LearnerConfig(seed=5))
+    expected.hello(live(Simulation(ASIMO), short_motion(closed=True)).offer())
+    expected.consume(iter(here))
+    endpoint = free_endpoint()
+    with robot(endpoint), Proxy(endpoint) as proxy:
+        ends = {"explorer": endpoint, "learner": endpoint, behind_the_cut: proxy.endpoint}
+
+        def cut() -> None:
+            proxy.cut()
+            threading.Timer(CUT_S, proxy.restore).start()
+
+        learning = ("learn", "--connect", ends["learner"], "--out", "c.npz", "--seed", 5, "--json")
+        with (
+            start(*learning, cwd=tmp_path) as learner,
+            open_session(SessionConfig(connect=(ends["explorer"],))) as opened,
+        ):
+            wait_for_line(learner, "waits for a replay")
+            remote = live(RemoteRobot(opened), short_motion(closed=True))
+            results = explore_with(remote, opened, cut)
+            learned, _ = learner.communicate(timeout=30)
+    assert remote.messages == len(here)
+    for found in (results["learner"], json.loads(learned)):
+        assert found["digest"] == expected.result()["digest"]
+        assert found["stream_digest"] == expected.result()["stream_digest"]
+
+
+def test_a_session_whose_connection_stays_cut_ends_at_both_ends_with_what_is_missing() -> None:
+    endpoint = free_endpoint()
+    with robot(endpoint), Proxy(endpoint) as proxy, visitor("learn", connect=(endpoint,), seconds=60.0) as learner:
+        await_ready(learner)
+        with open_session(SessionConfig(connect=(proxy.endpoint,))) as opened:
+            session = live(RemoteRobot(opened, patience_s=1.0), short_motion(closed=True))
+            gap = r"'asimo' has not answered for 1 s; what it was told after its time \d+ ns is unconfirmed"
+            with pytest.raises(WireError, match=gap):
+                explore_with(session, opened, proxy.cut)
+        assert re.search(r"the sender fell silent .* before message \d+", refusal(learner))
 
 
 def test_the_pattern_of_the_paper_is_closed() -> None:

@@ -1,5 +1,7 @@
 """The robot as a node: lockstep to the bit, its own rate, refusals that leave it where it is, and a clean end."""
 
+import hashlib
+import json
 import signal
 import time
 from collections.abc import Iterator
@@ -9,12 +11,14 @@ from subprocess import Popen
 import numpy as np
 import pytest
 import zenoh
+from late_subscriber import subscribe
 from live import robot, spawn, stop
 
 from pipeline.follower import FollowerConfig
 from pipeline.remote_robot import RemoteRobot
 from pipeline.robot import load_robot
-from pipeline.robot_wire import MAX_COMMAND, RobotStatus, robot_key
+from pipeline.robot_inbox import MAX_WAITING, Inbox
+from pipeline.robot_wire import MAX_COMMAND, RobotStatus, pack_commands, robot_key, unpack_commands
 from pipeline.simulation import Simulation
 from recorders import topics
 from recorders.cdr import decode, decode_as, encode
@@ -27,8 +31,10 @@ from recorders.wire.session import SessionConfig, open_session
 
 ASIMO = load_robot("asimo")
 PERIOD_NS = 5_000_000
+STOPPED_S = 1.0
 COMMAND_KEY = robot_key("reenact", "command")
 TOPIC_KEY = message_key("reenact", topics.JOINT_COMMANDS)
+DESCRIPTION_KEY = message_key("reenact", topics.ROBOT_DESCRIPTION)
 
 
 @pytest.fixture(scope="module")
@@ -63,6 +69,10 @@ def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes | str:
     return reply.err.payload.to_string()
 
 
+def order(session: zenoh.Session, *commands: JointState) -> bytes | str:
+    return ask(session, COMMAND_KEY, pack_commands(map(encode, commands)))
+
+
 def status(session: zenoh.Session) -> RobotStatus:
     answer = ask(session, robot_key("reenact", "status"), b"")
     assert isinstance(answer, bytes)
@@ -91,6 +101,7 @@ def test_in_lockstep_it_is_where_the_simulation_is_to_the_bit(remote: RemoteRobo
 def test_who_comes_late_is_told_which_robot_it_is_and_where(session: zenoh.Session, remote: RemoteRobot) -> None:
     remote.reset(ASIMO.comfort)
     remote.advance(ASIMO.comfort, PERIOD_NS)
+    remote.wait()
     late = RemoteRobot(session)
     assert late.time_ns == PERIOD_NS
     np.testing.assert_array_equal(late.positions, remote.positions)
@@ -100,8 +111,8 @@ def test_who_comes_late_is_told_which_robot_it_is_and_where(session: zenoh.Sessi
 
 def test_a_command_again_changes_nothing(session: zenoh.Session, remote: RemoteRobot) -> None:
     remote.reset(ASIMO.comfort)
-    first = ask(session, COMMAND_KEY, encode(command(0)))
-    assert ask(session, COMMAND_KEY, encode(command(0))) == first
+    first = order(session, command(0))
+    assert order(session, command(0)) == first
     assert isinstance(first, bytes)
     assert decode_as(JointState, first).stamp_ns == PERIOD_NS == status(session).time_ns
 
@@ -111,9 +122,9 @@ def test_joints_are_found_by_name(session: zenoh.Session, remote: RemoteRobot) -
     remote.reset(ASIMO.comfort)
     remote.advance(posture, PERIOD_NS)
     expected = remote.positions
-    order = np.random.default_rng(0).permutation(len(ASIMO.joints))
+    shuffled = np.random.default_rng(0).permutation(len(ASIMO.joints))
     remote.reset(ASIMO.comfort)
-    answer = ask(session, COMMAND_KEY, encode(command(0, posture[order], tuple(ASIMO.joints[k] for k in order))))
+    answer = order(session, command(0, posture[shuffled], tuple(ASIMO.joints[k] for k in shuffled)))
     assert isinstance(answer, bytes)
     np.testing.assert_array_equal(decode_as(JointState, answer).position, expected)
 
@@ -128,9 +139,9 @@ REFUSED = {
     "nan": (encode(command(0, np.full(15, np.nan))), "expected a finite position for joint hip_height, found nan"),
     "ahead": (
         encode(command(5 * PERIOD_NS)),
-        "expected stamp 10000000 ns, the robot's time, or the last command again, found stamp 25000000 ns",
+        "expected stamp 10000000 ns, the robot's time, or one of the last commands again, found stamp 25000000 ns",
     ),
-    "past": (encode(command(0)), "found stamp 0 ns; is someone else driving it?"),
+    "past": (encode(command(0, ASIMO.comfort + 0.01)), "found stamp 0 ns; is someone else driving it?"),
     "another robot's joints": (encode(JointState(0, ("a", "b"), np.zeros(2))), "no joint hip_height"),
     "a joint too many": (
         encode(command(0, np.zeros(16), (*ASIMO.joints, "tail"))),
@@ -138,7 +149,7 @@ REFUSED = {
     ),
     "another type": (encode(String("stand up")), "JointState"),
     "random bytes": (bytes(range(256)), ""),
-    "too much": (bytes(MAX_COMMAND + 1), f"expected a JointState of at most {MAX_COMMAND} bytes"),
+    "too much": (bytes(MAX_COMMAND + 1), f"expected commands of at most {MAX_COMMAND} bytes"),
     "nothing": (b"", ""),
 }
 
@@ -148,19 +159,34 @@ def test_a_wrong_command_is_refused_and_the_robot_stays(session: zenoh.Session, 
     payload, expected = REFUSED[case]
     remote.reset(ASIMO.comfort)
     remote.advance(ASIMO.comfort, 2 * PERIOD_NS)
+    remote.wait()
     before = status(session)
-    reason = ask(session, COMMAND_KEY, payload)
+    reason = ask(session, COMMAND_KEY, pack_commands([payload]))
     assert isinstance(reason, str)
     assert expected in reason
     assert "\n" not in reason
     session.put(TOPIC_KEY, payload)
     remote.advance(ASIMO.comfort, PERIOD_NS)  # it goes on from where it was
+    remote.wait()
     after = status(session)
     assert after == replace(before, time_ns=3 * PERIOD_NS, commands=before.commands + 1, refused=before.refused + 2)
 
 
+@pytest.mark.parametrize("payload", [b"", b"\x05", bytes(3), b"\xff\xff\xff\xff", pack_commands([b"12345"])[:-1]])
+def test_a_question_that_holds_no_commands_is_refused(session: zenoh.Session, payload: bytes) -> None:
+    reason = ask(session, COMMAND_KEY, payload)
+    assert isinstance(reason, str)
+    assert reason.startswith("expected commands")
+
+
+def test_commands_are_unpacked_as_they_were_packed() -> None:
+    for commands in ([b"a"], [b"", b"bc", bytes(1000)]):
+        assert unpack_commands(pack_commands(commands)) == commands
+
+
 def test_a_wrong_posture_to_stand_in_is_refused(session: zenoh.Session, remote: RemoteRobot) -> None:
     remote.advance(ASIMO.comfort, PERIOD_NS)
+    remote.wait()
     with pytest.raises(WireError, match="the robot refused: expected a finite position"):
         remote.reset(np.full(15, np.inf))
     assert status(session).time_ns == remote.time_ns > 0
@@ -169,9 +195,42 @@ def test_a_wrong_posture_to_stand_in_is_refused(session: zenoh.Session, remote: 
 @pytest.mark.parametrize("periods", [1, 2])
 def test_a_driver_notices_another(remote: RemoteRobot, session: zenoh.Session, periods: int) -> None:
     remote.reset(ASIMO.comfort)
-    RemoteRobot(session).advance(ASIMO.comfort, periods * PERIOD_NS)
+    other = RemoteRobot(session)
+    other.advance(ASIMO.comfort, periods * PERIOD_NS)
+    other.wait()
+    remote.advance(ASIMO.comfort + 0.01, PERIOD_NS)
     with pytest.raises(WireError, match="found stamp 0 ns; is someone else driving it"):
-        remote.advance(ASIMO.comfort + 0.01, PERIOD_NS)
+        remote.wait()
+
+
+def test_a_driver_who_says_what_another_has_said_notices_by_the_time(
+    remote: RemoteRobot, session: zenoh.Session
+) -> None:
+    remote.reset(ASIMO.comfort)
+    other = RemoteRobot(session)
+    other.advance(ASIMO.comfort, 2 * PERIOD_NS)
+    other.wait()
+    remote.advance(ASIMO.comfort, PERIOD_NS)
+    with pytest.raises(WireError, match=f"expected its time to be {PERIOD_NS} ns, found {2 * PERIOD_NS} ns"):
+        remote.wait()
+
+
+@pytest.mark.parametrize("unsaid", [range(0), range(20, 40), range(200)], ids=["all", "some", "none"])
+def test_commands_go_out_together_and_each_counts(session: zenoh.Session, remote: RemoteRobot, unsaid: range) -> None:
+    """More of them than fit in one query, whatever the topic has said of them before."""
+    here = Simulation(ASIMO)
+    for driven in (here, remote):
+        driven.reset(ASIMO.comfort)
+    before = status(session).commands
+    postures = moves(200)
+    for k, posture in enumerate(postures):
+        here.advance(posture, PERIOD_NS)
+        if k not in unsaid:
+            session.put(TOPIC_KEY, encode(command(k * PERIOD_NS, posture)))
+        remote.advance(posture, PERIOD_NS)
+    assert remote.time_ns == here.time_ns
+    np.testing.assert_array_equal(remote.positions, here.positions)
+    assert status(session).commands == before + 200
 
 
 def test_a_duration_that_is_no_multiple_of_the_period_is_refused(remote: RemoteRobot) -> None:
@@ -192,6 +251,7 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
         remote.reset(ASIMO.comfort)
         for posture in moves(40):
             remote.advance(posture, PERIOD_NS)
+        remote.wait()
         deadline_s = time.monotonic() + 10.0
         while len(heard) < 11 * 5 and time.monotonic() < deadline_s:
             time.sleep(0.01)
@@ -206,6 +266,34 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
                 assert message.clock_ns == record.log_time_ns
             elif isinstance(message, JointState | PoseStamped):
                 assert message.stamp_ns == record.log_time_ns
+
+
+def got_description(subscriber: Popen[str]) -> bool:
+    """Whether a subscriber got the description, as ROS 2 encodes it, and got it once."""
+    out, _ = subscriber.communicate(timeout=30)
+    found = json.loads(out.splitlines()[-1])
+    expected = encode(String(ASIMO.urdf_text))
+    return found == {
+        "sha256": [hashlib.sha256(expected).hexdigest()],
+        "encoding": ["application/cdr;std_msgs/msg/String"],
+    }
+
+
+def test_a_subscriber_that_comes_late_gets_the_description(endpoint: str) -> None:
+    with subscribe(endpoint, DESCRIPTION_KEY) as late:
+        assert got_description(late)
+
+
+def test_a_subscriber_that_was_there_first_gets_the_description() -> None:
+    """The robot connects to where the subscriber is, as a client: a session that has no timestamps."""
+    from pipeline.robot_node import RobotNode
+
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))), subscribe(endpoint, DESCRIPTION_KEY) as early:
+        assert early.stdout is not None
+        assert early.stdout.readline() == "ready\n"
+        with open_session(SessionConfig(connect=(endpoint,))) as session, RobotNode(Simulation(ASIMO), session):
+            assert got_description(early)
 
 
 def test_two_robots_in_one_namespace_are_one_too_many(endpoint: str) -> None:
@@ -233,8 +321,11 @@ def test_a_robot_that_is_gone_is_noticed() -> None:
     with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
         remote = RemoteRobot(session, patience_s=1.0)
         process.kill()
-        with pytest.raises(WireError, match="no robot answered"):
-            remote.advance(ASIMO.comfort, PERIOD_NS)
+        remote.advance(ASIMO.comfort, PERIOD_NS)
+        with pytest.raises(
+            WireError, match="'asimo' has not answered for 1 s; what it was told after its time 0 ns is unconfirmed"
+        ):
+            remote.wait()
 
 
 def alive(session: zenoh.Session) -> bool:
@@ -252,6 +343,68 @@ def test_a_signal_ends_it_cleanly_and_it_has_named_each_reason_once(signum: sign
         complaints = stop(process, signum)
     assert process.returncode == exit_status
     assert complaints == ["refused a command: expected a finite position for joint hip_height, found nan"]
+
+
+def test_a_flood_is_one_line_and_the_robot_goes_on() -> None:
+    """While it is busy with a hundred commands, far more comes than it has room for."""
+    endpoint = free_endpoint()
+    with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
+        long = [encode(command(k * PERIOD_NS)) for k in range(100)]
+        answers = session.get(COMMAND_KEY, payload=pack_commands(long), timeout=30.0)
+        with session.declare_publisher(TOPIC_KEY, congestion_control=zenoh.CongestionControl.BLOCK) as flood:
+            for k in range(10 * MAX_WAITING):
+                flood.put(encode(command((1000 + k) * PERIOD_NS)))
+        assert [reply.ok is not None for reply in answers] == [True]
+        remote = RemoteRobot(session)
+        for posture in moves(20):
+            remote.advance(posture, PERIOD_NS)
+        remote.wait()
+        found = status(session)
+        complaints = stop(process)
+    assert (found.time_ns, found.commands) == (120 * PERIOD_NS, 120)
+    assert found.refused > 0
+    floods = [line for line in complaints if "flood" in line]
+    assert floods == ["a flood: dropped commands and questions, as more than 1024 of them wait"]
+    assert len(complaints) == 2, complaints  # and one for those that were handled, and refused
+
+
+def test_an_inbox_drops_what_it_has_no_room_for_and_counts_it() -> None:
+    inbox: Inbox[int] = Inbox()
+    for k in range(MAX_WAITING + 7):
+        inbox.put(k)
+    assert (inbox.take_dropped(), inbox.take_dropped()) == (7, 0)
+    assert [inbox.get(0.0) for _ in range(MAX_WAITING + 1)] == [*range(MAX_WAITING), None]
+
+
+def test_in_real_time_it_keeps_its_rate_and_says_what_it_could_not_keep() -> None:
+    """A process that is stopped for a while loses that time: its own time goes on where it was, at its own rate."""
+    endpoint, stamps = free_endpoint(), []
+
+    def hear(sample: zenoh.Sample) -> None:
+        stamps.append(decode_as(Clock, sample.payload.to_bytes()).clock_ns)
+
+    with (
+        robot(endpoint, real_time=True, rate_hz=25.0) as process,
+        open_session(SessionConfig(connect=(endpoint,))) as session,
+        session.declare_subscriber(message_key("reenact", topics.CLOCK), hear),
+    ):
+        began_s, before = time.monotonic(), status(session)
+        wait_for(process, session, before.time_ns + 300_000_000)
+        process.send_signal(signal.SIGSTOP)
+        time.sleep(STOPPED_S)
+        process.send_signal(signal.SIGCONT)
+        wait_for(process, session, status(session).time_ns + 300_000_000)
+        after, took_s = status(session), time.monotonic() - began_s
+        complaints = stop(process)
+    slipped_s = after.slipped_s - before.slipped_s
+    moved_s = (after.time_ns - before.time_ns) / 1e9
+    assert slipped_s > STOPPED_S / 2
+    assert moved_s + slipped_s < took_s + 2 * PERIOD_NS / 1e9  # it never hurries
+    assert np.diff(stamps).tolist() == [40_000_000] * (len(stamps) - 1)
+    assert len(stamps) >= 10
+    assert complaints
+    assert all(line.startswith("time slips: ") for line in complaints)
+    assert len(complaints) < 8
 
 
 def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> float:
