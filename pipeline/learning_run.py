@@ -1,7 +1,8 @@
 """A learner in the middle of a run: the cycle under way, the steps not yet handed to the kernel, what was scored."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass, field, replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,6 +66,24 @@ class CycleReport:
         return None if self.hands_cm is None else sum(self.hands_cm) / 2.0
 
 
+class Steps(NamedTuple):
+    """Some steps as they were taken, each with its outputs from before its update.
+
+    Attributes
+    ----------
+    stamps_ns : list of int, length n
+        Stamps of the targets [ns].
+    u : ndarray, shape (n, 6)
+        Hand targets [m].
+    outputs : ndarray, shape (n, 6 + joints)
+        What the network said to each: next targets [m], joints [rad or m].
+    """
+
+    stamps_ns: list[int]
+    u: Floats
+    outputs: Floats
+
+
 @dataclass
 class _Counts:
     """What has been taken in so far, all of it plain JSON."""
@@ -86,15 +105,25 @@ class LearningRun:
         Joints, centres and kinematics.
     run : str
         Name of the run; phase markers of another are refused.
+    on_steps : callable, optional
+        Told of the steps, some at a time; the arrays are the run's own, to be read at once.
     """
 
-    def __init__(self, config: LearnerConfig, robot: RobotConfig, run: str) -> None:
+    def __init__(
+        self,
+        config: LearnerConfig,
+        robot: RobotConfig,
+        run: str,
+        *,
+        on_steps: Callable[[Steps], None] | None = None,
+    ) -> None:
         output_centre = np.concatenate([robot.input_centre, robot.comfort])
         config = replace(config, inputs=_HANDS, outputs=len(output_centre))
         self.robot = robot
         self.learner = Learner(config, input_centre=robot.input_centre, output_centre=output_centre)
         self.counts = _Counts()
         self._run = run
+        self._on_steps = on_steps
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
         self._pairs = CommandedPairs(robot.joints)
@@ -102,6 +131,7 @@ class LearningRun:
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, _HANDS))
         self._d = np.empty((PIECE, len(output_centre)))
+        self._stamps_ns: list[int] = []  # of the targets of the steps not yet handed to the kernel
         self._filled = 0
         self._time_ns = 0
 
@@ -119,6 +149,14 @@ class LearningRun:
     def stream_digest(self) -> str:
         """Digest of the ticks and markers taken in so far."""
         return self._stream.hexdigest()
+
+    def settle(self) -> None:
+        """Take all steps that are complete now; they are taken in any case, and when does not enter the result."""
+        self._flush()
+
+    def so_far(self) -> CycleReport | None:
+        """Return the report of the cycle under way, without errors; None before the first marker."""
+        return None if self._phase is None else self._report(self._phase, None)
 
     def digest(self) -> str:
         """Return the state digest, with every complete tick in it."""
@@ -216,6 +254,9 @@ class LearningRun:
             hands_cm = (left, right)
             self.counts.errors_cm.append((left + right) / 2.0)
             self.counts.scored_m = []
+        return self._report(here, hands_cm)
+
+    def _report(self, here: Phase, hands_cm: tuple[float, float] | None) -> CycleReport:
         return CycleReport(
             here.epoch,
             here.cycle,
@@ -232,8 +273,9 @@ class LearningRun:
         complete = self._pairs.fill(tick, self._u[self._filled], self._d[self._filled])
         self._stream.update(tick.records)
         self.counts.ticks += 1
-        self._time_ns = tick.stamp_ns
+        held_since_ns, self._time_ns = self._time_ns, tick.stamp_ns
         if complete:
+            self._stamps_ns.append(held_since_ns)
             self._filled += 1
             if self._filled == PIECE:
                 self._flush()
@@ -246,7 +288,10 @@ class LearningRun:
         outputs = self.learner.step(u, d, learning=self._phase.phase == LEARN)
         if self._phase.phase == EVALUATE:
             self.counts.scored_m += hand_errors(self._kinematics, outputs[:, _HANDS:], u).tolist()
+        if self._on_steps is not None:
+            self._on_steps(Steps(self._stamps_ns, u, outputs))
         self.counts.steps += self._filled
+        self._stamps_ns = []
         self._filled = 0
 
 

@@ -1,39 +1,23 @@
 """The nodes of learning: the online learner and the replay that feeds it, each in a process of its own over Zenoh."""
 
-import json
 from collections.abc import Callable, Iterator
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
-
-from pipeline.learning_run import CycleReport
+from pipeline.learner_voice import LearnerVoice
 from pipeline.training import Trainer
-from recorders.messages import Float64MultiArray, String
 from recorders.records import Stamped
-from recorders.stream import Offer
-from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_STATUS, LEARNER_TOPICS, SESSION_PHASE
+from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.wire.frames import batch_topic
-from recorders.wire.producer import Producer
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.clock import Clock, Unpaced, paced
+from replay.transport import Source
 from replay.zenoh_transport import SenderConfig, ZenohTransport
 
 OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)})
 """What the learner listens to: a message here that is not of its stream is refused aloud."""
 
-_M_PER_CM = 0.01
 _UNPACED = Unpaced()
-
-
-class Source(Protocol):
-    """A stream that can be offered: a schedule over logs, a recorded session, a plain playback."""
-
-    def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
-
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
-        """Yield the messages from index `start` on."""
 
 
 def learn(
@@ -57,11 +41,15 @@ def learn(
     """
     with (
         open_session(session) as opened,
-        Producer(opened, namespace=receiver.namespace) as producer,
+        LearnerVoice(opened, namespace=receiver.namespace) as voice,
         Receiver(opened, config=receiver, say=say) as receiving,
     ):
-        trainer.report_to(lambda report: _publish(producer, report))
-        say(f"{receiver.name} waits for a replay at {', '.join(session.listen or session.connect)}")
+        trainer.report_to(voice.report)
+        trainer.show_steps_to(voice.show)
+        say(
+            f"{receiver.name} waits for a replay or a live session that awaits it by this name, "
+            f"at {', '.join(session.listen or session.connect)}"
+        )
         try:
             return receiving.serve(trainer)
         except BaseException:
@@ -76,8 +64,11 @@ def replay(
     sender: SenderConfig,
     clock: Clock = _UNPACED,
     on_progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Send a stream to the consumers that are awaited, and return their results.
+
+    `say` is told, in one line, if nobody listens to a stream that nobody need await.
 
     Raises
     ------
@@ -99,17 +90,7 @@ def replay(
             opened,
             config=sender,
             on_progress=lambda consumed: on_progress(consumed / (offer.messages or consumed or 1)),
+            say=say,
         )
         results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}
-
-
-def _publish(producer: Producer, report: CycleReport) -> None:
-    """Say on the learner's topics what a cycle came to."""
-    where = {"epoch": report.epoch, "cycle": report.cycle, "phase": report.phase}
-    digests = {"state": report.digest, "stream": report.stream_digest}
-    producer.publish(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
-    producer.publish(LEARNER_STATUS, String(json.dumps(where | {"ticks": report.ticks})), log_time_ns=report.time_ns)
-    if report.hands_cm is not None:
-        errors = Float64MultiArray(np.array(report.hands_cm) * _M_PER_CM)
-        producer.publish(LEARNER_ERROR, errors, log_time_ns=report.time_ns)

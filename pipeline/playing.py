@@ -7,13 +7,13 @@ from pathlib import Path
 
 import typer
 
-from pipeline.nodes import Source
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from replay.clock import Pausable
 from replay.compare import guard
+from replay.transport import Source
 
 _SESSION_TOPICS = frozenset({SESSION_PHASE, *(topic.name for topic in LEARNER_TOPICS)})
 

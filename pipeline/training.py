@@ -8,18 +8,19 @@ from typing import Any, NamedTuple
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
-from pipeline.learning_run import CycleReport, LearningRun
+from pipeline.learning_run import CycleReport, LearningRun, Steps
 from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
+from recorders.phase import Phase
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
 from replay.engine import Replay
 from replay.schedule import Schedule
-from replay.session import RecordedSession
-from replay.transport import InProcess
+from replay.transport import InProcess, Source
 
 _NO_RENAMES: Mapping[str, str] = {}
+_PROGRESS_TICKS = 64  # between two words of progress
 
 
 @dataclass(frozen=True)
@@ -63,6 +64,8 @@ class Trainer:
         Where to keep checkpoints; one that is there already, of the same run, is gone on from.
     on_cycle : callable
         Told of every finished cycle.
+    on_progress : callable
+        Told now and then of the ticks so far, and of the share of the stream that is through, if its length is known.
     """
 
     def __init__(
@@ -72,11 +75,15 @@ class Trainer:
         robot: RobotConfig | None = None,
         checkpoint: CheckpointConfig | None = None,
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
+        on_progress: Callable[[int, float | None], None] = lambda ticks, share: None,
     ) -> None:
         self._config = config
         self._robot = robot
         self._checkpoint = checkpoint
         self._on_cycle = on_cycle
+        self._on_progress = on_progress
+        self._on_steps: Callable[[Steps], None] | None = None
+        self._told_ticks = 0
         self._run: LearningRun | None = None
         self._offer: Offer | None = None
         self._next = 0  # stream index of the next message
@@ -96,7 +103,7 @@ class Trainer:
         """
         schedule = Schedule.from_dict(offer.schedule)
         robot = self._robot or _offered_robot(offer)
-        run = LearningRun(replace(self._config, epochs=schedule.epochs), robot, offer.run)
+        run = LearningRun(replace(self._config, epochs=schedule.epochs), robot, offer.run, on_steps=self._on_steps)
         self._next = self._resume(run, offer)
         self._saved_ticks = run.counts.ticks
         self._whole = _Whole(self._next, run.counts.ticks)
@@ -112,6 +119,42 @@ class Trainer:
             listener(report)
 
         self._on_cycle = both
+
+    def show_steps_to(self, listener: Callable[[Steps], None]) -> None:
+        """Show a listener the steps of the run that is accepted next, as they are taken."""
+        self._on_steps = listener
+
+    @property
+    def kept_phase(self) -> Phase | None:
+        """Where the checkpoint that is there already stands; None without one.
+
+        Raises
+        ------
+        ControllerError
+            If the file is not a checkpoint.
+        """
+        if self._checkpoint is None or not self._checkpoint.path.exists():
+            return None
+        kept = Controller.load(self._checkpoint.path).provenance.get("checkpoint")
+        try:
+            return Phase(**kept["phase"])  # type: ignore[index]  # whatever it is
+        except (KeyError, TypeError, MessageError) as error:
+            path = self._checkpoint.path
+            raise ControllerError(f"{path}: expected a checkpoint of a learner, found none; move it away") from error
+
+    def settle(self, *, keep: bool) -> None:
+        """Take the steps that are complete, as nothing more comes at present, and with `keep` keep a checkpoint."""
+        run = self._run
+        if run is None:
+            return
+        run.settle()
+        self._tell(run)
+        if keep and run.counts.ticks > self._saved_ticks:
+            self.save_checkpoint()
+
+    def so_far(self) -> CycleReport | None:
+        """Return the report of the cycle under way, if one is."""
+        return None if self._run is None else self._run.so_far()
 
     @property
     def epochs(self) -> int:
@@ -203,6 +246,8 @@ class Trainer:
         return start
 
     def _keep(self, run: LearningRun) -> None:
+        if run.counts.ticks - self._told_ticks >= _PROGRESS_TICKS:
+            self._tell(run)
         due = self._checkpoint is not None and run.counts.ticks - self._saved_ticks >= self._checkpoint.every_ticks
         if due and run.between_ticks:
             self.save_checkpoint()
@@ -215,6 +260,11 @@ class Trainer:
         self._next += 1
         if run.between_ticks:
             self._whole = _Whole(self._next, run.counts.ticks)
+
+    def _tell(self, run: LearningRun) -> None:
+        self._told_ticks = run.counts.ticks
+        messages = self._offer.messages if self._offer else None
+        self._on_progress(run.counts.ticks, self._next / messages if messages else None)
 
     def _report(self, report: CycleReport | None) -> None:
         if report is not None:
@@ -271,8 +321,8 @@ def train(
     return train_on(Replay(paths, schedule, renames=renames), Trainer(config, robot=robot, on_cycle=on_cycle))
 
 
-def train_on(source: Replay | RecordedSession, trainer: Trainer) -> Trainer:
-    """Feed a trainer the whole stream of logs or of a recorded session, in this process.
+def train_on(source: Source, trainer: Trainer) -> Trainer:
+    """Feed a trainer the whole stream of a source, such as logs or a recorded session, in this process.
 
     Raises
     ------

@@ -16,7 +16,9 @@ from recorders.topics import LEARNER_TOPICS
 
 MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
-_RANKS = {topic.name: rank for rank, topic in enumerate(LEARNER_TOPICS)}
+RANKS = {topic.name: rank for rank, topic in enumerate(LEARNER_TOPICS)}
+"""Place of each of the learner's topics in a tick."""
+
 _MAX_LAYOUTS = 64
 _REMEMBERED = 8192  # messages of each kind, a few MB
 _MAX_REMEMBERED_SIZE = 2048  # bytes: 15 joints take 460
@@ -75,10 +77,10 @@ class TickJoiner:
             If the message has the wrong type, does not decode, holds NaN or infinity in a position, comes twice or out
             of order, or completes a tick while an earlier one lacks a message.
         """
-        rank = _RANKS.get(record.topic)
+        rank = RANKS.get(record.topic)
         if rank is None:
             return ()
-        stamp, value = _read(record, rank)
+        stamp, value = read_input(record, rank)
         if stamp <= self._last[rank]:
             raise _out_of_order(record, stamp, self._last[rank])
         self._last[rank] = stamp
@@ -187,8 +189,14 @@ def _refuse_repeated(names: tuple[str, ...], what: str) -> None:
         raise JointError(f"{', '.join(repeated)} twice among {what}: {', '.join(names)}")
 
 
-def _read(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:
-    """Return the stamp [ns] of a message, and the target (3,) or the joints that it holds."""
+def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:
+    """Return the stamp [ns] of a message on the topic of a rank, and the target [m] (3,) or the joints that it holds.
+
+    Raises
+    ------
+    MessageError
+        If it has the wrong type, does not decode, or holds NaN or infinity in a position.
+    """
     expected, read, read_remembered = _INPUTS[rank]
     if record.type != expected:
         raise MessageError(f"{_name(record)}: expected {expected}, found {record.type!r}")

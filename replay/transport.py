@@ -10,6 +10,16 @@ StreamFrom = Callable[[int], Iterator[Stamped]]
 """Gives the stream from an index on; index 0 is the first message of the run."""
 
 
+class Source(Protocol):
+    """A stream that can be offered: a schedule over logs, a recorded session, a plain playback."""
+
+    def offer(self) -> Offer:
+        """Return what the consumers are told before the first message."""
+
+    def stream(self, start: int = 0) -> Iterator[Stamped]:
+        """Yield the messages from index `start` on."""
+
+
 class Transport(Protocol):
     """Delivers a stream to one consumer or more, in order, without loss, or raises."""
 

@@ -32,6 +32,7 @@ _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer 
 _ANSWER_S = 5.0  # how long one answer may take
 _BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
 _LONGEST_WAIT_S = 86_400.0
+_LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
 _ALIVE_S = 1.0  # how often the consumers hear that a sender which has nothing to say still lives
 
 
@@ -97,6 +98,8 @@ class ZenohTransport:
         Consumers, window and patience.
     on_progress : callable
         Told how many messages every consumer has consumed.
+    say : callable
+        Told, in one line, if no consumer is awaited and nobody listens.
     """
 
     def __init__(
@@ -105,16 +108,31 @@ class ZenohTransport:
         *,
         config: SenderConfig | None = None,
         on_progress: Callable[[int], None] = lambda consumed: None,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._session = session
         self._config = config or SenderConfig()
         self._on_progress = on_progress
+        self._say = say
 
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
+        if not self._config.consumers and not self._find_listener():
+            self._say(f"nobody listens in namespace '{self._config.namespace}' yet; the stream begins all the same")
         offer = replace(offer, sender=uuid4().hex, window=self._config.window)
         with _Delivery(self._session, self._config, offer, self._on_progress) as delivery:
             return delivery.run(stream_from)
+
+    def _find_listener(self) -> bool:
+        """Wait a little for anyone who listens: what is put before Zenoh knows of a subscriber never reaches it."""
+        deadline = time.monotonic() + _LISTENER_WAIT_S
+        everything = message_key(self._config.namespace, "**")
+        with self._session.declare_publisher(everything, allowed_destination=zenoh.Locality.REMOTE) as probe:
+            while not _matches(probe):
+                if time.monotonic() > deadline:
+                    return False
+                time.sleep(0.01)
+        return True
 
 
 class _Rewind(Exception):
@@ -360,6 +378,11 @@ class _Watch:
             raise WireError(f"{name}: {what} for {self._patience_s:g} s; the rest of the stream is unconfirmed")
         self._received[name] = received
         return again
+
+
+def _matches(publisher: zenoh.Publisher) -> bool:
+    status: Any = publisher.matching_status  # typed as a bool, which it is not
+    return bool(status.matching)
 
 
 def _is_final(progress: Progress) -> bool:

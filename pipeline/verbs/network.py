@@ -14,6 +14,7 @@ from pipeline.verbs.options import (
     Listen,
     Logs,
     Namespace,
+    Overwrite,
     Renames,
     Seed,
     StreamsRobot,
@@ -25,7 +26,7 @@ from pipeline.verbs.options import (
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
-    from pipeline.nodes import Source
+    from replay.transport import Source
 
 _SPECTATORS = "nobody is awaited: whoever listens may lose messages"
 
@@ -39,35 +40,61 @@ def learn(
         Path | None, typer.Option(help="File to keep the learner in on the way, and to go on from.")
     ] = None,
     every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1)] = 10_000,
+    live: Annotated[
+        bool, typer.Option("--live", help="Learn from whoever publishes targets and joints, until Ctrl-C.")
+    ] = False,
+    ticks: Annotated[int | None, typer.Option(help="With --live: end after so many.", min=1)] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="With --live: epochs that phase markers may name; 1 if left out.", min=1)
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="With --live: log to write, of what is learned from; train it --as-recorded.")
+    ] = None,
     listen: Listen = None,
     connect: Connect = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Learn online from a stream over Zenoh, of a live session or a replay, until it ends."""
+    """Learn online over Zenoh: from a session or replay that awaits this, to its end, or --live from anyone.
+
+    With --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also ends
+    with a stream that awaits it by name.
+    """
     from pipeline.controller import check_writable
     from pipeline.learner_config import LearnerConfig
+    from pipeline.learning_progress import learning_progress
+    from pipeline.live_learner import LiveConfig
+    from pipeline.live_learning import learn_live
     from pipeline.nodes import OWN_TOPICS
     from pipeline.nodes import learn as run
     from pipeline.robot import load_robot
     from pipeline.training import CheckpointConfig, Trainer
     from recorders.wire.receiver import ReceiverConfig
 
+    if not live and (ticks is not None or epochs is not None or record is not None or overwrite):
+        raise ConfigError("--ticks, --epochs, --record and --overwrite: expected --live beside them")
     check_writable(out)
     if checkpoint is not None:
         check_writable(checkpoint)
-    receiver = ReceiverConfig(name=name, namespace=namespace, own_topics=OWN_TOPICS)
+    receiver = ReceiverConfig(name=name, namespace=namespace, live=live, own_topics=OWN_TOPICS)
     config = None if robot is None else load_robot(robot)
-    with console.progress("learn") as advance:
+    session = session_config(listen, connect, zenoh_config, listens=True)
+    with learning_progress("learn") as show:
         trainer = Trainer(
             LearnerConfig(seed=seed),
             robot=config,
             checkpoint=None if checkpoint is None else CheckpointConfig(checkpoint, every),
-            on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
+            on_progress=show,
         )
-        session = session_config(listen, connect, zenoh_config, listens=True)
-        result = run(trainer, session=session, receiver=receiver, say=console.say)
+        if live:
+            lasting = LiveConfig(epochs=epochs or 1, ticks=ticks, record=record, overwrite=overwrite)
+            result = learn_live(
+                trainer, robot=config, session=session, receiver=receiver, config=lasting, say=console.say
+            )
+        else:
+            result = run(trainer, session=session, receiver=receiver, say=console.say)
     trainer.controller().save(out)
     console.show(result | {"controller": str(out)}, as_json=as_json)
 
@@ -76,7 +103,7 @@ def replay(
     logs: Logs,
     awaited: Annotated[
         list[str] | None,
-        typer.Option("--await", help="Consumer to feed and wait for; learner, unless --rate plays to whoever listens."),
+        typer.Option("--await", help="Consumer to feed and wait for; learner, unless --play plays to whoever listens."),
     ] = None,
     epochs: Annotated[
         int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1)
@@ -128,7 +155,12 @@ def replay(
     clock = Pausable(pace)
     with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None and sys.stdin.isatty()):
         result = run(
-            source, session=session, sender=sender, clock=clock if rate is not None else pace, on_progress=advance
+            source,
+            session=session,
+            sender=sender,
+            clock=clock if rate is not None else pace,
+            on_progress=advance,
+            say=console.say,
         )
     if isinstance(pace, Paced):
         result["slipped_s"] = round(pace.slipped_s, 3)

@@ -7,7 +7,18 @@ from typing import Annotated, Any
 import typer
 
 from pipeline import console
-from pipeline.verbs.options import AsRecorded, Controller, Epochs, Json, Logs, Renames, Seed, StreamsRobot, renames
+from pipeline.verbs.options import (
+    AsLive,
+    AsRecorded,
+    Controller,
+    Epochs,
+    Json,
+    Logs,
+    Renames,
+    Seed,
+    StreamsRobot,
+    renames,
+)
 from recorders.errors import CheckFailed, ConfigError
 
 
@@ -35,6 +46,7 @@ def train(
     seed: Seed = 0,
     epochs: Annotated[int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1)] = None,
     as_recorded: AsRecorded = False,
+    as_live: AsLive = False,
     robot: StreamsRobot = None,
     map_: Renames = None,
     as_json: Json = False,
@@ -42,16 +54,24 @@ def train(
     """Train the learner straight from logs; the digest is that of the same logs replayed over Zenoh."""
     from pipeline.controller import check_writable
     from pipeline.learner_config import LearnerConfig
+    from pipeline.plausible import heard_live
     from pipeline.robot import load_robot
     from pipeline.training import Trainer, train_on
     from replay.engine import Replay
     from replay.schedule import Schedule
     from replay.session import RecordedSession
+    from replay.transport import Source
 
     check_writable(out)
     config = None if robot is None else load_robot(robot)
+    if as_recorded and as_live:
+        raise ConfigError("expected one of --as-recorded and --as-live, found both")
+    source: Source
     if as_recorded:
-        source: Replay | RecordedSession = RecordedSession(_only(logs), epochs=epochs, renames=renames(map_))
+        source = RecordedSession(_only(logs, "--as-recorded"), epochs=epochs, renames=renames(map_))
+    elif as_live:
+        heard = _only(logs, "--as-live")
+        source = heard_live(heard, robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
     else:
         source = Replay(logs, Schedule(epochs=epochs or 150), renames=renames(map_))
     with console.progress("train") as advance:
@@ -104,7 +124,7 @@ def diff(
         raise typer.Exit(CheckFailed.exit_status)
 
 
-def _only(logs: list[Path]) -> Path:
+def _only(logs: list[Path], option: str) -> Path:
     if len(logs) != 1:
-        raise ConfigError(f"--as-recorded: expected one log, found {len(logs)}")
+        raise ConfigError(f"{option}: expected one log, found {len(logs)}")
     return logs[0]

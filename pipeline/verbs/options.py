@@ -19,6 +19,7 @@ Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or 
 StreamsRobot = Annotated[str | None, typer.Option(help="Robot; by default the one that the stream or log names.")]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists.")]
 AsRecorded = Annotated[bool, typer.Option("--as-recorded", help="Follow the phase markers of a recorded session.")]
+AsLive = Annotated[bool, typer.Option("--as-live", help="Take the messages as `learn --live` would have taken them.")]
 Renames = Annotated[
     list[str] | None, typer.Option("--map", help="FOREIGN=OURS: rename a topic.", metavar="FOREIGN=OURS")
 ]

@@ -1,5 +1,7 @@
 """Plain playback: every message of the logs, unchanged, in one order; sliced, renamed, repeated as asked."""
 
+import time
+from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
 
@@ -9,7 +11,10 @@ from episodes import PERIOD_NS, write_episode
 from recorders.errors import ConfigError, LogError
 from recorders.reader import LogReader
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
 from replay.playback import Playback, PlaybackConfig
+from replay.zenoh_transport import SenderConfig, ZenohTransport
 
 PERIOD_S = PERIOD_NS / 1e9
 
@@ -75,3 +80,35 @@ def test_no_log_is_an_error() -> None:
 def test_numbers_out_of_range_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="expected"):
         PlaybackConfig(**options)  # type: ignore[arg-type]
+
+
+def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path) -> None:
+    heard: list[bytes] = []
+    said: list[str] = []
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as listening,
+        open_session(SessionConfig(connect=(endpoint,))) as playing,
+        ThreadPoolExecutor() as threads,
+    ):
+        playback = Playback([log])
+        transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch=1), say=said.append)
+        delivered = threads.submit(transport.deliver, playback.offer(), playback.stream)
+        time.sleep(0.3)
+        listening.declare_subscriber("reenact/hand/*/target", lambda sample: heard.append(sample.payload.to_bytes()))
+        assert delivered.result(timeout=30) == {}
+        expected = [record.data for record in LogReader(log) if record.topic != SAMPLE_JOINTS]
+        deadline = time.monotonic() + 10.0
+        while len(heard) < len(expected) and time.monotonic() < deadline:
+            time.sleep(0.02)
+    assert heard == expected
+    assert said == []
+
+
+def test_that_nobody_listens_is_said_and_it_plays_all_the_same(log: Path) -> None:
+    said: list[str] = []
+    with open_session(SessionConfig(listen=(free_endpoint(),))) as session:
+        playback = Playback([log])
+        transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch=1), say=said.append)
+        assert transport.deliver(playback.offer(), playback.stream) == {}
+    assert said == ["nobody listens in namespace 'reenact' yet; the stream begins all the same"]
