@@ -148,6 +148,7 @@ class LiveRecorder:
             with receiver.reporting_failure():
                 while not stopped() and not (self._take(receiver) and until_end):
                     self._split_by_time()
+                    self._writer.check()
                     self._on_progress(self.recording)
                 if stopped() and self._streaming:
                     self._break_off("the recorder was stopped")
@@ -255,13 +256,18 @@ class LiveRecorder:
     def _next_file(self) -> None:
         self._writer.close()
         self._writer = self._open()
-        self._writer.note(self._notes)
+        if self._notes:
+            self._writer.note(self._notes)
 
     def _open(self) -> LogWriter:
         split = self._config.split_bytes is not None or self._config.split_s is not None
         path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if split else self._out
         writer = LogWriter(
-            path, manifest={"kind": "recording"}, attachments=self._attachments, overwrite=self._overwrite
+            path,
+            manifest={"kind": "recording"},
+            attachments=self._attachments,
+            overwrite=self._overwrite,
+            regular=False,
         )
         self.recording.paths.append(path)
         self._written = 0

@@ -11,8 +11,9 @@ from typing import Any
 
 from recorders.errors import LogError
 from recorders.records import Stamped
+from recorders.upgrades import upgrade
 
-FORMAT_VERSION = 1
+FORMAT_VERSION = 2
 METADATA_NAME = "reenact"  # the name of the MCAP metadata record
 
 _CHECKSUM = "manifest_sha256"
@@ -77,12 +78,12 @@ def to_metadata(manifest: Mapping[str, Any]) -> dict[str, str]:
 
 
 def from_metadata(metadata: Mapping[str, str]) -> dict[str, Any]:
-    """Return the manifest that `to_metadata` wrote.
+    """Return the manifest that `to_metadata` wrote, that of an older format brought up to the present one.
 
     Raises
     ------
     LogError
-        If the checksum does not hold, or the log is of a later format than this program knows.
+        If the checksum does not hold, or the log is of a format that this program does not know.
     """
     texts = {key: text for key, text in metadata.items() if key != _CHECKSUM}
     if metadata.get(_CHECKSUM) != _checksum(texts):
@@ -92,9 +93,9 @@ def from_metadata(metadata: Mapping[str, str]) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise LogError("the manifest is not JSON") from None
     found = manifest.get("format_version")
-    if not isinstance(found, int) or found > FORMAT_VERSION:
+    if type(found) is not int or not 1 <= found <= FORMAT_VERSION:  # True is an int, and equal to 1
         raise LogError(f"expected log format {FORMAT_VERSION} or older, found {found!r}: it needs a newer reenact")
-    return manifest
+    return upgrade(manifest)
 
 
 def _to_json(key: Any, value: Any) -> str:

@@ -1,4 +1,4 @@
-"""What a log contains, from its summary section: topics, counts, and where metadata and attachments stand."""
+"""What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
 
 import struct
 import zlib
@@ -8,27 +8,63 @@ from io import SEEK_END
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, AttachmentIndex, Channel, Footer, Metadata, MetadataIndex, Schema, Statistics
+from mcap.records import (
+    Attachment,
+    AttachmentIndex,
+    Channel,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
 
-from recorders.errors import LogError
-from recorders.mcap_records import FOOTER_SIZE, MAGIC, Record, cut_off, damaged, parse, read_record, read_summary
+from recorders.chunk_table import ChunkTable
+from recorders.damage import damaged
+from recorders.mcap_records import Record, parse, summary_records
+from recorders.mcap_sections import check_data_section, read_footer, record_at
+
+_CRC = struct.Struct("<I")
 
 
 @dataclass
 class Channels:
-    """The channels met so far, and their schemas."""
+    """The channels met so far, and their schemas.
+
+    Attributes
+    ----------
+    schemas : dict
+        Name of a schema by its number.
+    topics : dict
+        Topic and type of a channel by its number.
+    wanted : frozenset, optional
+        Topics that are asked for; all if None.
+    chosen : dict
+        The same as `topics`, but None for a channel that is not asked for.
+    """
 
     schemas: dict[int, str] = field(default_factory=dict)
-    topics: dict[int, tuple[str, str]] = field(default_factory=dict)  # topic and type by channel number
+    topics: dict[int, tuple[str, str]] = field(default_factory=dict)
+    wanted: frozenset[str] | None = None
+    chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
 
     def learn(self, record: Record) -> None:
-        """Take in a schema or channel record, pass over any other; raises LogError if it is malformed."""
+        """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
         if record.opcode == Opcode.SCHEMA:
             schema = parse(Schema, record)
             self.schemas[schema.id] = schema.name
         elif record.opcode == Opcode.CHANNEL:
             channel = parse(Channel, record)
-            self.topics[channel.id] = channel.topic, self.schemas.get(channel.schema_id, "")
+            self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
+
+    def learn_from(self, other: "Channels") -> None:
+        """Take in the channels that another part of the log declares."""
+        self.schemas.update(other.schemas)
+        for channel, declared in other.topics.items():
+            self._declare(channel, declared)
+
+    def _declare(self, channel: int, declared: tuple[str, str]) -> None:
+        self.topics[channel] = declared
+        self.chosen[channel] = declared if self.wanted is None or declared[0] in self.wanted else None
 
 
 @dataclass
@@ -43,17 +79,25 @@ class Contents:
         Number of messages by topic.
     metadata, attachments : dict
         Offset in the file [bytes] by name; of several of one name the last.
+    chunks : ChunkTable
+        Where the chunks stand.
+    sound : bool
+        Whether this is from a summary section that a CRC covers and that knows every channel and chunk.
     """
 
     channels: Channels = field(default_factory=Channels)
     counts: Counter[str] = field(default_factory=Counter)
     metadata: dict[str, int] = field(default_factory=dict)
     attachments: dict[str, int] = field(default_factory=dict)
+    chunks: ChunkTable = field(default_factory=ChunkTable)
+    sound: bool = False
 
     def learn(self, record: Record) -> None:
-        """Take in any record of a data or summary section; raises LogError if it is malformed."""
+        """Take in any record of a data or summary section; raises DamagedLog if it is malformed."""
         self.channels.learn(record)
         match record.opcode:
+            case Opcode.CHUNK_INDEX:
+                self.chunks.learn(record)
             case Opcode.METADATA_INDEX:
                 metadata_index = parse(MetadataIndex, record)
                 self.metadata[metadata_index.name] = metadata_index.offset
@@ -71,17 +115,17 @@ def read_contents(file: BinaryIO) -> Contents | None:
 
     Raises
     ------
-    LogError
+    DamagedLog
         If the file is cut off or its summary is damaged.
     """
+    footer = read_footer(file)
     size = file.seek(0, SEEK_END)
-    start = _summary_start(file, size)
-    if start == 0:
+    if footer.summary_start == 0:
         return None
-    file.seek(start)
+    file.seek(footer.summary_start)
     contents = Contents()
     statistics = None
-    for record in read_summary(file, size):
+    for record in summary_records(file, size):
         contents.learn(record)
         if record.opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, record)
@@ -89,6 +133,8 @@ def read_contents(file: BinaryIO) -> Contents | None:
         return None
     for channel, (topic, _) in contents.channels.topics.items():
         contents.counts[topic] += statistics.channel_message_counts.get(channel, 0)
+    whole = contents.chunks.ordered and len(contents.chunks) == statistics.chunk_count
+    contents.sound = whole and bool(footer.summary_crc)
     return contents
 
 
@@ -101,43 +147,25 @@ def _all_indexed(contents: Contents, statistics: Statistics) -> bool:
 
 
 def read_metadata(file: BinaryIO, offset: int) -> dict[str, str]:
-    """Return the metadata at `offset`; raises LogError if there is none."""
-    metadata: dict[str, str] = parse(Metadata, _record_at(file, offset, Opcode.METADATA)).metadata
+    """Return the metadata at `offset`; raises DamagedLog if there is none."""
+    metadata: dict[str, str] = parse(Metadata, record_at(file, offset, Opcode.METADATA)).metadata
     return metadata
 
 
 def read_attachment(file: BinaryIO, offset: int) -> bytes:
-    """Return the attachment at `offset`; raises LogError if there is none or its CRC does not hold."""
-    record = _record_at(file, offset, Opcode.ATTACHMENT)
+    """Return the attachment at `offset`; raises DamagedLog if there is none or its CRC does not hold."""
+    record = record_at(file, offset, Opcode.ATTACHMENT)
     data: bytes = parse(Attachment, record).data
-    if struct.unpack("<I", record.body[-4:])[0] not in (0, zlib.crc32(record.body[:-4])):
-        raise damaged(offset, "the CRC of an attachment does not hold")
+    if not check_attachment(record):
+        check_data_section(file)
     return data
 
 
-def _record_at(file: BinaryIO, offset: int, opcode: Opcode) -> Record:
-    size = file.seek(0, SEEK_END)
-    if offset >= size:
-        raise cut_off(size)
-    file.seek(offset)
-    record = read_record(file, size)
-    if record.opcode != opcode:
-        raise damaged(offset, f"expected a record of kind {int(opcode)}, found {record.opcode}")
-    return record
-
-
-def _summary_start(file: BinaryIO, size: int) -> int:
-    end = size - FOOTER_SIZE - len(MAGIC)
-    if end < len(MAGIC):
-        raise cut_off(size)
-    file.seek(end)
-    try:
-        footer = read_record(file, size)
-    except LogError:
-        raise cut_off(size) from None
-    if footer.opcode != Opcode.FOOTER or file.read() != MAGIC:
-        raise cut_off(size)
-    start: int = parse(Footer, footer).summary_start
-    if start > end:
-        raise damaged(end, "its footer points past its end")
-    return start
+def check_attachment(record: Record) -> bool:
+    """Return whether an attachment has a CRC of its own; raises DamagedLog if that does not hold."""
+    raw = record.body[-_CRC.size :]
+    if raw == bytes(_CRC.size):
+        return False
+    if raw != _CRC.pack(zlib.crc32(record.body[: -_CRC.size])):
+        raise damaged(record.offset, "the CRC of an attachment does not hold")
+    return True

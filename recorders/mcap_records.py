@@ -1,23 +1,22 @@
 """The frame of an MCAP file: its records one after another, each length and CRC checked before anything is believed.
 
 The library's own readers check only some of the CRCs, and let many kinds of exception through on a damaged file;
-here everything that can go wrong ends in one LogError. Record bodies are parsed by the library.
+here everything that can go wrong ends in one DamagedLog. Record bodies are parsed by the library.
 """
 
 import struct
 import zlib
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from io import BytesIO
-from typing import Any, BinaryIO, NamedTuple, Protocol, TypeVar
+from types import MappingProxyType
+from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
-import lz4.frame
-import zstandard
 from mcap.data_stream import ReadDataStream
-from mcap.exceptions import McapError
+from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
-from mcap.records import Chunk
 
-from recorders.errors import LogError
+from recorders.damage import cut_off, damaged
+from recorders.decompression import DECOMPRESS_ERRORS, decompress
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 29  # opcode, length, two offsets, CRC
@@ -25,8 +24,24 @@ MAX_CHUNK = 2**30  # bytes, uncompressed: writers make chunks of some MB, a dama
 
 _HEAD = struct.Struct("<BQ")  # opcode, length of the body
 _CRC = struct.Struct("<I")
+_CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of the compression's name
+_INDEX = struct.Struct("<HI")  # channel, length of the entries
+_LENGTH = struct.Struct("<Q")
 _PARSE_ERRORS = (McapError, struct.error, ValueError, OverflowError, KeyError)
-_DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, MemoryError, EOFError, zstandard.ZstdError)
+_DATA_END, _MESSAGE_INDEX = int(Opcode.DATA_END), int(Opcode.MESSAGE_INDEX)  # numbers compare faster than members
+_NOWHERE: Mapping[int, int] = MappingProxyType({})
+_MISPLACED = frozenset(  # in a data section; 0 is no opcode at all, and what blocks of zeros look like
+    {
+        0,
+        Opcode.HEADER,
+        Opcode.FOOTER,
+        Opcode.CHUNK_INDEX,
+        Opcode.ATTACHMENT_INDEX,
+        Opcode.STATISTICS,
+        Opcode.METADATA_INDEX,
+        Opcode.SUMMARY_OFFSET,
+    }
+)
 
 
 class Record(NamedTuple):
@@ -35,6 +50,20 @@ class Record(NamedTuple):
     opcode: int
     offset: int
     body: bytes
+
+
+class ChunkHead(NamedTuple):
+    """The fields of a chunk before its data: log times [ns], bytes uncompressed, CRC of those (0: none), compression.
+
+    `start` is where the data begins in the body of the record.
+    """
+
+    first_ns: int
+    last_ns: int
+    size: int
+    crc: int
+    compression: str
+    start: int
 
 
 _T_co = TypeVar("_T_co", covariant=True)
@@ -47,100 +76,152 @@ class Parser(Protocol[_T_co]):
         """Parse a body."""
 
 
+class _WholeStream(ReadDataStream):
+    """The library's stream gives less than was asked for at its end; this one raises."""
+
+    def read(self, length: int) -> bytes:
+        data = super().read(length)
+        if len(data) < length:
+            raise EndOfFile
+        return data
+
+
 def parse(kind: Parser[_T_co], record: Record) -> _T_co:
-    """Parse the body of a record; raises LogError if it is malformed."""
+    """Parse the body of a record; raises DamagedLog if it is malformed."""
     try:
-        return kind.read(ReadDataStream(BytesIO(record.body)))
+        return kind.read(_WholeStream(BytesIO(record.body)))
     except _PARSE_ERRORS as error:
         raise damaged(record.offset, f"its record of kind {record.opcode} is malformed ({error!r})") from None
 
 
-def damaged(offset: int, what: str) -> LogError:
-    """Return the error for a log that is not what its writer wrote."""
-    return LogError(f"the log is damaged at byte {offset}: {what}; use another copy of it")
-
-
-def cut_off(offset: int) -> LogError:
-    """Return the error for a log that ends too early."""
-    return LogError(f"the log is cut off at byte {offset}, before its end was written; use a complete copy of it")
-
-
 def read_record(file: BinaryIO, size: int) -> Record:
-    """Read the record at the file's place; `size` is that of the file [bytes]. Raises LogError if it is not whole."""
-    offset = file.tell()
+    """Read the record at the file's place; `size` is that of the file [bytes]. Raises DamagedLog if it is not whole."""
+    return _read_at(file, file.tell(), size)
+
+
+def _read_at(file: BinaryIO, offset: int, size: int) -> Record:
     head = file.read(_HEAD.size)
     if len(head) < _HEAD.size:
         raise cut_off(offset)
     opcode, length = _HEAD.unpack(head)
     if length > size - offset - _HEAD.size:
         raise cut_off(offset)
-    return Record(opcode, offset, file.read(length))
+    body = file.read(length)
+    if len(body) < length:  # the file became shorter while it was read
+        raise cut_off(offset)
+    return Record(opcode, offset, body)
 
 
-def read_all(file: BinaryIO, size: int) -> Iterator[Record]:
-    """Yield the records of a file up to its data end, then check its summary section and its end.
+def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) -> Iterator[Record]:
+    """Yield the records of a file but its message indexes up to its data end, then check its summary and its end.
+
+    Parameters
+    ----------
+    file : file
+        Open at its first byte.
+    size : int
+        Its size [bytes].
+    jumps : mapping of int to int
+        Where to go on, by the offsets of records to leave out. The CRC over the data section cannot be checked then.
 
     Raises
     ------
-    LogError
+    DamagedLog
         If the file is cut off or damaged, after yielding every record before that.
     """
     crc = zlib.crc32(file.read(len(MAGIC)))
-    while True:
-        record = read_record(file, size)
-        if record.opcode == Opcode.DATA_END:
-            break
-        yield record
+    record = read_record(file, size)
+    if record.opcode != Opcode.HEADER:
+        raise damaged(record.offset, f"expected its header, found a record of kind {record.opcode}")
+    while record.opcode != _DATA_END:
+        if record.opcode != _MESSAGE_INDEX:  # there are many, and nobody asks for them
+            yield record
         crc = _crc_of(record, crc)
-    _check_crc(record.body, crc, record.offset, "data section")
+        record = _next_record(file, record.offset + _HEAD.size + len(record.body), size, jumps)
+    check_crc(record.body, None if jumps else crc, record.offset, "data section")
     yield record
-    read_summary(file, size)
+    for _ in summary_records(file, size):
+        pass  # but for the checks
+
+
+def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int]) -> Record:
+    while offset in jumps:
+        offset = file.seek(jumps[offset])
+    record = _read_at(file, offset, size)
+    if record.opcode in _MISPLACED:
+        raise damaged(offset, f"a record of kind {record.opcode} among its messages")
+    if record.opcode == _MESSAGE_INDEX and not _is_message_index(record.body):
+        raise damaged(offset, "a message index is not as long as it says")
+    return record
+
+
+def _is_message_index(body: bytes) -> bool:
+    return len(body) >= _INDEX.size and len(body) == _INDEX.size + _INDEX.unpack_from(body)[1]
 
 
 def read_summary(file: BinaryIO, size: int) -> list[Record]:
-    """Return the records from the file's place to the footer, which comes last; raises LogError as `read_all` does."""
+    """Return the records from the file's place to the footer, which comes last; raises as `summary_records` does."""
+    return list(summary_records(file, size))
+
+
+def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
+    """Yield the records from the file's place to the footer, which comes last, and only then check their CRC.
+
+    Raises
+    ------
+    DamagedLog
+        If one is not whole, the CRC does not hold, or the file does not end behind them.
+    """
     crc = 0
-    records = [read_record(file, size)]
-    while records[-1].opcode != Opcode.FOOTER:
-        crc = _crc_of(records[-1], crc)
-        records.append(read_record(file, size))
-    footer = records[-1]
-    if _HEAD.size + len(footer.body) != FOOTER_SIZE:
-        raise damaged(footer.offset, "its footer is malformed")
-    crc = zlib.crc32(footer.body[:-4], zlib.crc32(_head_of(footer), crc))
-    _check_crc(footer.body[-4:], crc, footer.offset, "summary")
+    while (record := read_record(file, size)).opcode != Opcode.FOOTER:
+        yield record
+        crc = _crc_of(record, crc)
+    if _HEAD.size + len(record.body) != FOOTER_SIZE:
+        raise damaged(record.offset, "its footer is malformed")
+    crc = zlib.crc32(record.body[:-4], zlib.crc32(_head_of(record), crc))
+    check_crc(record.body[-4:], crc, record.offset, "summary")
     if file.read(len(MAGIC)) != MAGIC:
         raise cut_off(size)
-    return records
+    if file.tell() != size:
+        raise damaged(file.tell(), "something follows its end")
+    yield record
+
+
+def chunk_head(record: Record) -> ChunkHead:
+    """Return the fields of a chunk before its data; raises DamagedLog if they are malformed."""
+    try:
+        first_ns, last_ns, size, crc, length = _CHUNK.unpack_from(record.body)
+        compression = str(record.body[_CHUNK.size : _CHUNK.size + length], "utf-8")
+        (data_length,) = _LENGTH.unpack_from(record.body, _CHUNK.size + length)
+    except (struct.error, ValueError) as error:
+        raise damaged(record.offset, f"a chunk is malformed ({error!r})") from None
+    start = _CHUNK.size + length + _LENGTH.size
+    if len(record.body) - start != data_length:
+        raise damaged(record.offset, "a chunk is not as long as it says")
+    return ChunkHead(first_ns, last_ns, size, crc, compression, start)
 
 
 def chunk_data(record: Record) -> bytes:
-    """Return the records inside a chunk, decompressed; raises LogError if the chunk is damaged."""
-    chunk = parse(Chunk, record)
-    if chunk.uncompressed_size > MAX_CHUNK:
-        raise damaged(record.offset, f"a chunk claims {chunk.uncompressed_size} bytes")
+    """Return the records inside a chunk, decompressed; raises DamagedLog if the chunk is damaged."""
+    head = chunk_head(record)
+    if head.size > MAX_CHUNK:
+        raise damaged(record.offset, f"a chunk claims {head.size} bytes, and {MAX_CHUNK} is the most")
     try:
-        data = _decompress(chunk)
-    except _DECOMPRESS_ERRORS as error:
+        data = decompress(record.body[head.start :], head.compression, head.size)
+    except DECOMPRESS_ERRORS as error:
         raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
-    if len(data) != chunk.uncompressed_size:
-        raise damaged(record.offset, f"a chunk holds {len(data)} bytes and claims {chunk.uncompressed_size}")
-    if chunk.uncompressed_crc not in (0, zlib.crc32(data)):
+    if head.crc not in (0, zlib.crc32(data)):
         raise damaged(record.offset, "the CRC of a chunk does not hold")
     return data
 
 
-def _decompress(chunk: Any) -> bytes:
-    most = chunk.uncompressed_size + 1  # one more than claimed is enough to see that the claim is false
-    match chunk.compression:
-        case "lz4":
-            data: bytes = lz4.frame.LZ4FrameDecompressor().decompress(chunk.data, max_length=most)
-            return data
-        case "zstd":
-            return zstandard.ZstdDecompressor().decompress(chunk.data, max_output_size=most)
-        case "":
-            return bytes(chunk.data)
-    raise ValueError(f"unknown compression {chunk.compression!r}")
+def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
+    """Compare the CRC of a record with what was found (None: nothing to compare); raises DamagedLog."""
+    if len(raw) != _CRC.size:
+        raise damaged(offset, f"the CRC of its {section} is missing")
+    (expected,) = _CRC.unpack(raw)
+    if found is not None and expected not in (0, found):  # 0: the writer made none
+        raise damaged(offset, f"the CRC of its {section} does not hold")
 
 
 def _head_of(record: Record) -> bytes:
@@ -149,11 +230,3 @@ def _head_of(record: Record) -> bytes:
 
 def _crc_of(record: Record, crc: int) -> int:
     return zlib.crc32(record.body, zlib.crc32(_head_of(record), crc))
-
-
-def _check_crc(raw: bytes, found: int, offset: int, section: str) -> None:
-    if len(raw) != _CRC.size:
-        raise damaged(offset, f"the CRC of its {section} is missing")
-    (expected,) = _CRC.unpack(raw)
-    if expected not in (0, found):  # 0: the writer made none
-        raise damaged(offset, f"the CRC of its {section} does not hold")

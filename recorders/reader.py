@@ -1,26 +1,24 @@
 """The MCAP reader: messages of a log in the order of the file, lazily, and what the log says of itself."""
 
 import os
-import struct
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.opcode import Opcode
-
+from recorders.damage import DamagedLog
 from recorders.errors import LogError
+from recorders.log_scan import LogScan
 from recorders.manifest import METADATA_NAME, from_metadata
 from recorders.mcap_contents import Channels, Contents, read_attachment, read_contents, read_metadata
-from recorders.mcap_records import MAGIC, Record, chunk_data, damaged, read_all
+from recorders.mcap_records import MAGIC, Record
+from recorders.protection import is_protected
+from recorders.raw_records import FOREVER_NS, MessageWalk
 from recorders.records import Stamped
 
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_HEAD = struct.Struct("<BQ")
-_FIELDS_SIZE = _MESSAGE.size - _HEAD.size
-_new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
+_NO_JUMPS: Mapping[int, int] = {}
 
 
 class LogReader:
@@ -53,21 +51,40 @@ class LogReader:
     def __iter__(self) -> Iterator[Stamped]:
         return self.records()
 
-    def records(self, *, topics: Iterable[str] | None = None) -> Iterator[Stamped]:
-        """Yield the messages in file order, holding one chunk at a time.
+    def records(
+        self, *, topics: Iterable[str] | None = None, start_ns: int = 0, end_ns: int = FOREVER_NS
+    ) -> Iterator[Stamped]:
+        """Yield the messages in file order, undecoded, holding one chunk at a time.
+
+        With a time, chunks that hold none of it are not read, if a sound summary says where they are; damage in them
+        is not noticed then.
 
         Parameters
         ----------
         topics : iterable of str, optional
             Yield those on these topics only.
+        start_ns, end_ns : int, optional
+            Yield those of log time [start_ns, end_ns) only.
 
         Raises
         ------
-        LogError
+        DamagedLog
             If the log is cut off or damaged, after yielding every message before that.
         """
-        wanted = None if topics is None else frozenset(topics)
-        return self._records(Channels(), wanted, lambda record: None)
+        walk = MessageWalk(Channels(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns) if walk.sliced else _NO_JUMPS
+        if jumps:
+            walk.channels.learn_from(self._index.channels)
+        return self._walk(walk, jumps, lambda record: None)
+
+    @property
+    def protected(self) -> bool:
+        """Whether CRCs cover every message and the summary, as they do in our logs.
+
+        Of a log that is not protected a changed bit may go unnoticed. Finding out may take a look at the whole log.
+        """
+        with self._open() as file:
+            return is_protected(file)
 
     @property
     def manifest(self) -> dict[str, Any]:
@@ -103,31 +120,39 @@ class LogReader:
             return read_attachment(file, offset)
 
     @cached_property
+    def _summary(self) -> Contents | DamagedLog | None:
+        """What the summary section says, or what is wrong with it; None if there is none to be used."""
+        try:
+            with self._open() as file:
+                return read_contents(file)
+        except DamagedLog as error:
+            return error
+
+    @property
+    def _index(self) -> Contents:
+        """What a summary section says that a CRC covers; nothing if there is none."""
+        summary = self._summary
+        return summary if isinstance(summary, Contents) and summary.sound else Contents()
+
+    @cached_property
     def _contents(self) -> Contents:
-        with self._open() as file:
-            contents = read_contents(file)
-        return contents or self._contents_by_reading()
+        if isinstance(self._summary, DamagedLog):
+            raise self._summary.located(self.path)
+        return self._summary or self._contents_by_reading()
 
     def _contents_by_reading(self) -> Contents:
         contents = Contents()
-        records = self._records(contents.channels, None, contents.learn)
+        records = self._walk(MessageWalk(contents.channels), _NO_JUMPS, contents.learn)
         contents.counts = Counter(record.topic for record in records)
         return contents
 
-    def _records(
-        self, channels: Channels, wanted: frozenset[str] | None, notice: Callable[[Record], None]
-    ) -> Iterator[Stamped]:
+    def _walk(self, walk: MessageWalk, jumps: Mapping[int, int], notice: Callable[[Record], None]) -> Iterator[Stamped]:
         with self._open() as file:
-            size = os.fstat(file.fileno()).st_size
-            for record in read_all(file, size):
-                if record.opcode == Opcode.CHUNK:
-                    yield from _messages(chunk_data(record), channels, wanted, record.offset)
-                elif record.opcode == Opcode.MESSAGE:
-                    whole = _HEAD.pack(record.opcode, len(record.body)) + record.body
-                    yield from _messages(whole, channels, wanted, record.offset)
-                else:
-                    channels.learn(record)
-                    notice(record)
+            try:
+                for batch in LogScan(file, walk, self._index.chunks, jumps).batches(notice):
+                    yield from batch
+            except DamagedLog as error:
+                raise error.located(self.path, walk.last_time_ns) from None
 
     @contextmanager
     def _open(self) -> Iterator[BinaryIO]:
@@ -138,32 +163,7 @@ class LogReader:
             raise LogError(f"{self.path}: no such file") from None
         except OSError as error:
             raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        except DamagedLog as error:
+            raise (error if error.path else error.located(self.path)) from None
         except LogError as error:
             raise LogError(f"{self.path}: {error}") from None
-
-
-def _messages(data: bytes, channels: Channels, wanted: frozenset[str] | None, offset: int) -> Iterator[Stamped]:
-    """Yield the messages among the records in `data`, which stands at `offset` in the file (in a chunk)."""
-    topics = channels.topics
-    place, end = 0, len(data)
-    while place < end:
-        if end - place >= _MESSAGE.size:
-            opcode, length, channel, sequence, log_time_ns, _ = _MESSAGE.unpack_from(data, place)
-        elif end - place >= _HEAD.size:
-            opcode, length = _HEAD.unpack_from(data, place)
-        else:
-            raise damaged(offset, "its last record is cut off")
-        start = place + _HEAD.size
-        place = start + length
-        if place > end:
-            raise damaged(offset, "a record is longer than what holds it")
-        if opcode != Opcode.MESSAGE:
-            channels.learn(Record(opcode, offset, data[start:place]))
-            continue
-        if length < _FIELDS_SIZE:
-            raise damaged(offset, "a message is too short")
-        if channel not in topics:
-            raise damaged(offset, f"a message is on channel {channel}, which was not declared")
-        topic, kind = topics[channel]
-        if wanted is None or topic in wanted:
-            yield _new_tuple(Stamped, (topic, kind, data[start + _FIELDS_SIZE : place], sequence, log_time_ns))

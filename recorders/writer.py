@@ -2,24 +2,23 @@
 
 import os
 from collections import Counter
-from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from collections.abc import Mapping
+from functools import partial
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, BinaryIO, Self
-
-from mcap.writer import CompressionType, Writer
+from typing import Any, Self
 
 from recorders.cdr import encode
+from recorders.chunks import ChunkWriter
 from recorders.errors import LogError, MessageError
+from recorders.log_file import LogFile
 from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, environment, to_metadata
 from recorders.messages import Message
 from recorders.records import Stamped
 from recorders.ros import schema_text
 from recorders.topics import type_of
 
-FLUSH_EVERY = 64  # messages; a crash loses at most these, and flushing this often costs nothing within noise
-RESERVED = ("format_version", "complete", "messages", "content_sha256", "environment")
+RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256", "environment")
 
 _MAX_SEQUENCE = 2**32 - 1
 _MAX_TIME_NS = 2**64 - 1
@@ -27,28 +26,37 @@ _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
 class LogWriter:
-    """Writes one log; a context manager.
+    """Writes one log; a context manager, for one thread at a time.
 
-    The file is `PATH.part` until the block ends without an exception; then it gets its manifest with `complete` true
-    and its name. After an exception it is finished too, with `complete` false, and stays readable as `PATH.part`
-    (it is removed if it holds no message). Two identical recordings give two identical files.
+    The file is `PATH.part` until the block ends without an exception; then it gets its name. It begins with its
+    manifest, `complete` false, and ends with it once more, with `complete`, `messages`, `counts` by topic and
+    `content_sha256`. After an exception it is finished too, as not complete, and stays readable as `PATH.part` (it is
+    removed if it holds no message).
+
+    A killed process loses no message that is older than 100 ms, and never more than 64; a power failure costs about a
+    second. What is handed over because it has waited for long ends a chunk at a moment that depends on the clock. Two
+    identical recordings give two identical files nevertheless: a log with such chunks is copied at its end into those
+    that it would have had without a pause.
 
     Parameters
     ----------
     path : path
         Where the log goes, usually `NAME.mcap`.
     manifest : mapping
-        What made the log (robot, motion, seeds, parameters): JSON values by name. The writer adds `format_version`,
-        `complete`, `messages`, `content_sha256` and `environment`.
+        What made the log (robot, motion, seeds, parameters): JSON values by name. The writer adds `format_version`
+        and `environment`, and what it says at the end.
     attachments : mapping of bytes by name
         Files that belong to the log, such as the URDF and the robot's configuration.
     overwrite : bool
-        Whether a log of this name, or the `.part` of one, may be replaced.
+        Whether a log of this name, or a `.part` of one that nobody writes any more, may be replaced.
+    regular : bool
+        Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
 
     Raises
     ------
     LogError
-        From every method, if the file exists, cannot be written or is none, or the manifest is not JSON.
+        From every method, if the file exists, cannot be written or is none, or the manifest is not JSON. What goes
+        wrong meanwhile is raised by the next call, once.
     """
 
     def __init__(
@@ -58,28 +66,22 @@ class LogWriter:
         manifest: Mapping[str, Any],
         attachments: Mapping[str, bytes] = _NOTHING,
         overwrite: bool = False,
+        regular: bool = True,
     ) -> None:
         self.path = Path(path)
-        if not self.path.name:
-            raise self._no_file()
-        self.part = self.path.with_name(self.path.name + ".part")
         self._given = dict(manifest)
         self._manifest = _with_environment(manifest)
         self._content = ContentHash()
+        self._counts: Counter[str] = Counter()
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str, bool], int] = {}
         self._numbered: Counter[str] = Counter()
-        self._messages = 0
-        self._refuse_existing(overwrite=overwrite)
-        self._file = self._open()
-        # Any: the library says that it is typed, and annotates but half of its methods
-        self._mcap: Any = Writer(self._file, compression=CompressionType.LZ4, enable_data_crcs=True)
+        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular)
+        self.part = self._file.part
         try:
-            with self._writing():
-                self._begin(attachments)
+            self._file.change(lambda: self._begin(attachments))
         except LogError:
-            with suppress(OSError):
-                self.part.unlink()
+            self._file.abort()
             raise
 
     def __enter__(self) -> Self:
@@ -128,18 +130,23 @@ class LogWriter:
             If the file cannot be written.
         """
         if isinstance(message, bytes):
-            data, found = message, "" if opaque else type_name or type_of(topic)
+            data, found = message, type_name or type_of(topic)
         else:
             data, found = encode(message), message.TYPE
         expected = type_of(topic)
-        if expected and found != expected and not opaque:
+        if opaque:
+            found = ""
+        elif expected and found != expected:
             raise MessageError(f"{topic}: expected {expected}, found {found}")
-        producer = sequence is not None
-        channel = self._channels.get((topic, found, producer)) or self._open_channel(
-            topic, found, producer=producer, opaque=opaque
-        )
-        self._add(channel, topic, self._numbered[topic] if sequence is None else sequence, log_time_ns, data)
-        self._numbered[topic] += not producer
+        number = self._numbered[topic] if sequence is None else sequence
+        if not (0 <= number <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
+            raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
+        channel = (topic, found, sequence is not None)
+        if channel not in self._channels:
+            text = b"" if opaque else schema_text(found).encode()
+            self._file.change(lambda: self._open_channel(channel, text))
+        self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
+        self._numbered[topic] += sequence is None
 
     def copy(self, record: Stamped) -> None:
         """Write a record as it is: bytes, sequence and log time of its own; raises as `write` does."""
@@ -153,110 +160,62 @@ class LogWriter:
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment that became known after the beginning; raises LogError if that fails."""
-        with self._writing():
-            self._mcap.add_attachment(0, 0, name, _media_type(name), data)
+        self._file.change(lambda: self._file.chunks.add_attachment(name, data))
 
     def note(self, entries: Mapping[str, Any]) -> None:
         """Add to the manifest what became known after the beginning; raises LogError if it is not JSON."""
-        self._manifest = _with_environment({**self._given, **entries})
-        self._given = {**self._given, **entries}
+        given = {**self._given, **entries}
+        self._manifest = _with_environment(given)
+        self._given = given
+        self._file.change(self._describe)
 
     def flush(self) -> None:
         """Hand everything written so far to the operating system; raises LogError if that fails."""
-        with self._writing():
-            self._mcap.flush()
+        self._file.change(self._file.chunks.flush)
+
+    def check(self) -> None:
+        """Raise LogError if nothing can be written any more, for whoever has nothing to write just now."""
+        self._file.check()
 
     def close(self) -> None:
         """Finish the log and give it its name; raises LogError if that fails."""
-        if self._file.closed:
-            return
-        with self._writing():
-            self._finish(complete=True)
-            self._file.flush()
-            os.fsync(self._file.fileno())
-            self._file.close()
-            self.part.replace(self.path)
+        self._file.close()
 
     def abort(self) -> None:
         """Finish the log as incomplete, as well as the disk allows, and leave it as `PATH.part`; raises nothing."""
-        if self._file.closed:
-            return
-        with suppress(LogError), self._writing():
-            self._finish(complete=False)
-            self._file.close()
-        if not self._messages:
-            with suppress(OSError):
-                self.part.unlink()
-
-    def _refuse_existing(self, *, overwrite: bool) -> None:
-        try:
-            found, is_file, unfinished = self.path.exists(), self.path.is_file(), self.part.exists()
-        except OSError as error:
-            raise self._cannot_write(error) from error
-        if found and not is_file:
-            raise self._no_file()
-        if overwrite:
-            return
-        if found:
-            raise LogError(f"{self.path} exists: choose another name, or allow it to be overwritten")
-        if unfinished:
-            raise LogError(f"{self.part} is left from an unfinished recording: move it away, or allow overwriting")
-
-    def _open(self) -> BinaryIO:
-        try:
-            return self.part.open("wb")  # buffered: the library leaves a truncated file on an unbuffered one
-        except (OSError, ValueError) as error:  # ValueError: a name that no system can have
-            raise self._cannot_write(error) from error
-
-    def _no_file(self) -> LogError:
-        return LogError(f"cannot write {self.path}: expected the name of a file, found something else")
-
-    def _cannot_write(self, error: OSError | ValueError) -> LogError:
-        return LogError(f"cannot write {self.part}: {getattr(error, 'strerror', None) or error}")
-
-    @contextmanager
-    def _writing(self) -> Iterator[None]:
-        if self._file.closed:
-            raise LogError(f"cannot write {self.part}: the log was closed, or an earlier write failed")
-        try:
-            yield
-        except OSError as error:
-            with suppress(OSError):
-                self._file.close()  # a record is half written: nothing sound can follow it
-            raise self._cannot_write(error) from error
+        self._file.abort()
 
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
-        self._mcap.start(profile="ros2", library="reenact")
+        self._describe()
         for name, data in attachments.items():
-            self._mcap.add_attachment(0, 0, name, _media_type(name), data)  # no times: identical runs, identical files
-        self._mcap.flush()
+            self._file.chunks.add_attachment(name, data)
 
-    def _open_channel(self, topic: str, type_name: str, *, producer: bool, opaque: bool) -> int:
-        schema = 0 if opaque else self._schemas.get(type_name)  # 0: MCAP's number for no schema
+    def _describe(self) -> None:
+        """Write the manifest as it is before the end: what comes later in the file replaces it."""
+        self._file.chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, "complete": False}))
+
+    def _end(self, chunks: ChunkWriter, complete: bool) -> None:
+        outcome = {
+            "complete": complete,
+            "messages": self._counts.total(),
+            "counts": dict(self._counts),
+            "content_sha256": self._content.hexdigest(),
+        }
+        chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
+
+    def _open_channel(self, channel: tuple[str, str, bool], text: bytes) -> None:
+        topic, type_name, producer = channel
+        schema = self._schemas.get(type_name) if type_name else 0  # 0: MCAP's number for no schema
         if schema is None:
-            text = schema_text(type_name).encode()
-            schema = self._schemas[type_name] = self._mcap.register_schema(type_name, "ros2msg", text)
+            schema = self._schemas[type_name] = self._file.chunks.register_schema(type_name, "ros2msg", text)
         numbered_by = {"sequence": "producer" if producer else "writer"}
-        encoding = "application/octet-stream" if opaque else "cdr"
-        channel: int = self._mcap.register_channel(topic, encoding, schema, numbered_by)
-        self._channels[topic, type_name, producer] = channel
-        return channel
+        encoding = "cdr" if type_name else "application/octet-stream"
+        self._channels[channel] = self._file.chunks.register_channel(topic, encoding, schema, numbered_by)
 
     def _add(self, channel: int, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
-        if not (0 <= sequence <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
-            raise MessageError(f"{topic}: sequence {sequence} or log time {log_time_ns} ns is out of range")
-        with self._writing():
-            self._mcap.add_message(channel, log_time_ns, data, log_time_ns, sequence)
-            self._content.add(topic, sequence, log_time_ns, data)
-            self._messages += 1
-            if self._messages % FLUSH_EVERY == 0:
-                self._mcap.flush()
-
-    def _finish(self, *, complete: bool) -> None:
-        outcome = {"complete": complete, "messages": self._messages, "content_sha256": self._content.hexdigest()}
-        self._mcap.flush()
-        self._mcap.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
-        self._mcap.finish()
+        self._file.chunks.add_message(channel, sequence, log_time_ns, data)
+        self._content.add(topic, sequence, log_time_ns, data)
+        self._counts[topic] += 1
 
 
 def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
@@ -266,8 +225,3 @@ def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
     complete = {**manifest, "format_version": FORMAT_VERSION, "environment": environment()}
     to_metadata(complete)  # refuse what is not JSON now, not after the recording
     return complete
-
-
-def _media_type(name: str) -> str:
-    kinds = {".urdf": "application/xml", ".toml": "application/toml", ".json": "application/json"}
-    return kinds.get(Path(name).suffix, "application/octet-stream")

@@ -3,6 +3,7 @@
 import hashlib
 import heapq
 import json
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import count, islice, takewhile
@@ -89,16 +90,13 @@ class Playback:
         return islice((message for _ in rounds for message in self._once()), start, None)
 
     def _once(self) -> Iterator[Stamped]:
-        begin_ns = self._first_ns + self._config.start_s * _NS_PER_S
+        begin_ns = math.ceil(self._first_ns + self._config.start_s * _NS_PER_S)
         end_ns = self._first_ns + self._config.end_s * _NS_PER_S
-        merged = heapq.merge(*(self._read(reader) for reader in self._readers), key=lambda record: record.log_time_ns)
+        logs = (reader.records(topics=self._config.topics or None, start_ns=begin_ns) for reader in self._readers)
+        merged = heapq.merge(*logs, key=lambda record: record.log_time_ns)
         for record in takewhile(lambda record: record.log_time_ns < end_ns, merged):
-            if record.log_time_ns >= begin_ns:
-                topic = self._config.renames.get(record.topic, record.topic)
-                yield record if topic == record.topic else record._replace(topic=topic)
-
-    def _read(self, reader: LogReader) -> Iterator[Stamped]:
-        return reader.records(topics=self._config.topics or None)
+            topic = self._config.renames.get(record.topic, record.topic)
+            yield record if topic == record.topic else record._replace(topic=topic)
 
     def _check_topics(self) -> None:
         found = {topic for reader in self._readers for topic in reader.topics}

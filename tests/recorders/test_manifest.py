@@ -6,12 +6,12 @@ from itertools import pairwise
 import pytest
 
 from recorders.errors import LogError
-from recorders.manifest import content_sha256, environment, from_metadata, to_metadata
+from recorders.manifest import FORMAT_VERSION, content_sha256, environment, from_metadata, to_metadata
 from recorders.records import Stamped
 
 
 def test_values_come_back_and_are_json_strings():
-    manifest = {"format_version": 1, "robot": "asimo", "rates": [0.1, 0.2], "nested": {"a": None}}
+    manifest = {"format_version": FORMAT_VERSION, "robot": "asimo", "rates": [0.1, 0.2], "nested": {"a": None}}
     metadata = to_metadata(manifest)
     assert from_metadata(metadata) == manifest
     assert json.loads(metadata["rates"]) == [0.1, 0.2]
@@ -35,9 +35,11 @@ def test_a_changed_value_is_found_out():
             from_metadata(changed)
 
 
-def test_a_later_format_is_refused():
-    with pytest.raises(LogError, match="expected log format 1 or older, found 2: it needs a newer reenact"):
-        from_metadata(to_metadata({"format_version": 2}))
+@pytest.mark.parametrize("version", [FORMAT_VERSION + 1, 0, True, 1.0, "1", None])
+def test_a_format_that_is_not_known_is_refused(version):
+    expected = f"expected log format {FORMAT_VERSION} or older, found {version!r}: it needs a newer reenact"
+    with pytest.raises(LogError, match=expected):
+        from_metadata(to_metadata({"format_version": version}))
 
 
 def test_the_environment_names_no_user_host_or_path():

@@ -5,9 +5,13 @@ from collections import Counter
 from contextlib import suppress
 
 import pytest
+from every_record import write_every_record
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from mcap.writer import CompressionType, IndexType, Writer
 
 from recorders.errors import LogError
+from recorders.mcap_records import MAGIC
 from recorders.messages import PoseStamped
 from recorders.reader import LogReader
 from recorders.records import Stamped
@@ -112,7 +116,7 @@ def test_a_damaged_attachment_is_refused(log, tmp_path):
 def test_huge_lengths_are_refused_without_allocating(log, tmp_path):
     whole = log.read_bytes()
     bad = tmp_path / "bad.mcap"
-    chunk = whole.index(b"lz4") - 4 - 4 - 8 - 16 - 8  # the length field of the first chunk
+    chunk = whole.index(b"\3\0\0\0lz4") - 4 - 8 - 16 - 8  # the length field of the first chunk
     for place, text in ((chunk, "cut off"), (chunk + 8 + 16, "claims 1152921504606846976 bytes")):
         raw = bytearray(whole)
         raw[place : place + 8] = (2**60).to_bytes(8, "little")
@@ -170,6 +174,108 @@ def test_logs_of_other_writers_are_read_raw(tmp_path, compression, chunked, inde
     assert reader.topics == {"/pose": "foxglove.PoseInFrame", "/note": "Note", "/raw": ""}
     assert reader.manifest == {}
     assert reader.attachment("notes.txt") == b"hello"
+
+
+times = st.lists(st.integers(0, 40), max_size=30)
+bounds = st.tuples(st.integers(-1, 45), st.integers(-1, 45))
+same_file = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, derandomize=True)
+
+
+def write_times(path, times_ns, draw):
+    """Write messages of these log times on two topics, in small chunks or none, with attachments between them."""
+    options = {"chunk_size": draw(st.sampled_from([1, 120, 400])), "use_chunking": draw(st.integers(0, 3)) > 0}
+    with path.open("wb") as file:
+        writer = Writer(file, compression=draw(st.sampled_from(list(CompressionType))), **options)
+        writer.start(profile="", library="other")
+        channels = [writer.register_channel(topic, "x", 0) for topic in ("/even", "/odd")]
+        for index, time_ns in enumerate(times_ns):
+            writer.add_message(channels[index % 2], time_ns, bytes(index), 0, index)
+            if index % 7 == 6:
+                writer.add_attachment(0, 0, f"{index}", "text/plain", b"between")
+        writer.finish()
+
+
+@same_file
+@given(times, bounds, st.sampled_from([None, ["/even"], ["/odd", "/none"]]), st.data())
+def test_a_slice_is_what_a_filter_leaves(tmp_path, times_ns, bound, topics, data):
+    path = tmp_path / "log.mcap"
+    write_times(path, times_ns, data.draw)
+    start, end = bound
+    expected = [
+        record
+        for record in LogReader(path)
+        if start <= record.log_time_ns < end and (topics is None or record.topic in topics)
+    ]
+    assert list(LogReader(path).records(topics=topics, start_ns=start, end_ns=end)) == expected
+
+
+def test_a_slice_reads_only_the_chunks_that_overlap(log, ticks, tmp_path):
+    raw = log.read_bytes()
+    first = raw.index(b"\3\0\0\0lz4") + 30
+    path = tmp_path / "bad.mcap"
+    path.write_bytes(raw[:first] + bytes(20) + raw[first + 20 :])
+    half = 20 * 50_000_000
+    assert list(LogReader(path).records(start_ns=half)) == [item for item in ticks(40) if item.log_time_ns >= half]
+    with pytest.raises(LogError, match="damaged"):
+        list(LogReader(path).records(end_ns=half))
+
+
+def test_without_an_index_a_slice_is_read_from_the_whole(log, ticks, tmp_path):
+    cut = tmp_path / "cut.mcap"
+    cut.write_bytes(log.read_bytes()[:-1])
+    records, inside = [], [item for item in ticks(40) if item.log_time_ns >= 10**9]
+    with pytest.raises(LogError, match="cut off"):  # noqa: PT012  one by one: the last step raises
+        for record in LogReader(cut).records(start_ns=10**9):
+            records.append(record)
+    assert records == inside
+
+
+def test_the_messages_of_one_huge_chunk_come_one_by_one(tmp_path):
+    path = tmp_path / "log.mcap"
+    with path.open("wb") as file:
+        writer = Writer(file, chunk_size=2**30, compression=CompressionType.ZSTD)
+        writer.start(profile="", library="other")
+        channel = writer.register_channel("/x", "x", 0)
+        for index in range(50_000):
+            writer.add_message(channel, index, bytes(100), 0, index)
+        writer.finish()
+    assert [item.sequence for item in LogReader(path)] == list(range(50_000))
+
+
+def ask_everything(path):
+    """Ask a log for all that it has; only a LogError is let pass."""
+    with suppress(LogError):
+        reader = LogReader(path)
+        for ask in (
+            lambda: Counter(reader),
+            lambda: Counter(reader.records(topics=["/topic/1"], start_ns=5, end_ns=2**62)),
+            lambda: (reader.counts, reader.topics, reader.manifest),
+            lambda: [reader.attachment(name) for name in reader.attachments],
+            lambda: reader.protected,
+        ):
+            with suppress(LogError):
+                ask()
+
+
+@same_file
+@given(st.binary(max_size=300), st.booleans())
+def test_random_bytes_raise_nothing_but_our_error(tmp_path, raw, begun):
+    path = tmp_path / "random.mcap"
+    path.write_bytes(MAGIC * begun + raw)
+    ask_everything(path)
+
+
+@same_file
+@given(st.lists(st.tuples(st.floats(0, 1), st.floats(0, 1), st.binary(max_size=40)), max_size=4))
+def test_mutated_logs_raise_nothing_but_our_error(tmp_path, changes):
+    path = tmp_path / "mutated.mcap"
+    write_every_record(path)
+    raw = path.read_bytes()
+    for where, length, found in changes:  # runs of bytes replaced by others, shorter or longer
+        place = int(where * len(raw))
+        raw = raw[:place] + found + raw[place + int(length * 60) :]
+    path.write_bytes(raw)
+    ask_everything(path)
 
 
 def test_memory_does_not_grow_with_the_log(tmp_path):

@@ -1,18 +1,23 @@
 import errno
 import os
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
 import pytest
+from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
+from mcap.records import Metadata
+from mcap.stream_reader import StreamReader
 
 from recorders.cdr import encode
+from recorders.chunks import FLUSH_EVERY
 from recorders.errors import LogError, MessageError
-from recorders.manifest import content_sha256
+from recorders.manifest import METADATA_NAME, content_sha256, from_metadata
 from recorders.messages import JointState, PoseStamped, String
 from recorders.reader import LogReader
 from recorders.topics import LEFT_TARGET, ROBOT_DESCRIPTION, SESSION_PHASE
-from recorders.writer import FLUSH_EVERY, LogWriter
+from recorders.writer import LogWriter
 
 
 def target(stamp_ns=0):
@@ -28,9 +33,10 @@ def test_the_manifest_says_what_made_the_log(log):
     manifest = reader.manifest
     assert manifest["robot"] == "asimo"
     assert manifest["seed"] == 3
-    assert manifest["format_version"] == 1
+    assert manifest["format_version"] == 2
     assert manifest["complete"] is True
     assert manifest["messages"] == 280 == sum(reader.counts.values())
+    assert manifest["counts"] == reader.counts
     assert manifest["content_sha256"] == content_sha256(reader)
     assert "numpy" in manifest["environment"]["packages"]
 
@@ -192,13 +198,14 @@ def test_a_directory_that_is_not_there_is_one_line(tmp_path):
 def test_what_is_no_file_is_refused_at_once(tmp_path, overwrite):
     (tmp_path / "folder").mkdir()
     os.mkfifo(tmp_path / "pipe")
-    for path in (".", "..", "/", "", tmp_path / "folder", tmp_path / "pipe"):
+    (tmp_path / "dangling").symlink_to(tmp_path / "none")
+    for path in (".", "..", "/", "", tmp_path / "folder", tmp_path / "pipe", tmp_path / "dangling"):
         with pytest.raises(LogError, match=r"cannot write .*: expected the name of a file, found something else"):
             LogWriter(path, manifest={}, overwrite=overwrite)
     for path in (f"{tmp_path}/nul\0", tmp_path / ("x" * 300)):
         with pytest.raises(LogError, match="cannot write"):
             LogWriter(path, manifest={}, overwrite=overwrite)
-    assert sorted(file.name for file in tmp_path.iterdir()) == ["folder", "pipe"]
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["dangling", "folder", "pipe"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full, a disk that is always full")
@@ -206,6 +213,32 @@ def test_a_full_disk_is_one_line(tmp_path):
     (tmp_path / "log.mcap.part").symlink_to("/dev/full")
     with pytest.raises(LogError, match=f"cannot write .*: {os.strerror(errno.ENOSPC)}"):
         LogWriter(tmp_path / "log.mcap", manifest={}, overwrite=True)
+
+
+def test_the_log_begins_with_its_manifest(tmp_path):
+    with LogWriter(tmp_path / "log.mcap", manifest={"seed": 3}, attachments={"a.toml": b"a"}) as log:
+        assert _manifests(log.part) == [{**_known(log.part), "seed": 3, "complete": False}]
+        log.note({"run": "a"})
+        log.write(LEFT_TARGET, target(), log_time_ns=0)
+        assert _manifests(log.part)[1:] == [{**_known(log.part), "seed": 3, "run": "a", "complete": False}]
+    outcome = {"messages": 1, "counts": {LEFT_TARGET: 1}, "content_sha256": content_sha256(LogReader(log.path))}
+    *_, last = _manifests(log.path)
+    assert last == {**_known(log.path), "seed": 3, "run": "a", "complete": True, **outcome}
+    assert LogReader(log.path).manifest == last
+
+
+def _manifests(path):
+    """Return the manifests in the part of a file that is there."""
+    found = []
+    with path.open("rb") as file, suppress(EndOfFile):
+        for record in StreamReader(file).records:
+            if isinstance(record, Metadata) and record.name == METADATA_NAME:
+                found.append(from_metadata(record.metadata))
+    return found
+
+
+def _known(path):
+    return {key: _manifests(path)[0][key] for key in ("format_version", "environment")}
 
 
 def test_a_disk_that_fills_up_keeps_what_was_written(tmp_path, monkeypatch):

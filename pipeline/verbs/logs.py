@@ -1,0 +1,51 @@
+"""The verbs that look after logs: info, recover."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import Json, Overwrite
+from recorders.errors import CheckFailed
+
+
+def info(
+    log: Annotated[Path, typer.Argument(help="A log, finished or not.", metavar="LOG.mcap")], as_json: Json = False
+) -> None:
+    """Say what is in a log, and whether it is whole: exit status 1 if it is damaged or cut off."""
+    from pipeline.log_report import damage_table, overview, topics_table
+    from recorders.summary import summarise
+
+    with console.progress("info") as advance:
+        summary = summarise(log, on_progress=advance)
+    if as_json:
+        console.show(summary.to_dict(), as_json=True)
+    else:
+        console.show(overview(summary), as_json=False)
+        console.table(topics_table(summary))
+        if summary.survey.damage:
+            console.table(damage_table(summary.survey.damage))
+            print("`reenact recover` writes a sound log with what is whole.")
+    if not summary.sound:
+        raise typer.Exit(CheckFailed.exit_status)
+
+
+def recover(
+    damaged: Annotated[Path, typer.Argument(help="A damaged or cut-off log; only read.", metavar="DAMAGED")],
+    out: Annotated[Path, typer.Option(help="Log to write.")],
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Write what is whole in a damaged or cut-off log to another one, and say what was kept and what was lost."""
+    from pipeline.log_report import damage_table, recovered
+    from recorders.recover import recover as run
+
+    with console.progress("recover") as advance:
+        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance)
+    if as_json:
+        console.show(recovery.to_dict(), as_json=True)
+        return
+    console.show(recovered(recovery), as_json=False)
+    if recovery.damage:
+        console.table(damage_table(recovery.damage))

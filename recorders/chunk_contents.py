@@ -1,0 +1,55 @@
+"""The records inside a chunk."""
+
+import struct
+from collections.abc import Iterator
+
+from mcap.opcode import Opcode
+
+from recorders.damage import damaged
+from recorders.mcap_records import Record, chunk_data
+
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
+
+PRIVATE = 0x80  # records from here on are other programs' own, and to be passed over
+
+_HEAD = struct.Struct("<BQ")  # opcode, length
+_DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+
+
+def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, beginning and end of the body of each record in the data of the chunk at `offset`.
+
+    Raises
+    ------
+    DamagedLog
+        If one is not whole, or a message too short to be one.
+    """
+    place, size = 0, len(data)
+    while place < size:
+        if size - place < _HEAD.size:
+            raise damaged(offset, "the last record of a chunk is cut off")
+        opcode, length = _HEAD.unpack_from(data, place)
+        start = place + _HEAD.size
+        place = start + length
+        if place > size:
+            raise damaged(offset, "a record is longer than the chunk that holds it")
+        if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
+            raise damaged(offset, "a message is too short")
+        yield opcode, start, place
+
+
+def checked(chunk: Record) -> bytes:
+    """Return the data of a chunk; raises DamagedLog if the chunk or a record in it is damaged, or does not belong."""
+    data = chunk_data(chunk)
+    for opcode, _, _ in split(data, chunk.offset):
+        if opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS and opcode < PRIVATE:
+            raise damaged(chunk.offset, f"a record of kind {opcode} in a chunk")
+    return data
+
+
+def declarations(data: bytes, offset: int) -> Iterator[Record]:
+    """Yield the schemas and channels in the data of the chunk at `offset`; raises as `split` does."""
+    for opcode, start, end in split(data, offset):
+        if opcode in _DECLARATIONS:
+            yield Record(opcode, offset, data[start:end])

@@ -1,0 +1,91 @@
+"""One pass through a log: each record is checked, and the messages come out in the order of the file.
+
+What carries a CRC of its own is believed when that holds. What does not (a message, a schema or a channel beside the
+chunks, a chunk without CRC, a record of unknown kind) is believed when the CRC over the whole data section holds; so
+the first such thing costs one more pass. A log without that CRC, or cut off before it, is read as it is.
+"""
+
+import os
+from collections.abc import Callable, Iterator, Mapping
+from typing import BinaryIO
+
+from mcap.opcode import Opcode
+
+from recorders.chunk_table import ChunkTable
+from recorders.damage import damaged
+from recorders.mcap_contents import check_attachment
+from recorders.mcap_records import Record, chunk_data, chunk_head, read_all
+from recorders.mcap_sections import check_data_section
+from recorders.raw_records import MessageWalk
+from recorders.records import Stamped
+
+_CHECKED = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END})
+
+
+class LogScan:
+    """A pass through a file.
+
+    Parameters
+    ----------
+    file : file
+        A log, open at its first byte.
+    walk : MessageWalk
+        Makes the messages, and knows which are asked for.
+    chunks : ChunkTable
+        The chunks that must be met; empty if no sound summary tells.
+    jumps : mapping of int to int
+        Where to go on, by the offsets of the chunks to leave out.
+    """
+
+    def __init__(self, file: BinaryIO, walk: MessageWalk, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
+        self._file = file
+        self._walk = walk
+        self._chunks = chunks
+        self._jumps = jumps
+        self._next_chunk = 0
+        self._verified = False
+
+    def batches(self, notice: Callable[[Record], None]) -> Iterator[list[Stamped]]:
+        """Yield the messages, some at a time, and hand other records, but for chunks and indexes, to `notice`.
+
+        Raises
+        ------
+        DamagedLog
+            If the log is cut off or damaged, after yielding every message before that.
+        """
+        size = os.fstat(self._file.fileno()).st_size
+        for record in read_all(self._file, size, jumps=self._jumps):
+            self._check_place(record)
+            if record.opcode == Opcode.CHUNK:
+                if not chunk_head(record).crc:
+                    self._verify()
+                yield from self._walk.chunk(chunk_data(record), record.offset)
+            elif record.opcode == Opcode.MESSAGE:
+                self._verify()
+                yield self._walk.bare(record)
+            else:
+                self._learn(record, notice)
+
+    def _learn(self, record: Record, notice: Callable[[Record], None]) -> None:
+        if record.opcode not in _CHECKED:
+            self._verify()
+        elif record.opcode == Opcode.ATTACHMENT:
+            check_attachment(record)
+        self._walk.channels.learn(record)
+        notice(record)
+
+    def _verify(self) -> None:
+        if not self._verified:
+            check_data_section(self._file)
+            self._verified = True
+
+    def _check_place(self, record: Record) -> None:
+        """Check that the chunks stand where the summary says."""
+        offsets, number = self._chunks.offsets, self._next_chunk
+        while number < len(offsets) and offsets[number] < record.offset and self._jumps:
+            number += 1  # left out
+        if number < len(offsets) and offsets[number] <= record.offset:
+            if offsets[number] != record.offset or record.opcode != Opcode.CHUNK:
+                raise damaged(offsets[number], "a chunk is missing that its summary knows")
+            number += 1
+        self._next_chunk = number

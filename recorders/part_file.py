@@ -1,0 +1,197 @@
+"""The file of a log while it is written: `NAME.part`, one writer's alone, which gets its name when it is finished."""
+
+import errno
+import fcntl
+import os
+import shutil
+from collections.abc import Callable
+from contextlib import suppress
+from pathlib import Path
+from typing import BinaryIO
+
+from recorders.errors import LogError
+
+
+class PartFile:
+    """`PATH.part`, locked while it is open, so that no two writers have the same one.
+
+    Parameters
+    ----------
+    path : Path
+        Where the file goes in the end.
+    overwrite : bool
+        Whether a file there, or a `.part` that nobody writes any more, may be replaced.
+
+    Attributes
+    ----------
+    part : Path
+        The file as it is called while it is written.
+    stream : binary file
+        Takes what is written; buffered.
+
+    Raises
+    ------
+    LogError
+        If there is such a file already, or it cannot be made.
+    """
+
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
+        self.path = path
+        if not path.name:
+            raise self._no_file()
+        self.part = path.with_name(path.name + ".part")
+        self._overwrite = overwrite
+        try:
+            self._refuse_existing()
+            descriptor = self._claim()
+        except (OSError, ValueError) as error:  # ValueError: a name that no system can have
+            raise self.error(error) from error
+        self.stream: BinaryIO = os.fdopen(descriptor, "wb")
+
+    def error(self, error: OSError | ValueError) -> LogError:
+        """Return the error for a file that cannot be written."""
+        return LogError(f"cannot write {self.part}: {getattr(error, 'strerror', None) or error}")
+
+    def sync(self) -> None:
+        """Have the disk take what the operating system has; raises OSError if it does not."""
+        os.fsync(self.stream.fileno())
+
+    def is_there(self) -> bool:
+        """Whether the file still stands where it was made."""
+        try:
+            return os.path.samestat(self.part.stat(), os.fstat(self.stream.fileno()))
+        except OSError:
+            return False
+
+    def put_back(self) -> LogError:
+        """Bring a file that does not stand in its place back to it, if it was removed; returns what to tell the user.
+
+        One that was moved, perhaps with its folder, stays where it is.
+        """
+        open_file = Path(f"/proc/self/fd/{self.stream.fileno()}")
+        try:
+            self.stream.flush()
+            if os.fstat(self.stream.fileno()).st_nlink:
+                return LogError(f"{self.part} was moved while it was written: the log is {open_file.readlink()}")
+            self.part.parent.mkdir(parents=True, exist_ok=True)
+            with open_file.open("rb") as source, self.part.open("xb") as copy:
+                shutil.copyfileobj(source, copy)
+        except OSError as error:
+            return LogError(f"{self.part} was removed while it was written, and cannot be put back: {error.strerror}")
+        return LogError(f"{self.part} was removed while it was written: what had been recorded is there again")
+
+    def rewrite(self, copy: Callable[[BinaryIO, BinaryIO], None]) -> None:
+        """Put a copy in the place of the file; raises OSError or what `copy` does, and the file is as before."""
+        self.stream.flush()
+        other = self.part.with_name(self.part.name + ".tmp")  # ours, as the lock on the `.part` is
+        stream = other.open("wb")
+        try:
+            _lock(stream.fileno())
+            with self.part.open("rb") as source:
+                copy(source, stream)
+            stream.flush()
+            other.replace(self.part)
+        except BaseException:
+            with suppress(OSError):
+                stream.close()
+            with suppress(OSError):
+                other.unlink()
+            raise
+        self.stream.close()
+        self.stream = stream
+
+    def publish(self) -> None:
+        """Give the file its name, once all of it is on the disk; raises OSError, or LogError if the name is taken."""
+        self.stream.flush()
+        self.sync()
+        if self._overwrite:
+            self.part.replace(self.path)
+        else:
+            self._take_name()
+        _sync_folder(self.path.parent)
+        self.stream.close()
+
+    def close(self, *, keep: bool) -> None:
+        """Leave the file as `.part`, or remove it; raises nothing, not even on a full disk."""
+        if not keep and self.is_there():
+            with suppress(OSError):
+                self.part.unlink()
+        with suppress(OSError):
+            self.stream.close()
+
+    def _refuse_existing(self) -> None:
+        found = os.path.lexists(self.path)
+        if found and not self.path.is_file():
+            raise self._no_file()
+        if found and not self._overwrite:
+            raise self._taken()
+
+    def _claim(self) -> int:
+        """Open the file and lock it, and empty it only then."""
+        once = 0 if self._overwrite else os.O_EXCL
+        try:
+            descriptor = os.open(self.part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | once, 0o666)
+        except FileExistsError:
+            raise LogError(
+                f"{self.part} is left from an unfinished recording, or another writes it: move it away, or allow "
+                "overwriting"
+            ) from None
+        try:
+            _lock(descriptor)
+            if not os.path.samestat(self.part.stat(), os.fstat(descriptor)):
+                raise BlockingIOError  # its writer finished it between the two lines above
+            if os.fstat(descriptor).st_size:
+                os.ftruncate(descriptor, 0)
+            _sync_folder(self.part.parent)
+        except (BlockingIOError, FileNotFoundError):
+            os.close(descriptor)
+            raise LogError(f"{self.part} is being written by another recording: choose another name") from None
+        except OSError:
+            os.close(descriptor)
+            raise
+        return descriptor
+
+    def _take_name(self) -> None:
+        try:
+            os.link(self.part, self.path)
+        except FileExistsError:
+            raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
+        except OSError:  # a file system without hard links
+            self._take_name_alone()
+        else:
+            self.part.unlink()
+
+    def _take_name_alone(self) -> None:
+        """Take the name with an empty file, which only one writer can make, and replace that."""
+        try:
+            self.path.open("xb").close()
+        except FileExistsError:
+            raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
+        self.part.replace(self.path)
+
+    def _taken(self) -> LogError:
+        return LogError(f"{self.path} exists: choose another name, or allow it to be overwritten")
+
+    def _no_file(self) -> LogError:
+        return LogError(f"cannot write {self.path}: expected the name of a file, found something else")
+
+
+def _lock(descriptor: int) -> None:
+    """Lock a file until it is closed, or its process ends in whatever way; raises BlockingIOError if another has it."""
+    try:
+        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise
+    except OSError as error:
+        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL):  # a file system without locks
+            raise
+
+
+def _sync_folder(folder: Path) -> None:
+    """Have the disk take the names in a folder, where the system lets us."""
+    with suppress(OSError):
+        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
+        try:
+            os.fsync(descriptor)
+        finally:
+            os.close(descriptor)

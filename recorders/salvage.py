@@ -1,0 +1,187 @@
+"""The sound parts of a log and the messages in them: what a survey found, and how to read it."""
+
+from collections import Counter
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from io import SEEK_SET
+from pathlib import Path
+from typing import Any, BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import Attachment
+
+from recorders.chunk_contents import MESSAGE, split
+from recorders.damage import DamagedLog
+from recorders.declared import Declarations, Declared
+from recorders.errors import LogError
+from recorders.mcap_records import Record, chunk_data, read_record
+from recorders.resync import attached, carries_crc
+from recorders.sound_summary import SoundSummary
+
+
+class Damage(NamedTuple):
+    """A place where a log is not what its writer wrote: where [bytes], what was found, how much is skipped [bytes]."""
+
+    offset: int
+    reason: str
+    skipped: int
+
+
+class Span(NamedTuple):
+    """A run of whole records without damage: where it begins and ends [bytes]."""
+
+    start: int
+    end: int
+
+
+class Attached(NamedTuple):
+    """An attachment: its name, where its record stands, and how long it is [bytes]."""
+
+    name: str
+    offset: int
+    size: int
+
+
+class Salvaged(NamedTuple):
+    """A message as it stands in the log.
+
+    Attributes
+    ----------
+    offset : int
+        Where it stands, or the chunk that holds it [bytes].
+    span : int
+        In which of the spans of the survey that is.
+    protected : bool
+        Whether it stands in a chunk whose CRC holds.
+    channel : Declared or None
+        Its channel; None if the declaration of that is lost.
+    sequence, log_time_ns, publish_time_ns, data
+        As they were recorded.
+    """
+
+    offset: int
+    span: int
+    protected: bool
+    channel: Declared | None
+    sequence: int
+    log_time_ns: int
+    publish_time_ns: int
+    data: bytes
+
+
+@dataclass
+class Survey:
+    """What stands in a log, damaged or not.
+
+    Attributes
+    ----------
+    path, size
+        The file, and its size [bytes].
+    profile, library : str or None
+        What the log says of its writer, if that can be believed.
+    spans : list of Span
+        Its sound parts, in order.
+    damage : list of Damage
+        What is between them, or wrong elsewhere, in order.
+    finished : bool
+        Whether the log has its end.
+    doubt_from : int
+        From here on nothing is believed that has no CRC of its own [bytes].
+    chunks : Counter
+        Number of chunks by compression.
+    chunks_with_crc : int
+        How many of them carry a CRC.
+    data_crc : bool
+        Whether there is a CRC over the data section and it holds.
+    summary : SoundSummary or None
+        The summary section, if its CRC holds.
+    manifest : dict
+        The last manifest whose checksum holds; empty if there is none.
+    metadata : dict
+        Metadata of other programs, by name.
+    attachments : list of Attached
+        The attachments.
+    declarations : Declarations
+        The channels that a CRC protects.
+    """
+
+    path: Path
+    size: int
+    profile: str | None = None
+    library: str | None = None
+    spans: list[Span] = field(default_factory=list)
+    damage: list[Damage] = field(default_factory=list)
+    finished: bool = False
+    doubt_from: int = 0
+    chunks: Counter[str] = field(default_factory=Counter)
+    chunks_with_crc: int = 0
+    data_crc: bool = False
+    summary: SoundSummary | None = None
+    manifest: dict[str, Any] = field(default_factory=dict)
+    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    attachments: list[Attached] = field(default_factory=list)
+    declarations: Declarations = field(default_factory=Declarations)
+
+    def messages(self, *, on_progress: Callable[[float], None] = lambda fraction: None) -> Iterator[Salvaged]:
+        """Yield the messages that can be believed, in file order; raises LogError if the file has changed since.
+
+        Parameters
+        ----------
+        on_progress : callable
+            Called with the fraction of the file that was read.
+        """
+        declarations = self.declarations.copy()
+        with opened(self.path) as file:
+            for number, span in enumerate(self.spans):
+                for record in _records(file, span):
+                    yield from self._messages(record, number, declarations)
+                    on_progress(record.offset / self.size)
+
+    def attachment(self, attached_: Attached) -> Attachment:
+        """Return an attachment; raises LogError if the file has changed since the survey."""
+        with opened(self.path) as file:
+            file.seek(attached_.offset)
+            return attached(read_record(file, self.size))
+
+    def _messages(self, record: Record, span: int, declarations: Declarations) -> Iterator[Salvaged]:
+        protected = carries_crc(record)
+        if not protected and record.offset >= self.doubt_from:
+            return
+        if record.opcode == Opcode.MESSAGE:
+            yield _salvaged(record.body, 0, len(record.body), (record.offset, span, protected), declarations)
+        elif record.opcode == Opcode.CHUNK:
+            data, place = chunk_data(record), (record.offset, span, protected)
+            for opcode, start, end in split(data, record.offset):
+                if opcode == Opcode.MESSAGE:
+                    yield _salvaged(data, start, end, place, declarations)
+                else:
+                    declarations.learn(Record(opcode, record.offset, data[start:end]))
+        else:
+            declarations.learn(record)
+
+
+def _salvaged(data: bytes, start: int, end: int, place: tuple[int, int, bool], declarations: Declarations) -> Salvaged:
+    channel, sequence, log_time_ns, publish_time_ns = MESSAGE.unpack_from(data, start)
+    declared = declarations.channels.get(channel)
+    return Salvaged(*place, declared, sequence, log_time_ns, publish_time_ns, data[start + MESSAGE.size : end])
+
+
+@contextmanager
+def opened(path: Path) -> Iterator[BinaryIO]:
+    """Open a log for reading; every error within is a LogError that names it."""
+    try:
+        with path.open("rb") as file:
+            yield file
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except DamagedLog as error:
+        raise error.located(path) from None
+    except LogError as error:
+        raise LogError(f"{path}: {error}") from None
+
+
+def _records(file: BinaryIO, span: Span) -> Iterator[Record]:
+    file.seek(span.start, SEEK_SET)
+    while file.tell() < span.end:
+        yield read_record(file, span.end)

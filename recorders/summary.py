@@ -1,0 +1,281 @@
+"""What is in a log: topics with rates and gaps, times, manifest, attachments, sessions, and whether it is sound."""
+
+import os
+from collections import Counter
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from recorders.cdr import decode_as, stamp_ns
+from recorders.errors import MessageError
+from recorders.manifest import ContentHash
+from recorders.messages import String
+from recorders.phase import Phase
+from recorders.salvage import Salvaged, Survey
+from recorders.survey import CUT_OFF, survey
+from recorders.topics import SESSION_PHASE
+
+_NS = 1e9
+_GAPS_NAMED = 5  # of each topic
+_RUNS_NAMED = 20  # a log may come from anyone
+
+
+@dataclass
+class TopicSummary:
+    """What is on one topic.
+
+    Attributes
+    ----------
+    topic, type, encoding : str
+        As its channel was declared; `type` is the name of the schema.
+    count : int
+        Number of messages.
+    first_ns, last_ns : int
+        Log time of the earliest and the latest message [ns].
+    missing : int
+        Messages that its producer numbered and that are not there.
+    gaps : list of pairs of int
+        The first few places of those: the sequences before and after.
+    more_gaps : bool
+        Whether there are more places.
+    restarts : int
+        How often the numbers began anew, as they do with each cycle of a replay.
+    """
+
+    topic: str
+    type: str
+    encoding: str
+    count: int = 0
+    first_ns: int = 0
+    last_ns: int = 0
+    missing: int = 0
+    gaps: list[tuple[int, int]] = field(default_factory=list)
+    more_gaps: bool = False
+    restarts: int = 0
+    _sequence: int = -1
+    _stamp_ns: int | None = None
+    _steps: int = 0
+    _stepped_ns: int = 0
+
+    @property
+    def rate_hz(self) -> float | None:
+        """Messages in a second by log time [Hz]; None for messages of one time."""
+        span = self.last_ns - self.first_ns
+        return (self.count - 1) * _NS / span if span else None
+
+    @property
+    def stamp_rate_hz(self) -> float | None:
+        """Messages in a second by the producer's stamps [Hz], over the steps that go forward; None without stamps."""
+        return self._steps * _NS / self._stepped_ns if self._steps else None
+
+    def add(self, message: Salvaged) -> None:
+        """Take in a message."""
+        time_ns = message.log_time_ns
+        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
+        self.last_ns = max(self.last_ns, time_ns)
+        if self.count:
+            self._compare(message.sequence)
+        self.count += 1
+        self._sequence = message.sequence
+        self._add_stamp(message.data)
+
+    def _compare(self, sequence: int) -> None:
+        if sequence > self._sequence + 1:
+            self.missing += sequence - self._sequence - 1
+            if len(self.gaps) < _GAPS_NAMED:
+                self.gaps.append((self._sequence, sequence))
+            else:
+                self.more_gaps = True
+        self.restarts += sequence < self._sequence
+
+    def _add_stamp(self, data: bytes) -> None:
+        try:
+            stamp = stamp_ns(self.type, data)
+        except MessageError:
+            return
+        if stamp is not None and self._stamp_ns is not None and stamp > self._stamp_ns:
+            self._steps += 1
+            self._stepped_ns += stamp - self._stamp_ns
+        self._stamp_ns = stamp
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same as JSON values."""
+        return {
+            "topic": self.topic,
+            "type": self.type,
+            "encoding": self.encoding,
+            "count": self.count,
+            "first_ns": self.first_ns,
+            "last_ns": self.last_ns,
+            "rate_hz": self.rate_hz,
+            "stamp_rate_hz": self.stamp_rate_hz,
+            "missing": self.missing,
+            "gaps": [{"after": before, "next": after} for before, after in self.gaps],
+            "restarts": self.restarts,
+        }
+
+
+@dataclass
+class SessionSummary:
+    """What the phase markers of one run say: the epochs, counted from 0, and the number of markers of each phase."""
+
+    run: str
+    first_epoch: int
+    last_epoch: int
+    cycles: Counter[str] = field(default_factory=Counter)
+
+    def add(self, phase: Phase) -> None:
+        """Take in a marker."""
+        self.first_epoch = min(self.first_epoch, phase.epoch)
+        self.last_epoch = max(self.last_epoch, phase.epoch)
+        self.cycles[phase.phase] += 1
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same as JSON values."""
+        return {
+            "run": self.run,
+            "first_epoch": self.first_epoch,
+            "last_epoch": self.last_epoch,
+            "cycles": dict(self.cycles),
+        }
+
+
+@dataclass
+class LogSummary:
+    """What is in a log.
+
+    Attributes
+    ----------
+    survey : Survey
+        The file and what of it can be believed.
+    topics : dict
+        What is on each topic.
+    sessions : dict
+        What the phase markers of each run say; the first few runs.
+    undeclared : int
+        Messages on channels whose declaration is lost.
+    unprotected : int
+        Messages in no chunk with a CRC.
+    content_holds : bool or None
+        Whether the messages are those of which the manifest has the hash; None if it has none.
+    counts_hold : bool or None
+        Whether there are as many as the log's summary says; None if it does not say.
+    """
+
+    survey: Survey
+    topics: dict[str, TopicSummary] = field(default_factory=dict)
+    sessions: dict[str, SessionSummary] = field(default_factory=dict)
+    undeclared: int = 0
+    unprotected: int = 0
+    content_holds: bool | None = None
+    counts_hold: bool | None = None
+    _content: ContentHash = field(default_factory=ContentHash)
+
+    @property
+    def sound(self) -> bool:
+        """Whether the log is whole and undamaged."""
+        said = (self.content_holds, self.counts_hold)
+        return not (self.survey.damage or self.undeclared or False in said)
+
+    @property
+    def protected(self) -> bool:
+        """Whether CRCs protect every message."""
+        return self.survey.data_crc or not self.unprotected
+
+    @property
+    def cut_off_at(self) -> int | None:
+        """Where the log is cut off [bytes], None if it is not."""
+        return next((damage.offset for damage in self.survey.damage if damage.reason == CUT_OFF), None)
+
+    @property
+    def times_ns(self) -> tuple[int, int] | None:
+        """Log time of the earliest and the latest message [ns]; None if there is no message."""
+        if not self.topics:
+            return None
+        return min(each.first_ns for each in self.topics.values()), max(each.last_ns for each in self.topics.values())
+
+    def add(self, message: Salvaged) -> None:
+        """Take in a message."""
+        channel = message.channel
+        if channel is None:
+            self.undeclared += 1
+            return
+        topic = self.topics.get(channel.topic)
+        if topic is None:
+            topic = self.topics[channel.topic] = TopicSummary(channel.topic, channel.type, channel.encoding)
+        topic.add(message)
+        self.unprotected += not message.protected
+        self._content.add(channel.topic, message.sequence, message.log_time_ns, message.data)
+        if channel.topic == SESSION_PHASE:
+            self._add_phase(message.data)
+
+    def finish(self) -> None:
+        """Compare the content with what manifest and summary say of it."""
+        expected = self.survey.manifest.get("content_sha256")
+        self.content_holds = None if expected is None else expected == self._content.hexdigest()
+        counts = self.survey.summary.counts if self.survey.summary else None
+        found = Counter({topic.topic: topic.count for topic in self.topics.values()})
+        self.counts_hold = None if counts is None else counts == found
+
+    def _add_phase(self, data: bytes) -> None:
+        try:
+            phase = Phase.from_message(decode_as(String, data))
+        except MessageError:
+            return
+        if phase.run in self.sessions or len(self.sessions) < _RUNS_NAMED:
+            self.sessions.setdefault(phase.run, SessionSummary(phase.run, phase.epoch, phase.epoch)).add(phase)
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the same as JSON values."""
+        found, times = self.survey, self.times_ns
+        return {
+            "path": str(found.path),
+            "size": found.size,
+            "sound": self.sound,
+            "finished": found.finished,
+            "complete": found.manifest.get("complete"),
+            "cut_off_at": self.cut_off_at,
+            "protected": self.protected,
+            "content_holds": self.content_holds,
+            "counts_hold": self.counts_hold,
+            "profile": found.profile,
+            "library": found.library,
+            "messages": sum(topic.count for topic in self.topics.values()),
+            "undeclared": self.undeclared,
+            "first_ns": times and times[0],
+            "last_ns": times and times[1],
+            "duration_s": times and (times[1] - times[0]) / _NS,
+            "chunks": found.chunks.total(),
+            "compression": {name or "none": count for name, count in found.chunks.items()},
+            "topics": [topic.to_dict() for topic in self.topics.values()],
+            "sessions": [session.to_dict() for session in self.sessions.values()],
+            "attachments": [{"name": each.name, "size": each.size} for each in found.attachments],
+            "manifest": found.manifest,
+            "damage": [damage._asdict() for damage in found.damage],
+        }
+
+
+def summarise(
+    path: str | os.PathLike[str], *, on_progress: Callable[[float], None] = lambda fraction: None
+) -> LogSummary:
+    """Read a log from end to end and return what is in it, behind damage too.
+
+    Parameters
+    ----------
+    path : path
+        An MCAP file of any writer.
+    on_progress : callable
+        Called with the fraction done.
+
+    Raises
+    ------
+    LogError
+        If there is no such file, it cannot be read, or it is not MCAP at all.
+    """
+    found = survey(Path(path), on_progress=lambda fraction: on_progress(fraction / 2))
+    summary = LogSummary(found)
+    for message in found.messages(on_progress=lambda fraction: on_progress((1 + fraction) / 2)):
+        summary.add(message)
+    summary.finish()
+    return summary

@@ -1,0 +1,245 @@
+"""A walk through the data section of a log, record by record, that goes on behind damage."""
+
+import struct
+import zlib
+from bisect import bisect_right
+from collections import Counter
+from collections.abc import Callable
+from typing import Any, BinaryIO
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import Channel, Header, Metadata, Schema
+
+from recorders.chunk_contents import MESSAGE, PRIVATE, checked, declarations
+from recorders.damage import DamagedLog, damaged
+from recorders.declared import Declarations
+from recorders.errors import LogError
+from recorders.manifest import METADATA_NAME, from_metadata, to_metadata
+from recorders.mcap_records import MAGIC, Record, chunk_head, parse, read_record
+from recorders.resync import attached, carries_crc, find_proven, proves_itself
+from recorders.salvage import Attached, Damage, Span
+from recorders.sound_summary import SoundSummary
+
+NOT_WHOLE = "a record is not whole"
+
+_HEAD = struct.Struct("<BQ")  # opcode, length
+_INDEX = struct.Struct("<HI")  # channel, length of the entries
+_CRC_SIZE = 4
+_PATIENCE = 20  # how often the whole file may be read in search of sound parts: a hostile one has many false heads
+_FREE = 2**26  # bytes that may be read whatever the size
+_LONGEST_REASON = 200  # characters: some libraries quote all that they were given
+_EXACT: dict[int, Any] = {
+    Opcode.HEADER: Header,
+    Opcode.SCHEMA: Schema,
+    Opcode.CHANNEL: Channel,
+    Opcode.METADATA: Metadata,
+}
+
+
+class Walk:
+    """What a walk has met.
+
+    Parameters
+    ----------
+    file : file
+        A log.
+    end : int
+        Where to stop [bytes].
+    summary : SoundSummary, optional
+        Where its summary says that records begin.
+    on_progress : callable
+        Called with the place reached [bytes].
+
+    Attributes
+    ----------
+    offset : int
+        The place reached [bytes].
+    spans, damage : list
+        Runs of sound records, and what is between them.
+    crc : int or None
+        CRC of everything up to the end of the data section, None if something is damaged.
+    data_end : Record or None
+        The record that ends the data section.
+    header : Header or None
+        The record that begins the log.
+    chunks, chunks_with_crc : Counter, int
+        Chunks by compression, and how many carry a CRC.
+    first_protected : int or None
+        Where the first of those stands.
+    declarations : Declarations
+        The channels declared in them.
+    unprotected : list of Span
+        Messages, and chunks of them, that carry no CRC.
+    attachments, bare : list of Attached
+        Attachments with and without a CRC.
+    manifest : dict
+        The last manifest whose checksum holds.
+    metadata : list of pairs of int and Metadata
+        Metadata of other programs, and where they stand.
+    private : list of Damage
+        Records of other programs' own kinds, which damage may have made of ours.
+    """
+
+    def __init__(
+        self, file: BinaryIO, end: int, summary: SoundSummary | None, on_progress: Callable[[int], None]
+    ) -> None:
+        self._file = file
+        self._end = end
+        self._summary = summary
+        self._on_progress = on_progress
+        self._budget = _PATIENCE * end + _FREE
+        self.offset = self._start = len(MAGIC)
+        self.spans: list[Span] = []
+        self.damage: list[Damage] = []
+        self.crc: int | None = zlib.crc32(MAGIC)
+        self.data_end: Record | None = None
+        self.header: Header | None = None
+        self.chunks: Counter[str] = Counter()
+        self.chunks_with_crc = 0
+        self.first_protected: int | None = None
+        self.declarations = Declarations()
+        self.unprotected: list[Span] = []
+        self.attachments: list[Attached] = []
+        self.bare: list[Attached] = []
+        self.manifest: dict[str, Any] = {}
+        self.metadata: list[tuple[int, Metadata]] = []
+        self.private: list[Damage] = []
+
+    def run(self) -> None:
+        """Walk to the end of the data section, or as far as there is anything whole."""
+        while self.data_end is None and self.offset < self._end:
+            try:
+                record = self._read(self.offset)
+                self._take(record)
+            except LogError as error:
+                self._resume(error)
+            else:
+                self._step(record)
+        self._close_span()
+
+    def _read(self, offset: int) -> Record:
+        if self._budget < 0:
+            raise damaged(offset, "so much is damaged that the search for sound parts was given up")
+        self._file.seek(offset)
+        try:
+            record = read_record(self._file, self._end)
+        except LogError:
+            raise damaged(offset, NOT_WHOLE) from None
+        self._budget -= _HEAD.size + len(record.body)
+        return record
+
+    def _step(self, record: Record) -> None:
+        head = _HEAD.pack(record.opcode, len(record.body))
+        if self.crc is not None and record.opcode != Opcode.DATA_END:
+            self.crc = zlib.crc32(record.body, zlib.crc32(head, self.crc))
+        self.offset = end_of(record)
+        self._on_progress(self.offset)
+
+    def _take(self, record: Record) -> None:
+        """Check a record and remember what is in it; raises LogError if it is damaged or out of place."""
+        if record.opcode in _EXACT:
+            self._take_exact(record)
+        elif record.opcode == Opcode.CHUNK:
+            self._take_chunk(record)
+        elif record.opcode == Opcode.ATTACHMENT:
+            attachment = attached(record)
+            into = self.attachments if carries_crc(record) else self.bare
+            into.append(Attached(attachment.name, record.offset, len(attachment.data)))
+        elif record.opcode == Opcode.MESSAGE and len(record.body) >= MESSAGE.size:
+            self._take_unprotected(record)
+        elif record.opcode == Opcode.DATA_END and len(record.body) == _CRC_SIZE:
+            self.data_end = record
+        elif record.opcode >= PRIVATE:
+            unknown = f"a record of unknown kind {record.opcode}"
+            self.private.append(Damage(record.offset, unknown, len(record.body)))
+        elif not _is_index(record):
+            raise damaged(record.offset, f"a record of kind {record.opcode} is malformed or out of place")
+
+    def _take_exact(self, record: Record) -> None:
+        parsed = _parse_exactly(_EXACT[record.opcode], record)
+        if record.opcode == Opcode.METADATA and parsed.name == METADATA_NAME:
+            manifest = from_metadata(parsed.metadata)
+            to_metadata(manifest)  # refuse what Python reads as JSON and nobody else does, such as NaN
+            self.manifest = manifest
+        elif record.opcode == Opcode.METADATA:
+            self.metadata.append((record.offset, parsed))
+        elif record.opcode == Opcode.HEADER and record.offset == len(MAGIC):
+            self.header = parsed
+        elif record.opcode == Opcode.HEADER:
+            raise damaged(record.offset, "a header in the middle of the log")
+
+    def _take_chunk(self, record: Record) -> None:
+        data = checked(record)
+        if not carries_crc(record):
+            self._take_unprotected(record)
+        else:
+            for each in declarations(data, record.offset):
+                self.declarations.learn(each)
+            self.chunks_with_crc += 1
+            self.first_protected = record.offset if self.first_protected is None else self.first_protected
+        self.chunks[chunk_head(record).compression] += 1
+
+    def _take_unprotected(self, record: Record) -> None:
+        if self.unprotected and self.unprotected[-1].end == record.offset:
+            self.unprotected[-1] = Span(self.unprotected[-1].start, end_of(record))
+        else:
+            self.unprotected.append(Span(record.offset, end_of(record)))
+
+    def _resume(self, error: LogError) -> None:
+        """Note damage at this place and go to the next whole record, or to the end if there is none."""
+        at = self.offset
+        self._close_span()
+        self.crc = None
+        found = self._next_whole()
+        self.offset = self._start = self._end if found is None else found
+        self.damage.append(Damage(at, _reason(error), self.offset - at))
+
+    def _next_whole(self) -> int | None:
+        if self._summary and self._summary.indexed:
+            place = bisect_right(self._summary.offsets, self.offset)
+            return self._summary.offsets[place] if place < len(self._summary.offsets) else None
+        claimed = self._claimed_end()
+        return find_proven(self._file, self.offset + 1, self._end, self._read) if claimed is None else claimed
+
+    def _claimed_end(self) -> int | None:
+        """Return where the damaged record at this place says that it ends, if one can see that another begins there."""
+        try:
+            end = end_of(self._read(self.offset))
+            following = self._read(end)
+        except LogError:
+            return None
+        index = _is_index(following) and len(following.body) > _INDEX.size
+        last = following.opcode == Opcode.DATA_END and len(following.body) == _CRC_SIZE
+        return end if index or last or proves_itself(following) else None
+
+    def _close_span(self) -> None:
+        if self.offset > self._start:
+            self.spans.append(Span(self._start, self.offset))
+
+
+def end_of(record: Record) -> int:
+    """Return where a record of the file ends [bytes]."""
+    return record.offset + _HEAD.size + len(record.body)
+
+
+def _reason(error: LogError) -> str:
+    reason = error.reason if isinstance(error, DamagedLog) else str(error)
+    return reason[:_LONGEST_REASON]
+
+
+def _parse_exactly(kind: Any, record: Record) -> Any:
+    parsed = parse(kind, record)
+    builder = RecordBuilder()
+    parsed.write(builder)
+    if builder.count != _HEAD.size + len(record.body):
+        raise damaged(record.offset, "a record is not as long as it says")
+    return parsed
+
+
+def _is_index(record: Record) -> bool:
+    """Whether this is the index of a chunk, as far as one can see."""
+    if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < _INDEX.size:
+        return False
+    size: int = _INDEX.unpack_from(record.body)[1]
+    return size % 16 == 0 and len(record.body) == _INDEX.size + size
