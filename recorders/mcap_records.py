@@ -7,7 +7,7 @@ here everything that can go wrong ends in one DamagedLog. Record bodies are pars
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from io import BytesIO
+from io import BufferedReader, BytesIO
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
@@ -22,6 +22,7 @@ MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 29  # opcode, length, two offsets, CRC
 MAX_CHUNK = 2**30  # bytes, uncompressed: writers make chunks of some MB, a damaged length field may say anything
 
+_INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _HEAD = struct.Struct("<BQ")  # opcode, length of the body
 _CRC = struct.Struct("<I")
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of the compression's name
@@ -134,10 +135,12 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
     if record.opcode != Opcode.HEADER:
         raise damaged(record.offset, f"expected its header, found a record of kind {record.opcode}")
     while record.opcode != _DATA_END:
-        if record.opcode != _MESSAGE_INDEX:  # there are many, and nobody asks for them
+        if record.opcode != _MESSAGE_INDEX:
             yield record
         crc = _crc_of(record, crc)
-        record = _next_record(file, record.offset + _HEAD.size + len(record.body), size, jumps)
+        passed = _pass_indexes(file)
+        crc = zlib.crc32(passed, crc)
+        record = _next_record(file, record.offset + _HEAD.size + len(record.body) + len(passed), size, jumps)
     check_crc(record.body, None if jumps else crc, record.offset, "data section")
     yield record
     for _ in summary_records(file, size):
@@ -153,6 +156,24 @@ def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int
     if record.opcode == _MESSAGE_INDEX and not _is_message_index(record.body):
         raise damaged(offset, "a message index is not as long as it says")
     return record
+
+
+def _pass_indexes(file: BinaryIO) -> bytes:
+    """Pass over the sound message indexes that stand whole in the file's buffer: there are many, and nobody asks.
+
+    Returns their bytes; what is not sound, or not whole, stays to be read as any other record.
+    """
+    if not isinstance(file, BufferedReader):
+        return b""
+    buffer, place = file.peek(), 0
+    last = len(buffer) - _INDEX_HEAD.size
+    while place <= last:
+        opcode, length, _, size = _INDEX_HEAD.unpack_from(buffer, place)
+        end = place + _HEAD.size + length
+        if opcode != _MESSAGE_INDEX or length != _INDEX.size + size or end > len(buffer):
+            break
+        place = end
+    return file.read(place)
 
 
 def _is_message_index(body: bytes) -> bool:

@@ -1,0 +1,152 @@
+"""Rerun's viewer, started so that it listens on loopback only and sends nothing to anyone."""
+
+import importlib.util
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+from pathlib import Path
+from urllib.parse import urlsplit
+
+from recorders.errors import ConfigError, WireError
+
+HOST = "127.0.0.1"
+
+_START_S = 20.0  # a cold start reads a program of 290 MB
+_POLL_S = 0.05
+_REACH_S = 2.0
+
+
+def viewer_environment(config_home: Path) -> dict[str, str]:
+    """Return environment variables under which Rerun's viewer and command line neither send nor keep usage data.
+
+    A released Rerun has two switches, and this sets both: `analytics_enabled` in `rerun/analytics.json` under the
+    user's configuration directory, which it writes there, switched on, if it finds none; and the variable `CI`, set to
+    anything. `FORCE_RERUN_ANALYTICS` beats both, so it goes. A configuration directory of our own leaves the user's
+    alone.
+
+    Parameters
+    ----------
+    config_home : Path
+        Existing directory that lives as long as the viewer; receives `rerun/analytics.json`.
+
+    Returns
+    -------
+    dict
+        A copy of this process's environment with these changes.
+    """
+    home = config_home.resolve()  # a relative XDG_CONFIG_HOME counts for nothing
+    directory = home / "rerun"
+    directory.mkdir(exist_ok=True)
+    config_file = directory / "analytics.json"
+    config = {
+        "analytics_enabled": False,
+        "analytics_id": "",
+        "config_file_path": str(config_file),
+        "data_dir_path": str(directory / "analytics"),
+    }
+    config_file.write_text(json.dumps(config), encoding="utf-8")
+    kept = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
+    return kept | {"CI": "1", "XDG_CONFIG_HOME": str(home)}
+
+
+def viewer_command(port: int, *options: str) -> list[str]:
+    """Return the command line of a viewer on loopback.
+
+    Raises
+    ------
+    ConfigError
+        The program is not there.
+    """
+    package = importlib.util.find_spec("rerun_cli")
+    folder = Path(package.origin).parent if package is not None and package.origin is not None else Path()
+    program = folder / "rerun"
+    if not program.is_file():
+        raise ConfigError("expected Rerun's viewer in the package rerun-sdk, found none; install it again")
+    return [str(program), "--bind", HOST, "--port", str(port), *options]
+
+
+def open_viewer() -> str:
+    """Open the viewer's window; it outlives this process. Returns the URL at which it takes recordings.
+
+    Raises
+    ------
+    ConfigError
+        No window can be opened here.
+    """
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        raise ConfigError(_no_window("this machine has no display"))
+    port = _free_port()
+    minder = subprocess.Popen(  # noqa: S603  # our own module, no shell
+        [sys.executable, "-m", __name__, str(port)],
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.DEVNULL,
+        stderr=subprocess.DEVNULL,
+        start_new_session=True,  # Ctrl-C ends a verb, not the window
+    )
+    url = f"rerun+http://{HOST}:{port}/proxy"
+    deadline = time.monotonic() + _START_S
+    while not is_reachable(url):
+        if minder.poll() is not None or time.monotonic() > deadline:
+            minder.terminate()
+            raise ConfigError(_no_window("the viewer did not start"))
+        time.sleep(_POLL_S)
+    return url
+
+
+def check_url(url: str) -> str:
+    """Return the URL of a viewer that runs on this machine.
+
+    Raises
+    ------
+    ConfigError
+        It is not such a URL.
+    WireError
+        Nothing takes recordings there.
+    """
+    parts = urlsplit(url)
+    if parts.scheme != "rerun+http" or parts.path != "/proxy" or _port(url) is None:
+        raise ConfigError(f"expected the URL of a viewer, such as rerun+http://{HOST}:9876/proxy, found {url!r:.100}")
+    if not is_reachable(url):
+        raise WireError(f"expected a viewer at {url}, found none; start one with `rerun --bind {HOST}`")
+    return url
+
+
+def is_reachable(url: str) -> bool:
+    """Whether something listens at the URL."""
+    try:
+        with socket.create_connection((urlsplit(url).hostname or "", _port(url) or 0), timeout=_REACH_S):
+            return True
+    except OSError:
+        return False
+
+
+def _port(url: str) -> int | None:
+    try:
+        return urlsplit(url).port
+    except ValueError:
+        return None
+
+
+def _no_window(why: str) -> str:
+    return f"cannot open a window: {why}; write the recording with --save FILE.rrd, and look at it elsewhere"
+
+
+def _free_port() -> int:
+    with socket.socket() as probe:
+        probe.bind((HOST, 0))
+        return int(probe.getsockname()[1])
+
+
+def _mind(port: int) -> int:
+    """Run a viewer to its end, and take away the configuration that it had."""
+    with tempfile.TemporaryDirectory() as home:
+        command = viewer_command(port, "--expect-data-soon")
+        return subprocess.run(command, env=viewer_environment(Path(home)), check=False).returncode  # noqa: S603
+
+
+if __name__ == "__main__":
+    sys.exit(_mind(int(sys.argv[1])))
