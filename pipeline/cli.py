@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from pipeline import console
-from pipeline.verbs import exploring, network, offline, recording, serving
+from pipeline.verbs import exploring, golden, logs, network, offline, paper, recording, serving
 from recorders.errors import ReenactError
 
 app = typer.Typer(
@@ -32,6 +32,10 @@ app.command(epilog="Example, in a second terminal: reenact learn --out controlle
 app.command(epilog="Example: reenact serve controller.npz --record served.mcap")(serving.serve)
 app.command(epilog="Example: reenact evaluate controller.npz eight --json")(offline.evaluate)
 app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(offline.diff)
+app.command(epilog="Example: reenact info session.mcap")(logs.info)
+app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(logs.recover)
+app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
+app.add_typer(golden.app)
 
 
 def main(arguments: list[str] | None = None) -> None:

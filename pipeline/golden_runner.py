@@ -1,0 +1,132 @@
+"""Runs golden cases: the learner step by step under observation, and as programs run it."""
+
+import tomllib
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pipeline import golden_states
+from pipeline.controller import Controller
+from pipeline.golden_observer import ObservedRun
+from pipeline.learner_config import LearnerConfig
+from pipeline.samples import read_samples
+from pipeline.training import CheckpointConfig, Trainer
+from pipeline.trials import try_samples
+from recorders.errors import ConfigError
+from recorders.messages import Message
+from recorders.records import Stamped
+from replay.golden_recipe import EpochEnd, Moment, Recipe, State
+from replay.schedule import Schedule
+from replay.session import RecordedSession
+
+_EPOCHS = 2  # of a case, unless told otherwise
+
+
+class GoldenRunner:
+    """The runner of `replay.golden` for this learner and these robots.
+
+    A case is run twice. Once step by step, with a digest of stream, outputs and state after every tick; and once as
+    programs do it, in pieces, by the same `Trainer` that `train` and `learn` use.
+    """
+
+    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+        """Run step by step, and yield every tick and the end of every epoch."""
+        source = recipe.source()
+        yield from ObservedRun(_config(recipe), source.offer(), recipe.resume_after).run(source.stream())
+
+    def train(self, recipe: Recipe) -> dict[str, Any]:
+        """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
+        trainer = _trained(recipe)
+        controller = trainer.controller()
+        trials = [] if recipe.as_recorded else [_trial_cm(controller, path) for path in recipe.logs]
+        return {**trainer.result(), "errors_cm": trainer.errors_cm, "trials_cm": trials}
+
+    def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
+        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""
+        from pipeline.golden_simulation import simulate  # noqa: PLC0415  # Drake: most cases do without
+
+        return simulate(log, ticks=ticks)
+
+    def changed_robot(self, log: Path) -> str:
+        """Say how the robot that comes with the program differs from the log's; the empty string if it does not."""
+        from pipeline.golden_simulation import changed_robot  # noqa: PLC0415
+
+        return changed_robot(log)
+
+    def pack(self, states: Sequence[State]) -> bytes:
+        """Return the states at the ends of the epochs as the bytes of an .npz."""
+        return golden_states.pack(states)
+
+    def difference(self, packed: bytes, end: EpochEnd) -> tuple[str, str, str] | None:
+        """Name the first element that differs from what was packed: name, expected, found."""
+        return golden_states.difference(packed, end)
+
+
+def _config(recipe: Recipe) -> LearnerConfig:
+    return LearnerConfig.from_dict(recipe.learner)
+
+
+def _trained(recipe: Recipe) -> Trainer:
+    """Train, by way of a checkpoint if the case has one."""
+    source = recipe.source()
+    if recipe.resume_after is None:
+        trainer = Trainer(_config(recipe))
+        trainer.consume(source.stream(trainer.hello(source.offer())))
+        return trainer
+    with TemporaryDirectory() as folder:
+        checkpoint = CheckpointConfig(Path(folder, "checkpoint.npz"), recipe.resume_after)
+        stopped = Trainer(_config(recipe), checkpoint=checkpoint)
+        stopped.hello(source.offer())
+        stopped.consume(_until_kept(source.stream(), checkpoint.path))
+        trainer = Trainer(_config(recipe), checkpoint=checkpoint)
+        trainer.consume(source.stream(trainer.hello(source.offer())))
+    return trainer
+
+
+def _until_kept(messages: Iterator[Stamped], path: Path) -> Iterator[Stamped]:
+    """Yield messages until there is a checkpoint."""
+    for message in messages:
+        yield message
+        if path.exists():
+            return
+
+
+def _trial_cm(controller: Controller, log: Path) -> float:
+    """Error of a controller on a log [cm], after the washout that every test begins with."""
+    return try_samples(controller, read_samples(log), name=log.name).errors.mean_cm
+
+
+def recipe(
+    logs: Sequence[Path],
+    config: Path,
+    *,
+    epochs: int | None = None,
+    as_recorded: bool = False,
+    resume_after: int | None = None,
+    physics: bool = False,
+) -> Recipe:
+    """Return what a case is to run, with the settings of a learner from a TOML file.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read or a setting is bad.
+    LogError
+        If a recorded session does not say how many epochs it had.
+    """
+    schedule = Schedule(epochs=epochs or _EPOCHS)
+    if as_recorded and len(logs) == 1:
+        schedule = Schedule.from_dict(RecordedSession(logs[0], epochs=epochs).offer().schedule)
+    settings = LearnerConfig.from_dict(_read_toml(config)).to_dict()
+    return Recipe(tuple(logs), settings, schedule, as_recorded, resume_after, physics)
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    try:
+        with path.open("rb") as file:
+            return tomllib.load(file)
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except ValueError as error:
+        raise ConfigError(f"{path}: expected TOML: {error}") from error

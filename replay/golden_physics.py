@@ -1,0 +1,111 @@
+"""The physics tier of a golden case: teacher and simulation run again, and compared with the log within a tolerance."""
+
+from collections import defaultdict, deque
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from recorders.cdr import decode
+from recorders.errors import ReenactError
+from recorders.messages import JointState, Message, PoseStamped
+from recorders.reader import LogReader
+from recorders.records import Stamped
+from recorders.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED
+from replay.golden_case import Case, Tolerances
+from replay.golden_finding import PHYSICS, Finding
+from replay.golden_recipe import PHYSICS_TICKS, Runner
+
+_TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASURED)
+
+
+def check_physics(case: Case, runner: Runner) -> Finding | None:
+    """Return the first message that teacher and simulation do not make as the logs have it."""
+    if not case.recipe.physics:
+        return None
+    findings = (_check_log(path, case.tolerances, runner) for path in case.recipe.logs)
+    return next((finding for finding in findings if finding is not None), None)
+
+
+def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | None:
+    try:
+        made = runner.simulate(path, ticks=PHYSICS_TICKS)
+        return first_beyond(path, made, tolerances, note=runner.changed_robot(path))
+    except ReenactError as error:
+        return Finding(PHYSICS, "simulation", "one that comes to its end", str(error), {"log": path.name})
+
+
+def first_beyond(
+    path: Path, made: Iterable[tuple[str, Message]], tolerances: Tolerances, *, note: str = ""
+) -> Finding | None:
+    """Return the first message that is not as a log has it, within tolerances.
+
+    Parameters
+    ----------
+    path : Path
+        The log.
+    made : iterable of (str, Message)
+        Topic and message, in the order in which they were made; on each topic the log has the same.
+    tolerances : Tolerances
+        What positions of joints and hands may differ by; stamps and names are exact.
+    note : str
+        What to say with a finding.
+    """
+    logged = _Logged(path)
+    for topic, message in made:
+        record = logged.next(topic)
+        if record is None:
+            return Finding(PHYSICS, "message", "absent", "present", {"log": path.name, "topic": topic}, note)
+        for field, expected, found, tolerance in _compared(decode(record.type, record.data), message, tolerances):
+            if expected != found and not _close(expected, found, tolerance):
+                place: dict[str, str | int] = {"log": path.name, "topic": topic, "sequence": record.sequence}
+                place["stamp_ns"] = _stamp(message)
+                return Finding(PHYSICS, field, repr(expected), repr(found), place, _with(note, tolerance))
+    return None
+
+
+class _Logged:
+    """The messages of a log, topic by topic, read as they are asked for."""
+
+    def __init__(self, path: Path) -> None:
+        self._records = LogReader(path).records(topics=_TOPICS)
+        self._waiting: defaultdict[str, deque[Stamped]] = defaultdict(deque)
+
+    def next(self, topic: str) -> Stamped | None:
+        """Return the next message on a topic, None if there is no more."""
+        while not self._waiting[topic]:
+            record = next(self._records, None)
+            if record is None:
+                return None
+            self._waiting[record.topic].append(record)
+        return self._waiting[topic].popleft()
+
+
+def _compared(
+    logged: Message, made: Message, tolerances: Tolerances
+) -> Iterator[tuple[str, object, object, float | None]]:
+    """Yield field, both values and tolerance; None where a value is exact."""
+    yield "type", logged.TYPE, made.TYPE, None
+    yield "header.stamp", _stamp(logged), _stamp(made), None
+    if isinstance(logged, JointState) and isinstance(made, JointState):
+        yield "name", logged.name, made.name, None
+        pairs = zip(logged.name, logged.position.tolist(), made.position.tolist(), strict=False)
+        for place, (name, expected, found) in enumerate(pairs):
+            yield f"position[{place}] ({name})", expected, found, tolerances.joints
+    elif isinstance(logged, PoseStamped) and isinstance(made, PoseStamped):
+        pairs = zip("xyz", logged.position.tolist(), made.position.tolist(), strict=True)
+        for axis, expected, found in pairs:
+            yield f"pose.position.{axis}", expected, found, tolerances.hands_m
+
+
+def _stamp(message: Message) -> int:
+    return int(getattr(message, "stamp_ns", 0))
+
+
+def _close(expected: object, found: object, tolerance: float | None) -> bool:
+    if tolerance is None or not isinstance(expected, float) or not isinstance(found, float):
+        return False
+    return abs(expected - found) <= tolerance
+
+
+def _with(note: str, tolerance: float | None) -> str:
+    parts = [f"tolerance {tolerance:g}" if tolerance is not None else "", note]
+    return "; ".join(part for part in parts if part)

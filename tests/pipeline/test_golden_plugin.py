@@ -1,0 +1,84 @@
+"""`pytest --golden DIR` in somebody else's project: each case is a test."""
+
+import os
+import shutil
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from episodes import write_episode
+
+from pipeline.golden_runner import GoldenRunner
+from pipeline.learner_config import LearnerConfig
+from replay.golden_add import add_case
+from replay.golden_recipe import Recipe
+from replay.schedule import Schedule
+
+
+@pytest.fixture(scope="module")
+def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    tmp_path = tmp_path_factory.mktemp("project")
+    log = write_episode(tmp_path / "log.mcap", samples=6)
+    recipe = Recipe((log,), LearnerConfig(reservoir=20, seed=1).to_dict(), Schedule(epochs=1))
+    for name in ("one", "two"):
+        add_case(tmp_path / "golden" / name, recipe, GoldenRunner())
+    (tmp_path / "tests").mkdir()
+    # What is imported shows that the plugin alone costs nothing.
+    heavy = "numba", "pinocchio", "pydrake", "zenoh", "numpy", "replay.golden"
+    test = f"import sys\n\ndef test_light():\n    assert not set({heavy!r}) & set(sys.modules)\n"
+    (tmp_path / "tests" / "test_own.py").write_text(test)
+    (tmp_path / "pytest.ini").write_text("[pytest]\ntestpaths = tests\n")
+    return tmp_path
+
+
+def run_pytest(project: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    root = str(Path(__file__).parents[2])
+    alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"}
+    command = [sys.executable, "-m", "pytest", "-p", "pipeline.pytest_plugin", "-v", *arguments]
+    return subprocess.run(
+        command, cwd=project, env=os.environ | alone, capture_output=True, text=True, timeout=120, check=False
+    )
+
+
+def test_cases_are_collected_beside_the_projects_own_tests(project: Path) -> None:
+    run = run_pytest(project, "--golden", "golden")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "tests/test_own.py::test_light PASSED" in run.stdout
+    for name in ("one", "two"):
+        assert f"golden/{name}::golden PASSED" in run.stdout
+
+
+def test_a_failure_is_the_first_divergence(project: Path, tmp_path: Path) -> None:
+    project = shutil.copytree(project, tmp_path / "project")
+    log = project / "golden" / "two" / "log.mcap"
+    log.write_bytes(log.read_bytes()[:-500])
+    run = run_pytest(project, "--golden", "golden")
+    assert run.returncode == 1, run.stdout + run.stderr
+    assert "1 failed, 2 passed" in run.stdout
+    assert "golden case two: log: log log.mcap: file: expected an undamaged log" in run.stdout
+    assert "Traceback" not in run.stdout
+
+
+def test_one_case_can_be_chosen(project: Path) -> None:
+    run = run_pytest(project, "--golden", "golden", "-k", "two", "--collect-only")
+    assert "<GoldenFolder two>" in run.stdout
+    assert "<GoldenFolder one>" not in run.stdout
+
+
+def test_without_the_option_nothing_is_collected(project: Path) -> None:
+    run = run_pytest(project)
+    assert "1 passed" in run.stdout
+    assert "golden" not in run.stdout.split("collected", 1)[1]
+
+
+def test_a_folder_that_is_none(project: Path) -> None:
+    run = run_pytest(project, "--golden", "nowhere")
+    assert run.returncode == 4
+    assert "--golden: expected a folder of golden cases, found nowhere" in run.stderr
+
+
+def test_it_ships_with_the_package() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
+    assert project["entry-points"]["pytest11"] == {"reenact": "pipeline.pytest_plugin"}
