@@ -25,7 +25,7 @@ _ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in the low bits o
 _EXP_MIN, _EXP_MAX = -708.0, 709.0  # beyond these exp leaves the normal float64 numbers
 _LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive float64
 
-OK, BAD_INPUT, BAD_TARGET, DIVERGED = 0, 1, 2, 3
+OK, BAD_INPUT, BAD_TARGET, BAD_SHAPE, DIVERGED = 0, 1, 2, 3, 4
 
 
 def _compiled(function: _Function) -> _Function:
@@ -320,3 +320,56 @@ def run(
         if learning:
             intrinsic_plasticity(x_reservoir, y_reservoir, state.a, state.b, constants.zeta, constants.mu)
     return OK if is_finite(state) else DIVERGED
+
+
+@_compiled
+def foresee(
+    u: FloatArray,
+    centre: FloatArray,
+    limits: FloatArray,
+    sizes: SizeArray,
+    sources: IndexArray,
+    memory: FloatArray,
+    predicted: FloatArray,
+    limited: FloatArray,
+) -> int:
+    """Say what the next step's outputs would be, to the bit, and leave the state as it is.
+
+    The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
+    waits for them has been answered. One call does it all, limits included, for a call costs as much as the sums.
+
+    Parameters
+    ----------
+    u : ndarray, shape (inputs,)
+        The inputs, not centred.
+    centre : ndarray, shape (inputs + outputs,)
+        What is taken from u, then what is added to the outputs.
+    limits : ndarray, shape (2, n)
+        Lower, then upper limits of the last n outputs.
+    sizes, sources, memory : ndarray
+        As `run` takes them; only the place for u is written to, which every step overwrites.
+    predicted : ndarray, shape (outputs,)
+        Filled with the outputs.
+    limited : ndarray, shape (n,)
+        Filled with the last n outputs, within their limits.
+
+    Returns
+    -------
+    int
+        `OK`, `BAD_SHAPE` or `BAD_INPUT` (not finite: nothing was done), or `DIVERGED` (the outputs are not finite).
+    """
+    inputs, outputs, first = sizes[0], sizes[1], sizes[1] - limited.size
+    if u.size != inputs or predicted.size != outputs or first < 0 or limits.shape != (2, limited.size):
+        return BAD_SHAPE
+    if not all_finite(u):
+        return BAD_INPUT
+    state = views(sizes, memory)
+    for r in range(inputs):
+        state.z[r] = u[r] - centre[r]
+    output_sources = sources[state.reservoir_weights.size :].reshape(state.output_weights.shape)
+    listen(state.output_weights, output_sources, state.z, predicted)
+    for i in range(outputs):
+        predicted[i] += centre[inputs + i]
+    for j in range(limited.size):
+        limited[j] = min(max(predicted[first + j], limits[0, j]), limits[1, j])
+    return OK if all_finite(predicted) else DIVERGED

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
-from recorders.errors import LogError, ReenactError
+from recorders.errors import ReenactError
 from recorders.records import Stamped
 from recorders.writer import LogWriter
 
@@ -29,6 +29,8 @@ class Clerk:
 
     Attributes
     ----------
+    records : bool
+        Whether there is a log to write on.
     written : int
         Messages written so far.
 
@@ -44,6 +46,7 @@ class Clerk:
         self._inbox: queue.SimpleQueue[Stamped | str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="clerk")
         self._error: ReenactError | None = None
+        self.records = writer is not None
         self.written = 0
 
     def __enter__(self) -> Self:
@@ -64,11 +67,6 @@ class Clerk:
         self._writer.abort()
         if self._error is not None:
             raise self._error
-
-    @property
-    def records(self) -> bool:
-        """Whether there is a log to write on."""
-        return self._writer is not None and self._error is None
 
     def write(self, record: Stamped) -> None:
         """Have a record written."""
@@ -97,6 +95,7 @@ class Clerk:
                 type_name=record.type,
             )
             self.written += 1
-        except LogError as error:
+        except ReenactError as error:
             self._error = error
-            self._say(f"{error}; nothing more is recorded")
+            self.records = False
+            self._say(f"{error}; nothing more is recorded, all else goes on")

@@ -1,6 +1,7 @@
 """The node `serve`: a learned controller as a Zenoh subscriber, with a status for whoever watches and a log."""
 
 import json
+import struct
 import threading
 import time
 from collections import deque
@@ -16,7 +17,10 @@ import zenoh
 from pipeline.controller import Controller
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.serve_clerk import UNNUMBERED, Clerk
-from pipeline.serving import Command, Refusal, ServedController, ServingConfig
+from pipeline.serve_company import controller_key, note_lockstep, refuse_company
+from pipeline.serving import Command, ServedController, ServingConfig
+from pipeline.serving_refusals import Refusal
+from pipeline.unpaused import unpaused
 from recorders.errors import MessageError
 from recorders.messages import JointState
 from recorders.records import Stamped
@@ -40,6 +44,7 @@ MAX_PAYLOAD = 64 << 10
 
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
+_LOG_TIME = struct.Struct("<Q")  # the end of an attachment
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
 
@@ -59,6 +64,8 @@ class ServeConfig:
         Log to write: the complete ticks that were answered, and the commands.
     overwrite : bool
         Whether a log of this name may be replaced.
+    beside_others : bool
+        Whether to serve in a namespace in which others of other names serve: all of them then send commands.
 
     Raises
     ------
@@ -71,15 +78,11 @@ class ServeConfig:
     serving: ServingConfig = field(default_factory=ServingConfig)
     record: Path | None = None
     overwrite: bool = False
+    beside_others: bool = False
 
     def __post_init__(self) -> None:
         check_name(self.name)
         check_namespace(self.namespace)
-
-
-def controller_key(namespace: str, name: str, verb: str) -> str:
-    """Return the key of a served controller's liveliness token (`alive`) or of its status queryable (`status`)."""
-    return f"{namespace}/@controller/{name}/{verb}"
 
 
 def serve(
@@ -92,8 +95,9 @@ def serve(
 ) -> None:
     """Serve a controller until the process is told to stop.
 
-    `say` is told, a line each, when the controller is ready and of the first message refused for each reason. However
-    the serving ends, the log is finished, and `on_end` is given the last status and the controller as it is then.
+    `say` is told, a line each, when the controller is ready, of the first message refused for each reason, and of a log
+    that cannot be written any longer: the robot goes on being commanded. However the serving ends, the log is finished,
+    and `on_end` is given the last status and the controller as it is then.
 
     Raises
     ------
@@ -102,7 +106,7 @@ def serve(
     ControllerError, RobotError
         If the controller cannot be served.
     WireError
-        If no session can be opened.
+        If no session can be opened, or another controller serves in the namespace.
     LogError
         If the log cannot be begun; at the end, if it could not be written.
     ConfigError
@@ -111,16 +115,15 @@ def serve(
     config = config or ServeConfig()
     writer = _log(controller, config)
     clerk = Clerk(writer, say)
-    node, begun = None, False
+    node = None
     try:
         with clerk:
             node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk)
-            with open_session(session) as opened, node.declared(opened):
-                begun = True
+            with open_session(session) as opened, unpaused(), node.declared(opened):
                 clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)}")
                 node.wait()
     finally:
-        if node is not None and begun:
+        if node is not None and node.serves:
             on_end(node.status(), node.controller())
 
 
@@ -139,6 +142,11 @@ class Node:
         Name and namespace.
     clerk : Clerk
         Writes the log.
+
+    Attributes
+    ----------
+    serves : bool
+        Whether it has begun to serve; it stays so at the end.
     """
 
     def __init__(self, served: ServedController, config: ServeConfig, clerk: Clerk) -> None:
@@ -149,12 +157,22 @@ class Node:
         self._stop = threading.Event()
         self._failure: Exception | None = None
         self._commands = 0
+        self.serves = False
+        self._attachment = _command_attachment(0)
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
     def declared(self, session: zenoh.Session) -> Iterator[None]:
-        """Declare publisher, subscribers, status and, last, the liveliness token: who sees it may send targets."""
+        """Declare publisher, subscribers, status and, last, the liveliness token: who sees it may send targets.
+
+        Raises
+        ------
+        WireError
+            If another controller serves in the namespace.
+        """
         name, namespace = self._config.name, self._config.namespace
+        refuse_company(session, name, namespace=namespace, beside_others=self._config.beside_others)
+        note_lockstep(session, namespace=namespace, say=self._clerk.say)
         with ExitStack() as stack:
             self._publisher = stack.enter_context(
                 session.declare_publisher(
@@ -170,6 +188,7 @@ class Node:
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
             )
+            self.serves = True  # before anybody can know, and end it
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             yield
 
@@ -194,6 +213,7 @@ class Node:
             "commands": commands,
             "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
             "latency_us": _percentiles([latency for _, latency in recent]),
+            "recording": self._clerk.records,
             "recorded": self._clerk.written,
         }
 
@@ -203,43 +223,40 @@ class Node:
             return self._served.controller()
 
     def _handler(self, topic: str) -> Callable[[zenoh.Sample], None]:
+        lock, clerk, take, type_name = self._lock, self._clerk, self._served.take, _Types(topic).name
+
         def on_sample(sample: zenoh.Sample) -> None:
             arrival = time.perf_counter_ns()
             try:
-                with self._lock:
-                    self._take(topic, sample, arrival)
+                with lock:
+                    payload = sample.payload
+                    if self._failure is not None:
+                        return
+                    if len(payload) > MAX_PAYLOAD:
+                        self._served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
+                        return
+                    numbers = (_sequence(topic, sample), time.time_ns()) if clerk.records else (UNNUMBERED, 0)
+                    command = take(Stamped(topic, type_name(sample.encoding), payload.to_bytes(), *numbers))
+                    if command is not None:
+                        self._publish(command, arrival)
             except Exception as error:
                 self._failure = error
                 self._stop.set()
 
         return on_sample
 
-    def _take(self, topic: str, sample: zenoh.Sample, arrival: int) -> None:
-        if self._failure is not None:
-            return
-        if len(sample.payload) > MAX_PAYLOAD:
-            self._served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(sample.payload)} bytes")
-            return
-        command = self._served.take(self._record(topic, sample))
-        if command is not None:
-            self._publish(command, arrival)
-
-    def _record(self, topic: str, sample: zenoh.Sample) -> Stamped:
-        data = sample.payload.to_bytes()
-        if not self._clerk.records:
-            return Stamped(topic, _type(topic, sample), data, UNNUMBERED, 0)
-        return Stamped(topic, _type(topic, sample), data, _sequence(topic, sample), time.time_ns())
-
     def _publish(self, command: Command, arrival: int) -> None:
-        record = Stamped(JOINT_COMMANDS, JointState.TYPE, command.data, self._commands, command.stamp_ns)
-        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self._commands, (record,)))
-        self._publisher.put(payload, attachment=attachment)
+        """Send a command, then do all that the robot does not wait for."""
+        _LOG_TIME.pack_into(self._attachment, len(self._attachment) - _LOG_TIME.size, command.stamp_ns)
+        self._publisher.put(command.data, attachment=self._attachment)
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
-        self._commands += 1
         if self._clerk.records:
             for answered in command.answered:
                 self._clerk.write(answered)
-            self._clerk.write(record._replace(log_time_ns=time.time_ns()))
+            self._clerk.write(Stamped(JOINT_COMMANDS, JointState.TYPE, command.data, self._commands, time.time_ns()))
+        self._commands += 1
+        self._attachment = _command_attachment(self._commands)
+        self._served.settle()
 
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:
@@ -260,13 +277,37 @@ def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
         },
         attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
         overwrite=config.overwrite,
+        regular=False,
     )
 
 
-def _type(topic: str, sample: zenoh.Sample) -> str:
-    """Return the type that the sample's encoding names; without one, that of its topic."""
-    encoding = str(sample.encoding)
-    return encoding[len(_CDR) :] if encoding.startswith(_CDR) else type_of(topic)
+def _command_attachment(index: int) -> bytearray:
+    """Return the attachment of a command, which lacks but the log time: made before the command is wanted."""
+    record = Stamped(JOINT_COMMANDS, JointState.TYPE, b"", index, 0)
+    return bytearray(pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (record,)))[1])
+
+
+class _Types:
+    """Tells the type of a topic's samples by their encoding, and remembers the last, which is nearly always the next.
+
+    Parameters
+    ----------
+    topic : str
+        Without an encoding that names a type, a sample is of this topic's.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._topic = topic
+        self._encoding = zenoh.Encoding.ZENOH_BYTES
+        self._name = type_of(topic)
+
+    def name(self, encoding: zenoh.Encoding) -> str:
+        """Return the name of the type."""
+        if encoding != self._encoding:
+            text = str(encoding)
+            self._name = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self._topic)
+            self._encoding = encoding
+        return self._name
 
 
 def _sequence(topic: str, sample: zenoh.Sample) -> int:

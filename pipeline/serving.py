@@ -1,10 +1,9 @@
 """The learned controller at work: hand targets in, joint commands out, learning on if asked; no transport."""
 
+import struct
 from collections import Counter, deque
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from dataclasses import dataclass
-from enum import StrEnum
-from math import isfinite
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 
 from pipeline.controller import Controller
 from pipeline.evaluation import WASHOUT_STEPS, hand_errors
-from pipeline.foresight import ForesightLearner
 from pipeline.kinematics import Kinematics
 from pipeline.learner import state_digest
 from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
+from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
@@ -33,21 +32,8 @@ MAX_DISTANCE_M = 10.0
 
 MAX_OPEN = 64  # ticks that wait for a partner; whoever sends halves alone must not fill the memory
 _MAX_LINE = 300
+_TARGETS = struct.Struct("=6d")  # fills an array several times as fast as an assignment
 _SCORED = 64  # predictions over which the error in the status is taken: half a millisecond of kinematics
-
-
-class Refusal(StrEnum):
-    """Why a message is refused; the last good command is held."""
-
-    STALE = "stale"  # not newer than the last targets that were accepted
-    REPEATED = "repeated"  # the same topic and stamp as one that waits for its partner
-    WRONG_TYPE = "wrong type"
-    UNDECODABLE = "undecodable"
-    TOO_LARGE = "too large"
-    NOT_FINITE = "not finite"
-    OUT_OF_RANGE = "out of range"
-    WRONG_JOINTS = "wrong joints"
-    NO_PARTNER = "no partner"  # the rest of its tick had not come when a newer tick was complete
 
 
 @dataclass(frozen=True)
@@ -106,9 +92,10 @@ class ServedController:
     A refused message changes nothing and is answered by nothing: a joint command is a position, which the robot holds
     until the next. (To send it again under the stamp of the refused target would say that this target was answered.)
 
-    Step k runs forward at t_k, and that prediction is the command. When learning, the step is taken again from the same
-    state once tick k+1 has brought d(k), now with its update, before step k+1 runs forward: the prediction sent is the
-    prediction scored. A tick that never gets its joints is as if it had not been: u(k) was indeed held on.
+    The command of step k is what the step's outputs will be, which u(k) and the state before it decide. The step itself
+    is taken afterwards: when learning, once tick k+1 has brought d(k), before the command of step k+1, so that the
+    prediction sent is the prediction scored; else in `settle`, so that no command waits for it. A tick that never gets
+    its joints is as if it had not been: u(k) was indeed held on.
 
     A phase marker begins a new cycle, within which stamps start anew: the washout is made again. In a cycle marked for
     another phase than `learn` nothing is learned.
@@ -144,7 +131,7 @@ class ServedController:
                 f"expected a controller of two hands and the joints of {self._robot.name}, "
                 f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints)}"
             )
-        self._learner = ForesightLearner(controller)
+        self._learner = controller.learner()
         self._encoder = CommandEncoder(controller.joints)
         self._poses = PoseReader()
         self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
@@ -152,7 +139,12 @@ class ServedController:
         self._centres = self._robot.left_centre.tolist(), self._robot.right_centre.tolist()
         self._joints = JointMap(controller.joints)
         self._pairs = CommandedPairs(controller.joints)
-        self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k)
+        self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
+        self._limits = np.array([self._robot.lower, self._robot.upper])
+        self._u = np.empty(6)  # of the last command, as are all that follow
+        self._u_bytes = self._u.data
+        self._outputs = np.empty(controller.config.outputs)
+        self._unsettled = False
         self._kinematics = Kinematics(self._robot) if self._config.learn else None
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self._refused: Counter[str] = Counter()
@@ -160,7 +152,7 @@ class ServedController:
         self._last_refusal = ""
         self._accepted = self._outside = self._learned = 0
         self._learning = self._config.learn
-        self._open: dict[int, list[Any]] = {}  # by stamp; each place in `topics` takes (value, record)
+        self._open: dict[int, tuple[list[Any], list[Any]]] = {}  # by stamp: values and records, each as in `topics`
         self._begin()
         self._warm_up()
 
@@ -170,7 +162,7 @@ class ServedController:
         return self._topics
 
     def take(self, record: Stamped) -> Command | None:
-        """Take in one message and return the command that it leads to, if any.
+        """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
 
         What cannot be used is refused; other topics are passed over.
 
@@ -179,20 +171,36 @@ class ServedController:
         ConfigError
             If learning diverged: the controller is of no more use.
         """
+        if self._unsettled:
+            self.settle()
+        place = self._places.get(record.topic)
         try:
-            if record.topic == SESSION_PHASE:
-                self._follow(record)
-                return None
-            place = self._places.get(record.topic)
             if place is None:
+                if record.topic == SESSION_PHASE:
+                    self._follow(record)
                 return None
             stamp, value = self._read_joints(record) if place == 2 else self._read_target(record, place)
-            tick = self._find_tick(record, stamp, place)
-        except _RefusedError as error:
+            values, records = self._find_tick(record, stamp, place)
+        except RefusedError as error:
             self.refuse(error.reason, str(error))
             return None
-        tick[place] = value, record
-        return None if None in tick else self._answer(stamp, tick)
+        values[place], records[place] = value, record
+        return None if None in records else self._answer(stamp, values, records)
+
+    def settle(self) -> None:
+        """Do what the last command did not have to wait for; whatever depends on it does it first, if need be.
+
+        Raises
+        ------
+        ConfigError
+            If the state is no longer finite: the controller is of no more use.
+        """
+        if not self._unsettled:
+            return
+        self._unsettled = False
+        self._clipped += self._encoder.positions != self._outputs[6:]
+        if not self._config.learn:
+            self._learner.predict(self._u[np.newaxis])
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
@@ -208,6 +216,7 @@ class ServedController:
         `digest` is the state digest now, pending u included; `hand_error_cm` is eq. (10) over the last predictions
         that met their d.
         """
+        self.settle()
         return {
             "controller": self._controller.digest,
             "digest": state_digest(self._learner.state(), self._pairs.pending),
@@ -225,6 +234,7 @@ class ServedController:
 
     def controller(self) -> Controller:
         """Return the controller as it is now, with what it was made from."""
+        self.settle()
         return Controller.from_learner(
             self._learner,
             joints=self._controller.joints,
@@ -242,7 +252,7 @@ class ServedController:
         try:
             phase = Phase.from_message(decode_as(String, record.data))
         except MessageError as error:
-            raise _undecodable(record, error) from None
+            raise undecodable(record, error) from None
         self._learning = self._config.learn and phase.phase == LEARN
         self._begin()
 
@@ -254,52 +264,57 @@ class ServedController:
         self._fresh = True
 
     def _warm_up(self) -> None:
-        """Load the kernel and the layouts of the messages, so that the first target waits for neither."""
-        self._learner.foresee(tuple(self._robot.input_centre.tolist()))
+        """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
+        self._u[:] = self._robot.input_centre
+        self._foresee()
+        self._controller.learner().predict(self._robot.input_centre[np.newaxis])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
     def _read_target(self, record: Stamped, hand: int) -> tuple[int, Position]:
         if record.type != PoseStamped.TYPE:
-            raise _wrong_type(record, PoseStamped.TYPE)
+            raise wrong_type(record, PoseStamped.TYPE)
         try:
             stamp, position = self._poses.read(record.data)
         except MessageError as error:
-            raise _undecodable(record, error) from None
-        centre = self._centres[hand]
-        distance = max(abs(position[0] - centre[0]), abs(position[1] - centre[1]), abs(position[2] - centre[2]))
-        # A NaN fails every comparison, but whether `max` returns it depends on its place.
-        if not (distance <= MAX_DISTANCE_M and isfinite(sum(position))):
-            raise _unusable(record, position, f"within {MAX_DISTANCE_M:g} m of the pattern")
-        if distance > self._config.outside_m:
-            self._outside += 1
+            raise undecodable(record, error) from None
+        (x, y, z), (x_0, y_0, z_0), usual = position, self._centres[hand], self._config.outside_m
+        if not (abs(x - x_0) <= usual and abs(y - y_0) <= usual and abs(z - z_0) <= usual):  # nor is NaN usual
+            self._check_far(record, position, hand)
         return stamp, position
+
+    def _check_far(self, record: Stamped, position: Position, hand: int) -> None:
+        distances = [abs(a - b) for a, b in zip(position, self._centres[hand], strict=True)]
+        if not all(distance <= MAX_DISTANCE_M for distance in distances):
+            raise unusable(record, position, f"within {MAX_DISTANCE_M:g} m of the pattern")
+        self._outside += 1
 
     def _read_joints(self, record: Stamped) -> tuple[int, JointState]:
         if record.type != JointState.TYPE:
-            raise _wrong_type(record, JointState.TYPE)
+            raise wrong_type(record, JointState.TYPE)
         try:
             joints = decode_as(JointState, record.data)
             positions = self._joints.positions(joints)
         except JointError as error:
-            raise _RefusedError(Refusal.WRONG_JOINTS, f"{record.topic}: {error}") from None
+            raise RefusedError(Refusal.WRONG_JOINTS, f"{record.topic}: {error}") from None
         except MessageError as error:
-            raise _undecodable(record, error) from None
+            raise undecodable(record, error) from None
         lower, upper = self._robot.lower, self._robot.upper
         if not (np.abs(positions - (lower + upper) / 2.0) <= 1.5 * (upper - lower)).all():  # one range beyond a limit
-            raise _unusable(record, positions.tolist(), "near the joints' limits")
+            raise unusable(record, positions.tolist(), "near the joints' limits")
         return joints.stamp_ns, joints
 
-    def _find_tick(self, record: Stamped, stamp: int, place: int) -> list[Any]:
+    def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
         if stamp <= self._last_stamp:
             line = f"{record.topic}: expected a stamp after {self._last_stamp} ns, found {stamp} ns"
-            raise _RefusedError(Refusal.STALE, line)
+            raise RefusedError(Refusal.STALE, line)
         tick = self._open.get(stamp)
         if tick is None:
             if len(self._open) >= MAX_OPEN:
                 self._drop(next(iter(self._open)))  # by arrival: a stamp far ahead must not push out what is due
-            tick = self._open[stamp] = [None] * len(self._topics)
-        elif tick[place] is not None:
-            raise _RefusedError(Refusal.REPEATED, f"{record.topic}: a second message at {stamp} ns")
+            nothing = [None] * len(self._topics)
+            tick = self._open[stamp] = nothing, nothing.copy()
+        elif tick[1][place] is not None:
+            raise RefusedError(Refusal.REPEATED, f"{record.topic}: a second message at {stamp} ns")
         return tick
 
     def _drop_before(self, stamp: int) -> None:
@@ -308,69 +323,43 @@ class ServedController:
 
     def _drop(self, stamp: int) -> None:
         """Give up a tick that waits."""
-        tick = self._open.pop(stamp)
-        absent = ", ".join(topic for topic, part in zip(self._topics, tick, strict=True) if part is None)
-        for part in tick:
-            if part is not None:
-                self.refuse(Refusal.NO_PARTNER, f"{part[1].topic}: {absent} at {stamp} ns never came")
+        _, records = self._open.pop(stamp)
+        absent = ", ".join(topic for topic, record in zip(self._topics, records, strict=True) if record is None)
+        for record in filter(None, records):
+            self.refuse(Refusal.NO_PARTNER, f"{record.topic}: {absent} at {stamp} ns never came")
 
-    def _answer(self, stamp: int, parts: list[Any]) -> Command:
+    def _answer(self, stamp: int, values: list[Any], records: list[Any]) -> Command:
         del self._open[stamp]
         if self._open:
             self._drop_before(stamp)
-        u = (*parts[0][0], *parts[1][0])
+        _TARGETS.pack_into(self._u_bytes, 0, *values[0], *values[1])
         if self._fresh and self._config.washout_steps:
-            self._learner.washout(u, steps=self._config.washout_steps)
+            self._learner.washout(self._u, steps=self._config.washout_steps)
         if self._config.learn:
-            self._complete_step(stamp, parts)
-            positions = self._learner.foresee(u)[6:]
-        else:
-            positions = self._learner.answer(u)[6:]
+            self._complete_step(stamp, values, records)
+        self._foresee()
+        self._unsettled = True
         self._fresh = False
         self._last_stamp = stamp
         self._accepted += 1
-        return Command(stamp, self._encoder.encode(stamp, self._limited(positions)), tuple([part[1] for part in parts]))
+        return Command(stamp, self._encoder.encode(stamp), tuple(records))
 
-    def _complete_step(self, stamp: int, parts: list[Any]) -> None:
+    def _foresee(self) -> None:
+        """Write what step u would lead to, within the joints' limits, into the next command."""
+        self._learner.foresee(self._u, limits=self._limits, outputs=self._outputs, limited=self._encoder.positions)
+
+    def _complete_step(self, stamp: int, values: list[Any], records: list[Any]) -> None:
         """Take the step that this tick completes: predict, score, then update."""
-        (left, right, joints), records = zip(*parts, strict=True)
-        tick = Tick(stamp, np.array(left), np.array(right), joints, records)
+        left, right, joints = values
+        tick = Tick(stamp, np.array(left), np.array(right), joints, tuple(records))
         u, d = self._row
         if self._pairs.fill(tick, u[0], d[0]):
             outputs = self._learner.step(u, d, learning=self._learning)
             self._scored.append((u[0].copy(), outputs[0, 6:]))
             self._learned += self._learning
 
-    def _limited(self, positions: Floats) -> Floats:
-        within = np.minimum(np.maximum(positions, self._robot.lower), self._robot.upper)
-        if within.tobytes() != positions.tobytes():
-            self._clipped += within != positions
-        return within
-
     def _error_cm(self) -> float | None:
         if self._kinematics is None or not self._scored:
             return None
         targets, postures = (np.array(column) for column in zip(*self._scored, strict=True))
         return float(hand_errors(self._kinematics, postures, targets).mean() * 100.0)
-
-
-class _RefusedError(MessageError):
-    """A message is not served."""
-
-    def __init__(self, reason: Refusal, line: str) -> None:
-        super().__init__(line)
-        self.reason = reason
-
-
-def _undecodable(record: Stamped, error: MessageError) -> _RefusedError:
-    return _RefusedError(Refusal.UNDECODABLE, f"{record.topic}: {error}")
-
-
-def _wrong_type(record: Stamped, expected: str) -> _RefusedError:
-    return _RefusedError(Refusal.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
-
-
-def _unusable(record: Stamped, values: Sequence[float], expected: str) -> _RefusedError:
-    if not all(map(isfinite, values)):
-        return _RefusedError(Refusal.NOT_FINITE, f"{record.topic}: expected finite numbers, found {values}")
-    return _RefusedError(Refusal.OUT_OF_RANGE, f"{record.topic}: expected numbers {expected}, found {values}")

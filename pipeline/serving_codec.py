@@ -27,17 +27,24 @@ class CommandEncoder:
     ----------
     joints : tuple of str
         Joint names, in the order of the positions.
+
+    Attributes
+    ----------
+    positions : ndarray, shape (joints,)
+        Positions of the next command [rad, m], to be written to: they are part of its bytes.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
-        self._payload = bytearray(encode(JointState(0, joints, np.zeros(len(joints)))))
-        end = len(self._payload) - 8  # the lengths of velocities and efforts, of which there are none
-        self._positions = slice(end - 8 * len(joints), end)
+        payload = encode(JointState(0, joints, np.zeros(len(joints))))
+        first = len(payload) - 8 - 8 * len(joints)  # behind them the lengths of velocities and efforts: there are none
+        padding = -first % 8  # the positions begin at a multiple of eight bytes
+        memory = bytearray(padding) + payload
+        self._payload = memoryview(memory)[padding:]
+        self.positions: Floats = np.frombuffer(memory, np.float64, len(joints), padding + first)
 
-    def encode(self, stamp_ns: int, positions: Floats) -> bytes:
-        """Return a JointState as CDR, the bytes that `recorders.cdr.encode` gives: stamp [ns], positions (n,)."""
+    def encode(self, stamp_ns: int) -> bytes:
+        """Return a JointState as CDR, the bytes that `recorders.cdr.encode` gives, with a stamp [ns]."""
         _STAMP.pack_into(self._payload, _STAMP_AT, *divmod(stamp_ns, _SECOND))
-        self._payload[self._positions] = positions.tobytes()
         return bytes(self._payload)
 
 

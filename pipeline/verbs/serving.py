@@ -27,6 +27,9 @@ def serve(
     learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False,
     out: Annotated[Path | None, typer.Option(help="Controller to write at the end, as it is then.")] = None,
     record: Annotated[Path | None, typer.Option(help="Log to write: answered targets, and commands.")] = None,
+    beside_others: Annotated[
+        bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
+    ] = False,
     listen: Listen = None,
     connect: Connect = None,
     zenoh_config: ZenohConfig = None,
@@ -49,7 +52,12 @@ def serve(
     if out is not None:
         check_writable(out)
     config = ServeConfig(
-        name=name, namespace=namespace, serving=ServingConfig(learn=learn), record=record, overwrite=overwrite
+        name=name,
+        namespace=namespace,
+        serving=ServingConfig(learn=learn),
+        record=record,
+        overwrite=overwrite,
+        beside_others=beside_others,
     )
     session = session_config(listen, connect, zenoh_config, listens=True)
     run(Learned.load(controller), session=session, config=config, say=console.say, on_end=end)

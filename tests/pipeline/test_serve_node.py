@@ -3,11 +3,12 @@
 import json
 import os
 import queue
+import resource
 import signal
 import subprocess
 import time
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,15 +16,17 @@ import numpy as np
 import pytest
 import zenoh
 from episodes import write_episode
-from processes import complaint, reenact, start
+from processes import complaint, reenact, start, wait_for_line
 
 from pipeline.controller import Controller
 from pipeline.evaluation import predicted_joints
 from pipeline.learner_config import LearnerConfig
+from pipeline.robot_wire import RobotStatus, robot_key
 from pipeline.samples import Samples, read_samples
 from pipeline.serving import ServedController, ServingConfig
 from pipeline.training import train
 from recorders.cdr import decode_as, encode
+from recorders.errors import LogError
 from recorders.messages import JointState, PoseStamped
 from recorders.reader import LogReader
 from recorders.records import Stamped
@@ -54,7 +57,8 @@ def samples(log: Path) -> Samples:
 class Watcher:
     """Somebody else on the network: puts targets, hears commands, sees who is alive, asks for the status."""
 
-    def __init__(self, session: zenoh.Session, *, namespace: str = "reenact") -> None:
+    def __init__(self, session: zenoh.Session, endpoint: str, *, namespace: str = "reenact") -> None:
+        self.endpoint = endpoint
         self._session = session
         self._namespace = namespace
         self._commands: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
@@ -119,7 +123,7 @@ def serving(
     with start(*arguments, cwd=folder) as process:
         try:
             with open_session(SessionConfig(connect=(endpoint,), wait_s=WAIT_S)) as session:
-                watcher = Watcher(session, namespace=namespace)
+                watcher = Watcher(session, endpoint, namespace=namespace)
                 watcher.await_alive(name)
                 yield watcher, process
         finally:
@@ -247,6 +251,91 @@ def test_learning_over_zenoh_is_learning_in_process_and_its_log_trains(
     assert sorted(r.data for r in recorded) == sorted(r.data for r in records)
     assert np.array_equal(read_samples(tmp_path / "s.mcap").targets, read_samples(log).targets)
     assert SAMPLE_JOINTS in {record.topic for record in recorded}
+
+
+def test_a_log_that_cannot_be_written_on_stops_no_command(
+    controller: Controller, samples: Samples, tmp_path: Path
+) -> None:
+    u = samples.targets[0]
+    with serving(controller, tmp_path, "--record", "served.mcap") as (watcher, process):
+        for stamp in range(20):
+            exchange(watcher, targets(stamp, u))
+        watcher.status_where(recorded=60, recording=True)
+        part, deadline = tmp_path / "served.mcap.part", time.monotonic() + WAIT_S
+        while len(recorded_before_damage(part)) < 60:  # it is on the disk 0.1 s later
+            assert time.monotonic() < deadline
+            time.sleep(0.05)
+        resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (part.stat().st_size,) * 2)  # as if the disk were full
+        for stamp in range(20, 600):
+            exchange(watcher, targets(stamp, u))
+        status = watcher.status_where(recording=False)
+        exchange(watcher, targets(600, u))
+        process.send_signal(signal.SIGTERM)
+        summary, said = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 2  # it was asked to record, and could not
+    assert status["commands"] == 600
+    assert json.loads(summary)["commands"] == 601
+    (line,) = [line for line in said.splitlines() if line.endswith("; nothing more is recorded, all else goes on")]
+    assert "served.mcap" in line
+    assert said.splitlines()[-1].startswith("reenact: ")
+    kept = recorded_before_damage(part)
+    assert [record.topic for record in kept[:3]] == [LEFT_TARGET, RIGHT_TARGET, JOINT_COMMANDS]
+    assert len(kept) >= 60
+
+
+def exchange(watcher: Watcher, records: list[Stamped]) -> None:
+    """Put the targets of a tick and await their command."""
+    for record in records:
+        watcher.put(record)
+    assert watcher.command()[0] == decode_as(PoseStamped, records[0].data).stamp_ns
+
+
+def recorded_before_damage(path: Path) -> list[Stamped]:
+    records: list[Stamped] = []
+    with suppress(LogError):
+        for record in LogReader(path):
+            records.append(record)
+    return records
+
+
+def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
+    controller: Controller, samples: Samples, tmp_path: Path
+) -> None:
+    controller.save(tmp_path / "c.npz")
+    with serving(controller, tmp_path, name="anna") as (watcher, process):
+        second = ("serve", "c.npz", "--connect", watcher.endpoint)
+        line = complaint(reenact(*second, "--record", "s.mcap", cwd=tmp_path))
+        assert line == (
+            "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
+            "or allow both with --beside-others"
+        )
+        line = complaint(reenact(*second, "--name", "anna", "--beside-others", cwd=tmp_path))
+        assert line == "reenact: a controller 'anna' serves in namespace 'reenact' already: end it, or choose a --name"
+        with start(*second, "--name", "berta", "--beside-others", "--json", cwd=tmp_path) as beside:
+            assert wait_for_line(beside, "serves") == "berta serves reenact/joint_commands\n"
+            for record in targets(1, samples.targets[0]):
+                watcher.put(record)
+            assert [watcher.command()[0] for _ in range(2)] == [1, 1]
+            stop(beside)
+        stop(process)
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["c.npz", "controller.npz"]
+
+
+def test_a_robot_in_lockstep_is_pointed_out(controller: Controller, tmp_path: Path) -> None:
+    status = RobotStatus("asimo", False, time_ns=0, period_ns=10**8, commands=0, refused=0, slipped_s=0.0).to_json()
+    controller.save(tmp_path / "c.npz")
+    endpoint = free_endpoint()
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, status)
+
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        session.declare_queryable(robot_key("reenact", "status"), answer)
+        with start("serve", "c.npz", "--connect", endpoint, "--json", cwd=tmp_path) as process:
+            assert "targets are stamped with its own time" in wait_for_line(process, "lockstep")
+            wait_for_line(process, "controller serves")
+            stop(process)
 
 
 def test_a_file_that_is_no_controller_is_one_clear_line(tmp_path: Path) -> None:

@@ -14,7 +14,8 @@ from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
 from pipeline.robot import load_robot
 from pipeline.samples import Samples, read_samples
-from pipeline.serving import MAX_OPEN, Command, Refusal, ServedController, ServingConfig
+from pipeline.serving import MAX_OPEN, Command, ServedController, ServingConfig
+from pipeline.serving_refusals import Refusal
 from pipeline.training import Trainer, train
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError
@@ -93,6 +94,18 @@ def test_the_order_of_a_pair_does_not_matter(controller: Controller) -> None:
     forward, backward = feed(one, pair(1)), feed(other, reversed(pair(1)))
     assert [command.data for command in forward] == [command.data for command in backward]
     assert state_of(one) == state_of(other)
+
+
+def test_what_follows_a_command_is_done_by_the_next_message_if_not_before(controller: Controller) -> None:
+    """Whoever sends a command settles after it; whoever does not gets the same commands, counts and state."""
+    settling, lazy = ServedController(controller), ServedController(controller)
+    for tick in range(10):
+        records = pair(tick, CENTRE + 0.01 * tick)
+        (prompt,), (late,) = feed(settling, records), feed(lazy, records)
+        settling.settle()
+        settling.settle()
+        assert prompt == late
+    assert settling.status() == lazy.status()
 
 
 def test_joint_limits_are_kept_and_counted_by_joint(controller: Controller) -> None:
