@@ -44,6 +44,7 @@ MAX_PAYLOAD = 64 << 10
 
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
+_HELD_S = 0.05
 _LOG_TIME = struct.Struct("<Q")  # the end of an attachment
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
@@ -158,6 +159,7 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
+        self._held: tuple[Callable[[zenoh.Sample, int, int], None], zenoh.Sample, int, int] | None = None
         self._attachment = _command_attachment(0)
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
@@ -190,6 +192,7 @@ class Node:
             )
             self.serves = True  # before anybody can know, and end it
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
+            stack.enter_context(self._looking_after_held())
             yield
 
     def wait(self) -> None:
@@ -205,6 +208,7 @@ class Node:
         over the last commands; `rate_hz` counts the commands of the last two seconds.
         """
         with self._lock:
+            self._take_held()
             status = self._served.status()
             recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
         return {
@@ -220,30 +224,69 @@ class Node:
     def controller(self) -> Controller:
         """Return the controller as it is now."""
         with self._lock:
+            self._take_held()
             return self._served.controller()
 
     def _handler(self, topic: str) -> Callable[[zenoh.Sample], None]:
-        lock, clerk, take, type_name = self._lock, self._clerk, self._served.take, _Types(topic).name
+        """Return what hears a topic.
+
+        The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
+        only held, so that it does not keep the other waiting.
+        """
+        lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
+
+        def take(sample: zenoh.Sample, arrival: int, time_ns: int) -> None:
+            payload = sample.payload
+            if len(payload) > MAX_PAYLOAD:
+                served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
+                return
+            sequence = _sequence(topic, sample) if clerk.records else UNNUMBERED
+            command = served.take(Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns))
+            if command is not None:
+                self._publish(command, arrival)
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival = time.perf_counter_ns()
-            try:
-                with lock:
-                    payload = sample.payload
-                    if self._failure is not None:
-                        return
-                    if len(payload) > MAX_PAYLOAD:
-                        self._served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
-                        return
-                    numbers = (_sequence(topic, sample), time.time_ns()) if clerk.records else (UNNUMBERED, 0)
-                    command = take(Stamped(topic, type_name(sample.encoding), payload.to_bytes(), *numbers))
-                    if command is not None:
-                        self._publish(command, arrival)
-            except Exception as error:
-                self._failure = error
-                self._stop.set()
+            time_ns = time.time_ns() if clerk.records else 0
+            with lock:
+                if self._held is None and served.between_ticks:
+                    self._held = take, sample, arrival, time_ns
+                else:
+                    self._take_held()
+                    self._try(take, sample, arrival, time_ns)
 
         return on_sample
+
+    def _take_held(self) -> None:
+        if self._held is not None:
+            held, self._held = self._held, None
+            self._try(*held)
+
+    def _try(self, take: Callable[[zenoh.Sample, int, int], None], *arguments: Any) -> None:
+        """Take a message; what goes wrong ends the node."""
+        if self._failure is not None:
+            return
+        try:
+            take(*arguments)
+        except Exception as error:
+            self._failure = error
+            self._stop.set()
+
+    @contextmanager
+    def _looking_after_held(self) -> Iterator[None]:
+        thread = threading.Thread(target=self._look_after_held, name="held")
+        thread.start()
+        try:
+            yield
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _look_after_held(self) -> None:
+        """Take what is held although nothing follows it: it may be something to refuse."""
+        while not self._stop.wait(_HELD_S):
+            with self._lock:
+                self._take_held()
 
     def _publish(self, command: Command, arrival: int) -> None:
         """Send a command, then do all that the robot does not wait for."""

@@ -161,6 +161,11 @@ class ServedController:
         """The topics of which a tick consists."""
         return self._topics
 
+    @property
+    def between_ticks(self) -> bool:
+        """Whether no message waits for others of its tick."""
+        return not self._open
+
     def take(self, record: Stamped) -> Command | None:
         """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
 
