@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from pipeline import console
-from pipeline.verbs import exploring, golden, logs, network, offline, paper, recording, serving
+from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving
 from recorders.errors import ReenactError
 
 app = typer.Typer(
@@ -24,6 +24,7 @@ app.command(epilog="Example: reenact demo --out out/demo")(offline.demo)
 app.command(epilog="Example: reenact explore --motion circles --robot asimo --seed 0 --out circles.mcap")(
     exploring.explore
 )
+app.command(epilog="Example: reenact demonstrate right_hand_house --out house.mcap")(demonstrating.demonstrate)
 app.command(epilog="Example, then: reenact explore --connect tcp/127.0.0.1:7447 --motion eight")(exploring.robot)
 app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(recording.record)
 app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(offline.train)

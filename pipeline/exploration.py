@@ -1,8 +1,10 @@
 """Exploration: the teacher drives the simulated robot through a motion, and the episode goes to a log."""
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
 from pathlib import Path
+from types import MappingProxyType
+from typing import Any
 
 from pipeline.backend import VisibleRobot
 from pipeline.episode import Episode, ExplorationConfig, plan, start_posture
@@ -18,6 +20,7 @@ from recorders.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION, SAMPLE_JOINTS
 from recorders.writer import LogWriter
 
 _TEACHER, _SIMULATION, _EXPLORATION = TeacherConfig(), SimulationConfig(), ExplorationConfig()
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
@@ -47,6 +50,8 @@ def explore(
     teacher: TeacherConfig = _TEACHER,
     simulation: SimulationConfig = _SIMULATION,
     config: ExplorationConfig = _EXPLORATION,
+    notes: Mapping[str, Any] = _NOTHING,
+    must_reach: bool = True,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Exploration:
@@ -62,6 +67,8 @@ def explore(
     seed : names the start posture
     out : path of the log
     teacher, simulation, config : parameters, all of them written to the manifest
+    notes : what else the manifest is to say, such as where the motion came from
+    must_reach : whether a motion that leaves the robot's reach is refused
     overwrite : whether a log at `out` may be replaced
     progress : called with the fraction done, 0 to 1
 
@@ -74,11 +81,13 @@ def explore(
     """
     guide = Teacher(Kinematics(robot), teacher)
     led = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
-    check_reach(guide, motion)
+    if must_reach:
+        check_reach(guide, motion)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
     backend.reset(start)
     manifest = {
+        **notes,
         "kind": "exploration",
         "robot": robot.name,
         "motion": {"name": motion.name, "sha256": motion.sha256, "samples": len(motion), "closed": motion.closed},

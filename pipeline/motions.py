@@ -1,16 +1,15 @@
 """Motions: what both hands are asked to do, from the two patterns of the paper or from a CSV file."""
 
-import csv
 import hashlib
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.motion_csv import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.resources import data_path
 from pipeline.robot import RobotConfig
 from recorders.errors import MotionError
@@ -21,8 +20,6 @@ PATTERNS = ("circles", "eight")
 CSV_COLUMNS = ("t", "lx", "ly", "lz", "rx", "ry", "rz")
 RADIUS_M = 0.10
 PATTERN_PERIOD_S = 0.2  # the paper's 5 Hz
-MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
-MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
 
 
 @dataclass(frozen=True, eq=False)
@@ -136,15 +133,14 @@ def read_motion_csv(path: str | Path) -> Motion:
         than two rows, or its times do not increase; the message names line and column.
     """
     path = Path(path)
-    rows = list(_read_rows(path))
-    if len(rows) < 2:
-        raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
-    for (_, before), (line, after) in pairwise(rows):
-        if after[0] <= before[0]:
-            where = f"motion '{path}', line {line}, column t"
-            raise MotionError(f"{where}: expected a time above {before[0]:g}, found {after[0]:g}")
-    table = np.array([values for _, values in rows])
+    table = read_table(path, choose=_all_columns)
     return Motion(path.stem, table[:, 0], table[:, 1:4], table[:, 4:7], closed=False)
+
+
+def _all_columns(header: Sequence[str]) -> Sequence[str]:
+    if missing := [column for column in CSV_COLUMNS if column not in header]:
+        raise MotionError(f"the header lacks {', '.join(missing)}: expected the columns {','.join(CSV_COLUMNS)}")
+    return CSV_COLUMNS
 
 
 def _angles(turns: Sequence[int], *, samples: int, start: float) -> Floats:
@@ -163,55 +159,3 @@ def _pattern(name: str, robot: RobotConfig, left: tuple[Floats, Floats], right: 
     hands = [np.round(centre + offset, 9) for centre, offset in zip(centres, offsets, strict=True)]
     times_s = np.round(PATTERN_PERIOD_S * np.arange(len(hands[0])), 9)
     return Motion(name, times_s, hands[0], hands[1], closed=True)
-
-
-def _read_rows(path: Path) -> Iterator[tuple[int, list[float]]]:
-    """Line number and the values of CSV_COLUMNS of each row."""
-    try:
-        with path.open(encoding="utf-8", newline="") as file:
-            reader = csv.reader(file, strict=True)
-            places: list[int] | None = None
-            for row in reader:
-                if not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#"):
-                    continue
-                if places is None:
-                    places = _places(path, [cell.strip() for cell in row])
-                else:
-                    yield reader.line_num, _values(path, reader.line_num, row, places)
-    except OSError as error:
-        raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise MotionError(f"motion '{path}': expected CSV text in UTF-8: {error}") from error
-
-
-def _places(path: Path, header: list[str]) -> list[int]:
-    if missing := [column for column in CSV_COLUMNS if column not in header]:
-        raise MotionError(
-            f"motion '{path}': the header lacks {', '.join(missing)}: "
-            f"expected the columns {','.join(CSV_COLUMNS)}, found {_brief(','.join(header))}"
-        )
-    return [header.index(column) for column in CSV_COLUMNS]
-
-
-def _brief(text: str) -> str:
-    return f"{' '.join(text.split()):.80}"
-
-
-def _values(path: Path, line: int, row: list[str], places: list[int]) -> list[float]:
-    return [
-        _value(f"motion '{path}', line {line}, column {column}", row[place] if place < len(row) else "", column)
-        for column, place in zip(CSV_COLUMNS, places, strict=True)
-    ]
-
-
-def _value(where: str, text: str, column: str) -> float:
-    try:
-        value = float(text)
-    except ValueError:
-        value = math.nan
-    if not math.isfinite(value):
-        raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'")
-    limit, unit = (MAX_TIME_S, "s") if column == "t" else (MAX_COORDINATE_M, "m")
-    if abs(value) > limit:
-        raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}")
-    return value

@@ -136,7 +136,7 @@ def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = R
     """
     q = teacher.kinematics.robot.comfort
     for sample, target in enumerate(np.asarray(targets, dtype=np.float64)):
-        q, short_m = _approach(teacher, q, target, bound_m)
+        q, short_m = approach(teacher, q, target, bound_m)
         hand = int(np.argmax(short_m))
         if short_m[hand] > bound_m:
             x, y, z = (float(value) for value in target[hand])
@@ -161,8 +161,13 @@ def check_reach(teacher: Teacher, motion: Motion) -> None:
         )
 
 
-def _approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float) -> tuple[Floats, Floats]:
-    """Return the posture reached from `q`, and the distance of both hands from the target [m], shape (2,)."""
+def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH_BOUND_M) -> tuple[Floats, Floats]:
+    """Let the teacher go from posture `q` (n,) towards a target (2, 3) until both hands are there, or it converged.
+
+    Returns
+    -------
+    posture reached (n,), and the distance of each hand from its target [m], shape (2,); above `bound_m` is out of reach
+    """
     for _ in range(_REACH_STEPS):
         short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)
         if short_m.max() <= bound_m:

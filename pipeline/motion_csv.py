@@ -1,0 +1,109 @@
+"""Numbers over time from a CSV file: columns found by name, and a bad cell refused by line and column."""
+
+import csv
+import math
+from collections.abc import Callable, Iterator, Sequence
+from itertools import pairwise
+from pathlib import Path
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from recorders.errors import MotionError
+
+Floats = NDArray[np.float64]
+
+MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
+MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
+
+Choice: TypeAlias = Callable[[Sequence[str]], Sequence[str]]
+"""Returns the columns wanted, `t` first, of those that a header has; raises MotionError if it lacks one."""
+
+
+def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDINATE_M) -> Floats:
+    """Read columns of numbers, the first of them strictly increasing times [s].
+
+    Other columns are left alone; empty lines and lines that start with # are skipped.
+
+    Parameters
+    ----------
+    path : Path
+        A CSV file with a header, in UTF-8.
+    choose : callable
+        Names the columns wanted.
+    max_coordinate : float
+        Largest number accepted in any column but the first.
+
+    Returns
+    -------
+    ndarray, shape (T, columns), T >= 2
+
+    Raises
+    ------
+    MotionError
+        The file cannot be read, lacks a column, holds something else than finite numbers of a plausible size, has fewer
+        than two rows, or its times do not increase; the message names line and column.
+    """
+    rows = list(_read_rows(path, choose, max_coordinate))
+    if len(rows) < 2:
+        raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
+    for (_, before), (line, after) in pairwise(rows):
+        if after[0] <= before[0]:
+            where = f"motion '{path}', line {line}, column t"
+            raise MotionError(f"{where}: expected a time above {before[0]:g}, found {after[0]:g}")
+    return np.array([values for _, values in rows])
+
+
+def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, list[float]]]:
+    """Line number and the values of the columns wanted of each row."""
+    try:
+        with path.open(encoding="utf-8", newline="") as file:
+            reader = csv.reader(file, strict=True)
+            places: dict[str, int] | None = None
+            for row in reader:
+                if not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#"):
+                    continue
+                if places is None:
+                    places = _places(path, [cell.strip() for cell in row], choose)
+                else:
+                    yield (
+                        reader.line_num,
+                        _values(f"motion '{path}', line {reader.line_num}", row, places, max_coordinate),
+                    )
+    except OSError as error:
+        raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise MotionError(f"motion '{path}': expected CSV text in UTF-8: {error}") from error
+
+
+def _places(path: Path, header: list[str], choose: Choice) -> dict[str, int]:
+    try:
+        return {column: header.index(column) for column in choose(header)}
+    except MotionError as error:
+        raise MotionError(f"motion '{path}': {error}, found {_brief(','.join(header))}") from None
+
+
+def _brief(text: str) -> str:
+    return f"{' '.join(text.split()):.80}"
+
+
+def _values(where: str, row: list[str], places: dict[str, int], max_coordinate: float) -> list[float]:
+    values = []
+    for column, place in places.items():
+        limit, unit = (MAX_TIME_S, "s") if column == "t" else (max_coordinate, "m")
+        text = row[place] if place < len(row) else ""
+        values.append(_value(f"{where}, column {column}", text, limit, unit))
+    return values
+
+
+def _value(where: str, text: str, limit: float, unit: str) -> float:
+    try:
+        value = float(text)
+    except ValueError:
+        value = math.nan
+    if not math.isfinite(value):
+        raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'")
+    if abs(value) > limit:
+        raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}")
+    return value
