@@ -8,7 +8,7 @@ from typing import Any
 import typer
 
 from pipeline import console
-from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving
+from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving, viewing
 from recorders.errors import ReenactError
 
 app = typer.Typer(
@@ -36,6 +36,7 @@ app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(offline.
 app.command(epilog="Example: reenact info session.mcap")(logs.info)
 app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(logs.recover)
 app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
+app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(viewing.view)
 app.add_typer(golden.app)
 
 

@@ -17,14 +17,19 @@ from pipeline import console
 from pipeline.controller import Controller
 from pipeline.exploration import explore
 from pipeline.learner_config import LearnerConfig
+from pipeline.live_view import LiveView
+from pipeline.motion_view import MotionView
 from pipeline.motions import PATTERNS, load_motion
 from pipeline.nodes import replay
 from pipeline.report import MotionTest, draw_report
 from pipeline.robot import RobotConfig, load_robot
 from pipeline.training import train
 from pipeline.trials import Trial, robot_of, try_motion
+from pipeline.view import view_controller
 from recorders.errors import CheckFailed, ConfigError, WireError
-from recorders.rerun_recorder import record_motion
+from recorders.rerun_hands import FrontalPlane
+from recorders.rerun_recorder import Destination, record_motion
+from recorders.topics import JOINT_STATES
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig
 from replay.engine import Replay
@@ -84,8 +89,10 @@ class Demo:
         }
 
 
-def run_demo(out: Path, *, seed: int = 0, epochs: int = 150) -> Demo:
+def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | None = None) -> Demo:
     """Run the whole chain in the folder `out`, replacing what an earlier run left there.
+
+    With a `view`, exploration and learning are shown as they go on, and the controller at the end.
 
     Raises
     ------
@@ -99,10 +106,13 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150) -> Demo:
     logs = [out / f"{pattern}.mcap" for pattern in PATTERNS]
     robot = load_robot(ROBOT)
     with _stage("explore", seconds) as advance:
-        _explore_both(robot, logs, seed=seed, advance=advance)
+        _explore_both(robot, logs, seed=seed, advance=advance, view=view)
     controller_path = out / CONTROLLER
     with _stage("learn_over_zenoh", seconds) as advance:
-        zenoh_digest = _learn_over_zenoh(logs[0], controller_path, seed=seed, epochs=epochs, advance=advance)
+        viewer = () if view is None else ("--viewer", view.url)
+        zenoh_digest = _learn_over_zenoh(
+            logs[0], controller_path, seed=seed, epochs=epochs, advance=advance, options=viewer
+        )
     with _stage("learn_from_file", seconds) as advance:
         trainer = train(
             logs[:1],
@@ -116,6 +126,8 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150) -> Demo:
     with _stage("report", seconds):
         _draw(out / REPORT, robot, trials, trainer.errors_cm)
         _record(out / RECORDING, controller, trials[1])
+        if view is not None:
+            _show(view, controller_path, motion=PATTERNS[1])
     file_digest = str(trainer.result()["digest"])
     result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs)
     _write_json(out / SUMMARY, result.summary(out))
@@ -152,18 +164,39 @@ def _stage(name: str, seconds: dict[str, float]) -> Iterator[Callable[[float], N
     seconds[name] = round(time.monotonic() - began_s, 2)
 
 
-def _explore_both(robot: RobotConfig, logs: list[Path], *, seed: int, advance: Callable[[float], None]) -> None:
+def _explore_both(
+    robot: RobotConfig, logs: list[Path], *, seed: int, advance: Callable[[float], None], view: LiveView | None = None
+) -> None:
     """Explore pattern 1 here and pattern 2, which is shorter, in a process beside it."""
     options = ("--robot", ROBOT, "--seed", seed, "--out", logs[1].resolve(), "--overwrite")
     with _beside("explore", "--motion", PATTERNS[1], *options) as other:
-        explore(robot, load_motion(PATTERNS[0], robot), seed=seed, out=logs[0], overwrite=True, progress=advance)
+        watched = None if view is None else MotionView(view, robot, joints_topic=JOINT_STATES, title=PATTERNS[0])
+        explore(
+            robot,
+            load_motion(PATTERNS[0], robot),
+            seed=seed,
+            out=logs[0],
+            overwrite=True,
+            progress=advance,
+            on_message=(lambda topic, message, time_ns: None) if watched is None else watched.feed,
+        )
+        if watched is not None:
+            watched.flush()
         other()
 
 
-def _learn_over_zenoh(log: Path, controller: Path, *, seed: int, epochs: int, advance: Callable[[float], None]) -> str:
+def _learn_over_zenoh(
+    log: Path,
+    controller: Path,
+    *,
+    seed: int,
+    epochs: int,
+    advance: Callable[[float], None],
+    options: tuple[str, ...] = (),
+) -> str:
     """Feed a learner in a process of its own over loopback; return its state digest."""
     endpoint = free_endpoint()
-    with _beside("learn", "--connect", endpoint, "--seed", seed, "--out", controller.resolve()) as learner:
+    with _beside("learn", "--connect", endpoint, "--seed", seed, "--out", controller.resolve(), *options) as learner:
         replay(
             Replay([log], Schedule(epochs=epochs)),
             session=SessionConfig(listen=(endpoint,)),
@@ -233,7 +266,12 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
         targets=trial.targets.reshape(-1, 2, 3),
         reached=trial.reached,
         title=f"learned controller on {trial.name}",
+        plane=FrontalPlane(robot.lateral, robot.up),
     )
+
+
+def _show(view: LiveView, controller: Path, *, motion: str) -> None:
+    view.attempt(lambda: view_controller(controller, Destination(url=view.url), motion=motion))
 
 
 def _clear_folder(out: Path) -> None:

@@ -54,6 +54,7 @@ def explore(
     must_reach: bool = True,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
+    on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
 ) -> Exploration:
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
@@ -71,6 +72,7 @@ def explore(
     must_reach : whether a motion that leaves the robot's reach is refused
     overwrite : whether a log at `out` may be replaced
     progress : called with the fraction done, 0 to 1
+    on_message : told of what is written: topic, message, time [ns]
 
     Raises
     ------
@@ -102,7 +104,7 @@ def explore(
         episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
         for _ in episode.settle(led):
             pass  # not for the record
-        _Record(writer, backend, config.state_period_ns).write(episode.cycle(led))
+        _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(led))
     return Exploration(
         Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])
     )
@@ -115,10 +117,17 @@ def _attachments(robot: RobotConfig) -> dict[str, bytes]:
 class _Record:
     """Writes a cycle, and beside it what the robot says: hands at every tick, its state at its own rate."""
 
-    def __init__(self, writer: LogWriter, backend: VisibleRobot, state_period_ns: int) -> None:
+    def __init__(
+        self,
+        writer: LogWriter,
+        backend: VisibleRobot,
+        state_period_ns: int,
+        on_message: Callable[[str, Message, int], None],
+    ) -> None:
         self._writer = writer
         self._backend = backend
         self._period_ns = state_period_ns
+        self._on_message = on_message
 
     def write(self, cycle: Iterator[Addressed]) -> None:
         """Write the whole cycle; commands, which come far more often, at the rate of the state."""
@@ -141,3 +150,4 @@ class _Record:
 
     def _write(self, topic: str, message: Message) -> None:
         self._writer.write(topic, message, log_time_ns=self._backend.time_ns)
+        self._on_message(topic, message, self._backend.time_ns)

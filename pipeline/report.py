@@ -17,10 +17,10 @@ from recorders.errors import ConfigError, MotionError
 
 Floats = NDArray[np.float64]
 
-_HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision tell them apart
-_BLACK, _GREY, _TARGET_GREY = "#000000", "#6B6B6B", "#BDBDBD"
+HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision tell them apart
+BLACK, GREY, _TARGET_GREY, _BAND = "#000000", "#6B6B6B", "#BDBDBD", "#B8D4E8"
 _KEY = "Seen from behind the robot. Grey: targets, from the dot on. Colour: where the hands went, with the mean error."
-_STYLE = {
+STYLE = {
     "font.size": 9.0,
     "axes.spines.top": False,
     "axes.spines.right": False,
@@ -29,7 +29,7 @@ _STYLE = {
     "ytick.major.width": 0.6,
     "lines.solid_capstyle": "round",
 }
-_WIDTH_IN = 9.5
+WIDTH_IN = 9.5
 _TITLE_CHARACTERS = 88  # what the width holds
 _CURVE_HEIGHT_IN = 2.5
 _TEXT_HEIGHT_IN = 1.8  # titles, tick labels and axis labels of all rows
@@ -128,12 +128,22 @@ def draw_report(
     curve = np.array(errors_cm, dtype=np.float64)
     levels = {"the paper": paper_cm, "the teacher": teacher_cm, "linear least squares": linear_cm}
     _check(tests, curve, levels)
-    with matplotlib.style.context(["default", _STYLE]):
-        figure = _figure(tests, curve, levels, title)
-        try:
-            figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
-        except OSError as error:
-            raise ConfigError(f"cannot write the report '{path}': {error.strerror}") from error
+    with matplotlib.style.context(["default", STYLE]):
+        save_figure(_figure(tests, curve, levels, title), path)
+
+
+def save_figure(figure: Figure, path: Path) -> None:
+    """Write a figure as PNG; the same figure gives the same bytes with the same matplotlib.
+
+    Raises
+    ------
+    ConfigError
+        The file cannot be written.
+    """
+    try:
+        figure.savefig(path, format="png", dpi=_DPI, metadata={"Software": None})
+    except OSError as error:
+        raise ConfigError(f"cannot write the report '{path}': {error.strerror}") from error
 
 
 def _check(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float]) -> None:
@@ -146,64 +156,75 @@ def _check(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float])
 
 
 def _figure(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float], title: str) -> Figure:
-    low, high = _limits(tests)
+    low, high = plane_limits(tests)
     width, height = high - low
-    panel_height_in = _WIDTH_IN / len(tests) * height / width
-    figure = Figure((_WIDTH_IN, panel_height_in + _CURVE_HEIGHT_IN + _TEXT_HEIGHT_IN), layout="constrained")
+    panel_height_in = WIDTH_IN / len(tests) * height / width
+    figure = Figure((WIDTH_IN, panel_height_in + _CURVE_HEIGHT_IN + _TEXT_HEIGHT_IN), layout="constrained")
     figure.suptitle(textwrap.fill(title, _TITLE_CHARACTERS), x=0.01, ha="left", fontsize=12, fontweight="bold")
     heights = [panel_height_in + 0.5 * _TEXT_HEIGHT_IN, _CURVE_HEIGHT_IN]
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    above.suptitle(_KEY, x=0.01, ha="left", fontsize=9, color=_GREY)
+    above.suptitle(_KEY, x=0.01, ha="left", fontsize=9, color=GREY)
     panels = above.subplots(1, len(tests), squeeze=False, sharex=True, sharey=True)[0]
     panels[0].set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), ylabel="height (cm)")  # left on the left
     for panel, test in zip(panels, tests, strict=True):
-        _draw_panel(panel, test)
-    _draw_curve(below.subplots(), curve, levels)
+        draw_panel(panel, test)
+    draw_errors(below.subplots(), curve, levels)
     return figure
 
 
-def _limits(tests: Sequence[MotionTest]) -> tuple[Floats, Floats]:
-    """Corners [cm] of the region that holds every path of every test, each (2,): to the left, up."""
+def plane_limits(tests: Sequence[MotionTest]) -> tuple[Floats, Floats]:
+    """Return the corners [cm] of the region that holds every path of every test, each (2,): to the left, up."""
     points = np.concatenate([path for test in tests for hand in (0, 1) for path in test.paths_cm(hand)])
     return points.min(axis=0) - _MARGIN_CM, points.max(axis=0) + _MARGIN_CM
 
 
-def _draw_panel(panel: Axes, test: MotionTest) -> None:
-    for hand, colour in enumerate(_HAND_COLOURS.values()):
+def draw_panel(panel: Axes, test: MotionTest) -> None:
+    """Draw where the hands went against where they should, in the plane of the patterns [cm], from behind the robot."""
+    for hand, colour in enumerate(HAND_COLOURS.values()):
         target, reached = test.paths_cm(hand)
         panel.plot(*target.T, color=_TARGET_GREY, linewidth=2.8)
         panel.plot(*reached.T, color=colour, linewidth=0.9)
         # Where the target starts; all there is of one that does not move.
-        panel.plot(*target[0], color=_GREY, marker="o", markersize=5, markeredgecolor="white")
+        panel.plot(*target[0], color=GREY, marker="o", markersize=5, markeredgecolor="white")
     panel.set_title(test.title, loc="left", fontweight="bold", fontsize=9, pad=16)
     for x, name, error_cm in ((0.0, "left", test.errors.left_cm), (1.0, "right", test.errors.right_cm)):
         label = f"{name} hand: {error_cm:.2f} cm"
-        panel.text(x, 1.03, label, color=_HAND_COLOURS[name], ha=name, transform=panel.transAxes)
+        panel.text(x, 1.03, label, color=HAND_COLOURS[name], ha=name, transform=panel.transAxes)
     panel.set_aspect("equal")
     panel.set_xlabel("to the left (cm)")
 
 
-def _draw_curve(axes: Axes, curve: Floats, levels: dict[str, float]) -> None:
+def draw_errors(
+    axes: Axes, curve: Floats, levels: dict[str, float], *, name: str = "this network", spread: Floats | None = None
+) -> None:
+    """Draw the errors [cm] of epochs, shape (epochs,), named at the end, with what they are to be compared with.
+
+    With a `spread` [cm], shape (epochs,), the curve is a mean and the band about it as wide to both sides.
+    """
     epochs = np.arange(1, curve.size + 1)
-    axes.plot(epochs, curve, color=_BLACK, linewidth=1.4, marker="o", markersize=4, markevery=[-1], clip_on=False)
+    axes.plot(epochs, curve, color=BLACK, linewidth=1.4, marker="o", markersize=4, markevery=[-1], clip_on=False)
     for level in levels.values():
-        axes.axhline(level, color=_GREY, linewidth=0.8, zorder=0)
-    values = [*curve, *levels.values()]
-    axes.set(xlim=(1, max(2, curve.size)), xlabel="epoch", yscale="log", ylim=(0.85 * min(values), 1.1 * max(values)))
+        axes.axhline(level, color=GREY, linewidth=0.8, zorder=0)
+    values = np.array([*curve, *levels.values()])
+    if spread is not None:
+        below = np.maximum(curve - spread, 0.5 * curve)  # the axis is logarithmic: nothing is drawn at zero
+        axes.fill_between(epochs, below, curve + spread, color=_BAND, linewidth=0.0)
+        values = np.concatenate([values, below, curve + spread])
+    axes.set(xlim=(1, max(2, curve.size)), xlabel="epoch", yscale="log", ylim=(0.85 * values.min(), 1.1 * values.max()))
     axes.set_title("Mean error of both hands (cm) while learning", loc="left", fontweight="bold", fontsize=9)
     axes.yaxis.set_major_locator(FixedLocator(_TICKS_CM))
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
-    _label_lines(axes, levels | {"this network": float(curve[-1])})
+    _label_lines(axes, levels | {name: float(curve[-1])}, bold=name)
 
 
-def _label_lines(axes: Axes, values: dict[str, float]) -> None:
+def _label_lines(axes: Axes, values: dict[str, float], *, bold: str) -> None:
     """Name each line at its right end; where two names would overlap, one moves up and a stroke leads to it."""
     above = -np.inf
     for name, value in sorted(values.items(), key=lambda item: item[1]):
         _, place = axes.transAxes.inverted().transform(axes.transData.transform((1.0, value)))
         above = max(place, above + _LABEL_GAP)
-        axes.plot([1.006, 1.018], [place, above], color=_GREY, linewidth=0.6, transform=axes.transAxes, clip_on=False)
-        weight, colour = ("bold", _BLACK) if name == "this network" else ("normal", _GREY)
+        axes.plot([1.006, 1.018], [place, above], color=GREY, linewidth=0.6, transform=axes.transAxes, clip_on=False)
+        weight, colour = ("bold", BLACK) if name == bold else ("normal", GREY)
         label = f"{name} {value:.2f}"
         axes.text(1.022, above, label, color=colour, fontweight=weight, va="center", transform=axes.transAxes)

@@ -93,12 +93,14 @@ def serve(
     config: ServeConfig | None = None,
     say: Callable[[str], None] = lambda line: None,
     on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
+    on_command: Callable[[bytes, tuple[Stamped, ...]], None] = lambda command, answered: None,
 ) -> None:
     """Serve a controller until the process is told to stop.
 
     `say` is told, a line each, when the controller is ready, of the first message refused for each reason, and of a log
     that cannot be written any longer: the robot goes on being commanded. However the serving ends, the log is finished,
-    and `on_end` is given the last status and the controller as it is then.
+    and `on_end` is given the last status and the controller as it is then. `on_command` is given every command that was
+    sent, as CDR, and the messages that it answers; it must return at once.
 
     Raises
     ------
@@ -119,7 +121,7 @@ def serve(
     node = None
     try:
         with clerk:
-            node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk)
+            node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk, on_command)
             with open_session(session) as opened, unpaused(), node.declared(opened):
                 clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)}")
                 node.wait()
@@ -143,6 +145,8 @@ class Node:
         Name and namespace.
     clerk : Clerk
         Writes the log.
+    on_command : callable
+        Given every command that was sent, as CDR, and the messages that it answers; must return at once.
 
     Attributes
     ----------
@@ -150,7 +154,14 @@ class Node:
         Whether it has begun to serve; it stays so at the end.
     """
 
-    def __init__(self, served: ServedController, config: ServeConfig, clerk: Clerk) -> None:
+    def __init__(
+        self,
+        served: ServedController,
+        config: ServeConfig,
+        clerk: Clerk,
+        on_command: Callable[[bytes, tuple[Stamped, ...]], None] = lambda command, answered: None,
+    ) -> None:
+        self._on_command = on_command
         self._served = served
         self._config = config
         self._clerk = clerk
@@ -297,6 +308,7 @@ class Node:
             for answered in command.answered:
                 self._clerk.write(answered)
             self._clerk.write(Stamped(JOINT_COMMANDS, JointState.TYPE, command.data, self._commands, time.time_ns()))
+        self._on_command(command.data, command.answered)
         self._commands += 1
         self._attachment = _command_attachment(self._commands)
         self._served.settle()

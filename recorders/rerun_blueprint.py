@@ -1,6 +1,7 @@
 """The layouts in which Rerun's viewer shows a motion, a learner at work, and a learned controller."""
 
 from collections.abc import Sequence
+from typing import Literal
 
 import numpy as np
 import rerun as rr
@@ -16,7 +17,7 @@ Floats = NDArray[np.float64]
 EPOCHS = "epoch"
 """Timeline of a learner that is presented a motion again and again."""
 
-_EYE_M = np.array([1.15, 0.75, 0.35])  # from the hands: ahead, to the side, up
+_EYE_M = np.array([0.95, 0.6, 0.3])  # from the hands: ahead, to the side, up
 _MARGIN_CM = 6.0
 _TRAIL_S = 20.0
 _LEAST_RANGE_CM = 0.1
@@ -42,24 +43,29 @@ def motion_blueprint(
     learning : bool
         Whether the recording has errors of a learner too.
     """
-    errors = [_errors_view(top_cm), *([_learning_errors()] if learning else [])]
+    errors = [_errors_view(top_cm), *([_learning_errors(None)] if learning else [])]
     right = rrb.Vertical(_joints_tabs(joints), *errors, row_shares=[2.2, *[1.0] * len(errors)])
     return _blueprint(_robot_and_hands(points, plane), right, timeline=TIMELINE, live=live)
 
 
-def learning_blueprint(points: Floats, plane: FrontalPlane, *, joints: int, timeline: str) -> rrb.Blueprint:
-    """Lay out a learner at work: what it does with the motion on the left, what becomes of it on the right."""
+def learning_blueprint(
+    points: Floats, plane: FrontalPlane, *, joints: int, timeline: str, top_cm: float
+) -> rrb.Blueprint:
+    """Lay out a learner at work: what it does with the motion on the left, what becomes of it on the right.
+
+    `top_cm` is its error at the start [cm]; the other parameters are those of `motion_blueprint`.
+    """
     left = rrb.Vertical(
         _scene(points),
         rrb.Horizontal(_frontal(points, plane), _joints_tabs(joints)),
         row_shares=[3, 2],
     )
     right = rrb.Vertical(
-        _learning_errors(),
-        rrb.TimeSeriesView(origin="/drift/weights", name="Output weights: mean |w - w at the start|"),
+        _learning_errors(top_cm),
+        _curves("/drift/weights", "Output weights: mean |w - w at the start|", corner="rightbottom"),
         rrb.Horizontal(
-            rrb.TimeSeriesView(origin="/drift/a", name="Gain a: mean and spread"),
-            rrb.TimeSeriesView(origin="/drift/b", name="Bias b: mean and spread"),
+            _curves("/drift/a", "Gains a", corner="rightbottom"),
+            _curves("/drift/b", "Biases b", corner="rightbottom"),
         ),
         _activity(),
     )
@@ -67,7 +73,10 @@ def learning_blueprint(points: Floats, plane: FrontalPlane, *, joints: int, time
 
 
 def controller_blueprint(points: Floats, plane: FrontalPlane, *, joints: int, top_cm: float) -> rrb.Blueprint:
-    """Lay out a learned controller: its motion on the left, the network and how it was learned on the right."""
+    """Lay out a learned controller: its motion on the left, the network and how it was learned on the right.
+
+    The parameters are those of `motion_blueprint`.
+    """
     network = rrb.Vertical(
         rrb.Horizontal(_joints_tabs(joints), _activity()),
         rrb.Horizontal(
@@ -76,7 +85,7 @@ def controller_blueprint(points: Floats, plane: FrontalPlane, *, joints: int, to
         rrb.Horizontal(
             rrb.BarChartView(origin="/network/a", name="Gains a"),
             rrb.BarChartView(origin="/network/b", name="Biases b"),
-            rrb.BarChartView(origin="/network/weights", name="Output weights, less those at the start"),
+            rrb.BarChartView(origin="/network/weights", name="Changes of weights"),
         ),
         row_shares=[2, 1.2, 1.2],
     )
@@ -146,18 +155,26 @@ def _errors_view(top_cm: float) -> rrb.TimeSeriesView:
     return rrb.TimeSeriesView(
         origin="/error",
         name="Hands from their targets [cm]",
+        plot_legend=rrb.PlotLegend(corner="righttop"),
         axis_y=rrb.ScalarAxis(range=(0.0, 1.1 * max(top_cm, _LEAST_RANGE_CM))),
     )
 
 
-def _learning_errors() -> rrb.TimeSeriesView:
-    return rrb.TimeSeriesView(origin="/learning/error", name="Error of each epoch [cm]")
+def _learning_errors(top_cm: float | None) -> rrb.TimeSeriesView:
+    axis = None if top_cm is None else rrb.ScalarAxis(range=(0.0, 1.1 * max(top_cm, _LEAST_RANGE_CM)))
+    return _curves("/learning/error", "Error of each epoch [cm]", corner="righttop", axis=axis)
+
+
+def _curves(
+    origin: str, name: str, *, corner: Literal["righttop", "rightbottom"], axis: rrb.ScalarAxis | None = None
+) -> rrb.TimeSeriesView:
+    return rrb.TimeSeriesView(origin=origin, name=name, plot_legend=rrb.PlotLegend(corner=corner), axis_y=axis)
 
 
 def _activity() -> rrb.TensorView:
     return rrb.TensorView(
         origin="/reservoir/activity",
-        name="Reservoir activity y, 0 to 1: neurons down, time to the right",
+        name="Reservoir activity y",
         scalar_mapping=rrb.TensorScalarMapping(colormap="viridis"),
         view_fit="fill",
     )

@@ -2,13 +2,13 @@
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, Self
+from typing import Self
 
 import numpy as np
 import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
-from recorders.rerun_track import Track
+from recorders.rerun_track import Instants, Track
 
 Floats = NDArray[np.float64]
 
@@ -80,16 +80,17 @@ class HandScene:
         self._log_paths("target_path", targets, (TARGET_COLOUR, TARGET_COLOUR), static=False)
         self._log_paths("reached_path", reached, HAND_COLOURS, static=False)
 
-    def send(self, index: Sequence[Any], track: Track) -> None:
-        """Send the samples of a track, one for each row of the index."""
-        errors_cm = track.errors_cm
+    def send(self, instants: Instants, track: Track) -> None:
+        """Send the samples of a track, which stand at these instants."""
+        index, plotted, errors_cm = instants.columns(), track.plotted, track.errors_cm
+        when = Instants(instants.timeline, instants.values[plotted]).columns()
         for i, hand in enumerate(HANDS):
             for name, points in (("target", track.targets[:, i]), ("reached", track.reached[:, i])):
                 solid = rr.Points3D.columns(positions=points)
                 self._recording.send_columns(f"hands/{hand}/{name}", index, solid)
                 flat = rr.Points2D.columns(positions=self._plane.picture_cm(points))
                 self._recording.send_columns(f"frontal/{hand}/{name}", index, flat)
-            self._recording.send_columns(f"error/{hand}", index, rr.Scalars.columns(scalars=errors_cm[:, i]))
+            self._recording.send_columns(f"error/{hand}", when, rr.Scalars.columns(scalars=errors_cm[plotted, i]))
 
     def _log_paths(self, name: str, points: Floats, colours: Sequence[tuple[int, int, int]], *, static: bool) -> None:
         for i, hand in enumerate(HANDS):

@@ -21,7 +21,7 @@ def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str]) 
         style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
         recording.log(f"learning/error/{hand}", style, static=True)
     for name in ("a", "b"):
-        names = [f"mean of {name}", "one standard deviation below", "and above"]
+        names = ["mean", "mean - deviation", "mean + deviation"]
         style = rr.SeriesLines(names=names, colors=[_MAIN, _FAINT, _FAINT], widths=[2.0, 1.0, 1.0])
         recording.log(f"drift/{name}", style, static=True)
     colours = [_WEIGHT_COLOURS[i % len(_WEIGHT_COLOURS)] for i in range(len(weights))]
@@ -44,9 +44,9 @@ def log_drift(recording: rr.RecordingStream, *, a: Floats, b: Floats, moved: Map
 
 
 def log_activity(recording: rr.RecordingStream, activity: Floats, *, static: bool = False) -> None:
-    """Send the activity y of the reservoir, from 0 to 1, shape (T, neurons), as a picture with time to the right."""
-    grey = np.rint(255.0 * np.clip(activity, 0.0, 1.0)).astype(np.uint8)
-    picture = rr.Tensor(grey.T, dim_names=("neuron", "time"), value_range=(0.0, 255.0))
+    """Send the activity y of the reservoir, shape (T, neurons), as a picture with time to the right."""
+    shades = float(activity.min()), float(activity.max())
+    picture = rr.Tensor(activity.T.astype(np.float32), dim_names=("neuron", "time"), value_range=shades)
     recording.log("reservoir/activity", picture, static=static)
 
 
@@ -56,8 +56,8 @@ def send_network(
     """Send how a, b and the changes of the weights are distributed, and the error of every epoch [cm], to stay."""
     for name, values in (("a", a), ("b", b), ("weights", moved)):
         counts, edges = np.histogram(values, bins=_BINS)
-        chart = rr.BarChart(counts, color=_MAIN, abscissa=(edges[:-1] + edges[1:]) / 2.0)
-        recording.log(f"network/{name}", chart, static=True)
+        middles, widths = (edges[:-1] + edges[1:]) / 2.0, np.diff(edges)
+        recording.log(f"network/{name}", rr.BarChart(counts, color=_MAIN, abscissa=middles, widths=widths), static=True)
     if len(errors_cm):
         epochs = np.arange(1.0, len(errors_cm) + 1.0)
         chart = rr.BarChart(np.array(errors_cm), color=HAND_COLOURS[1], abscissa=epochs)

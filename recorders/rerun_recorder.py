@@ -71,9 +71,7 @@ def open_recording(
     recording.set_log_time_enabled(False)  # the clock of the machine has no place in a result
     recording.set_log_tick_enabled(False)
     try:
-        sinks = [rr.FileSink(destination.path)] if destination.path is not None else []
-        sinks += [rr.GrpcSink(destination.url)] if destination.url is not None else []
-        recording.set_sinks(*sinks, default_blueprint=blueprint)
+        recording.set_sinks(*_sinks(destination), default_blueprint=blueprint)
         recording.send_recording_name(title)
         yield recording
         recording.flush(timeout_sec=_FLUSH_S)
@@ -161,17 +159,24 @@ def send_motion(
         in_sight(track.targets, track.reached),
         plane,
         joints=len(model.joints),
-        top_cm=float(track.errors_cm.max()),
+        top_cm=float(track.errors_cm[track.plotted].max()),
     )
     with open_recording(
         destination, recording_id=recording_id, title=title, blueprint=laid_out, kind=kind
     ) as recording:
         model.send_still(recording)
-        model.send(recording, [track.index], track.joints)
+        model.send(recording, track.instants, track.joints)
         hands = HandScene(recording, plane).send_still()
         hands.send_target_paths(track.targets)
-        hands.send([track.index], track)
+        hands.send(track.instants, track)
         more(recording)
+
+
+def _sinks(destination: Destination) -> Iterator[rr.FileSink | rr.GrpcSink]:
+    if destination.path is not None:
+        yield rr.FileSink(destination.path)
+    if destination.url is not None:
+        yield rr.GrpcSink(destination.url)
 
 
 def _open_for_writing(path: Path) -> None:

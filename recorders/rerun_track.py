@@ -27,12 +27,14 @@ class Track:
     times_s : shape (T,)
     joints : postures [rad or m], shape (T, n)
     targets, reached : hand positions [m], left then right, shape (T, 2, 3)
+    scored : rows whose error is plotted, shape (T,); all if left out
     """
 
     times_s: Floats
     joints: Floats
     targets: Floats
     reached: Floats
+    scored: NDArray[np.bool_] | None = None
 
     @classmethod
     def checked(
@@ -47,7 +49,8 @@ class Track:
         MotionError
             Times or positions are of the wrong shape, or a number is not finite.
         """
-        track = cls(*(np.array(array, dtype=np.float64) for array in (times_s, joints, targets, reached)))
+        arrays = [np.array(array, dtype=np.float64) for array in (times_s, joints, targets, reached)]
+        track = cls(arrays[0], arrays[1], arrays[2], arrays[3])
         samples = len(track.times_s) if track.times_s.ndim == 1 else 0
         if samples == 0:
             raise MotionError(f"expected times of shape (T,) with T >= 1, found {track.times_s.shape}")
@@ -62,14 +65,21 @@ class Track:
         return track
 
     @property
-    def index(self) -> rr.TimeColumn:
-        """The times as Rerun wants them."""
-        return time_column(self.times_s)
+    def instants(self) -> "Instants":
+        """Where the rows stand on the timeline of time."""
+        return Instants(TIMELINE, self.times_s)
 
     @property
     def errors_cm(self) -> Floats:
         """Distance of each hand from its target [cm], shape (T, 2)."""
         return np.asarray(np.linalg.norm(self.reached - self.targets, axis=2) * _CM_PER_M)
+
+    @property
+    def plotted(self) -> NDArray[np.bool_]:
+        """Rows whose error is plotted, shape (T,): those scored, if there are any, else all."""
+        if self.scored is None or not self.scored.any():
+            return np.ones(len(self.times_s), dtype=np.bool_)
+        return self.scored
 
     def recording_id(self, *parts: str) -> str:
         """Return an identity made of the content, for the viewer merges recordings of one identity."""
@@ -79,6 +89,23 @@ class Track:
         return digest.hexdigest()[:32]
 
 
-def time_column(times_s: Floats) -> rr.TimeColumn:
-    """Return times [s], shape (T,), for Rerun; rounded here, for given seconds it cuts 0.3 s to 299 999 999 ns."""
-    return rr.TimeColumn(TIMELINE, duration=np.rint(times_s * _NS_PER_S).astype("timedelta64[ns]"))
+@dataclass(frozen=True, eq=False)
+class Instants:
+    """Where rows stand on a timeline.
+
+    Attributes
+    ----------
+    timeline : str
+    values : ndarray, shape (T,)
+        Times [s] as float64, or whole numbers, such as epochs, as int64.
+    """
+
+    timeline: str
+    values: NDArray[np.float64] | NDArray[np.int64]
+
+    def columns(self, *, each: int = 1) -> list[rr.TimeColumn]:
+        """Return the index for `each` rows at every instant; rounded here, for Rerun cuts 0.3 s to 299 999 999 ns."""
+        values = np.repeat(self.values, each)
+        if values.dtype == np.int64:
+            return [rr.TimeColumn(self.timeline, sequence=values)]
+        return [rr.TimeColumn(self.timeline, duration=np.rint(values * _NS_PER_S).astype("timedelta64[ns]"))]

@@ -20,6 +20,7 @@ from pipeline.verbs.options import (
     ZenohConfig,
     session_config,
 )
+from pipeline.verbs.viewing import View, Viewer, robot_shown
 from recorders.errors import ConfigError
 
 
@@ -37,10 +38,14 @@ def explore(
     wait: Wait = 10.0,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    view: View = False,
+    viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
     """Let the teacher and a robot follow a motion: a simulated one into a log, or a running one, live."""
     if connect or zenoh_config:
+        if view or viewer is not None:
+            raise ConfigError("--view: a robot that runs is shown by `reenact learn --view`; leave --view away")
         if out is not None:
             raise ConfigError("--out: a live session is recorded with `reenact record`; leave --out away")
         result = _drive(motion, connect, zenoh_config, seed, epochs, awaited, wait, namespace)
@@ -53,8 +58,19 @@ def explore(
     from pipeline.robot import load_robot
 
     config = load_robot(robot)
-    with console.progress(f"explore {Path(motion).stem}") as advance:
-        summary = run(config, load_motion(motion, config), seed=seed, out=out, overwrite=overwrite, progress=advance)
+    with (
+        console.progress(f"explore {Path(motion).stem}") as advance,
+        robot_shown(view, viewer, config, title=f"explore {Path(motion).stem}") as on_message,
+    ):
+        summary = run(
+            config,
+            load_motion(motion, config),
+            seed=seed,
+            out=out,
+            overwrite=overwrite,
+            progress=advance,
+            on_message=on_message,
+        )
     console.show(asdict(summary) | {"path": str(summary.path)}, as_json=as_json)
 
 

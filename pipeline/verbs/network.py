@@ -23,6 +23,7 @@ from pipeline.verbs.options import (
     renames,
     session_config,
 )
+from pipeline.verbs.viewing import View, Viewer, learner_shown
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -55,6 +56,8 @@ def learn(
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
     overwrite: Overwrite = False,
+    view: View = False,
+    viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
     """Learn online over Zenoh: from a session or replay that awaits this, to its end, or --live from anyone.
@@ -70,7 +73,7 @@ def learn(
     from pipeline.nodes import OWN_TOPICS
     from pipeline.nodes import learn as run
     from pipeline.robot import load_robot
-    from pipeline.training import CheckpointConfig, Trainer
+    from pipeline.training import CheckpointConfig
     from recorders.wire.receiver import ReceiverConfig
 
     if not live and (ticks is not None or epochs is not None or record is not None or overwrite):
@@ -81,8 +84,8 @@ def learn(
     receiver = ReceiverConfig(name=name, namespace=namespace, live=live, own_topics=OWN_TOPICS)
     config = None if robot is None else load_robot(robot)
     session = session_config(listen, connect, zenoh_config, listens=True)
-    with learning_progress("learn") as show:
-        trainer = Trainer(
+    with learning_progress("learn") as show, learner_shown(view, viewer, live=live) as make_trainer:
+        trainer = make_trainer(
             LearnerConfig(seed=seed),
             robot=config,
             checkpoint=None if checkpoint is None else CheckpointConfig(checkpoint, every),

@@ -19,6 +19,7 @@ from pipeline.verbs.options import (
     StreamsRobot,
     renames,
 )
+from pipeline.verbs.viewing import View, Viewer, live_view
 from recorders.errors import CheckFailed, ConfigError
 
 
@@ -26,12 +27,15 @@ def demo(
     out: Annotated[Path, typer.Option(help="Folder for logs, controller, report and summary.")] = Path("out/demo"),
     seed: Seed = 0,
     epochs: Epochs = 150,
+    view: View = False,
+    viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
     """Explore, record, replay over Zenoh, learn, check and report: the main job, end to end."""
     from pipeline.demo import REPORT, results_table, run_demo
 
-    result = run_demo(out, seed=seed, epochs=epochs)
+    with live_view(view, viewer) as found:
+        result = run_demo(out, seed=seed, epochs=epochs, view=found)
     if as_json:
         console.show(result.summary(out), as_json=True)
         return

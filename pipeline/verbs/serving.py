@@ -16,6 +16,7 @@ from pipeline.verbs.options import (
     ZenohConfig,
     session_config,
 )
+from pipeline.verbs.viewing import View, Viewer, answers_shown
 
 if TYPE_CHECKING:
     from pipeline.controller import Controller as Learned
@@ -35,6 +36,8 @@ def serve(
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
     overwrite: Overwrite = False,
+    view: View = False,
+    viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
     """Answer hand targets with joint commands over Zenoh, until Ctrl-C or SIGTERM; then print the last status."""
@@ -60,4 +63,6 @@ def serve(
         beside_others=beside_others,
     )
     session = session_config(listen, connect, zenoh_config, listens=True)
-    run(Learned.load(controller), session=session, config=config, say=console.say, on_end=end)
+    loaded = Learned.load(controller)
+    with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
+        run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)

@@ -11,6 +11,7 @@ from functools import partial
 from pathlib import Path
 
 import pytest
+from clusters import local_cluster
 from episodes import write_episode
 from sockets import listening
 
@@ -37,12 +38,8 @@ def expected(runs: list[Run]) -> list[Outcome]:
 
 @pytest.fixture
 def cluster() -> Iterator[str]:
-    """A cluster of two worker processes on loopback; yields its scheduler's address."""
-    from distributed import LocalCluster
-
-    options = {"host": "127.0.0.1", "dashboard_address": None, "worker_dashboard_address": None}
-    with LocalCluster(n_workers=2, threads_per_worker=1, processes=True, silence_logs="CRITICAL", **options) as local:
-        yield local.scheduler_address
+    with local_cluster() as address:
+        yield address
 
 
 def assert_same(found: list[Outcome], expected: list[Outcome]) -> None:

@@ -14,7 +14,8 @@ import pytest
 from rerun.chunk import RrdReader
 
 from recorders.errors import JointError, LogError, MotionError, ReenactError, RobotError
-from recorders.rerun_recorder import APPLICATION_ID, record_motion, viewer_environment
+from recorders.rerun_recorder import APPLICATION_ID, record_motion
+from recorders.rerun_viewer import viewer_environment
 
 # A column that is lifted by `lift` and turned by `turn`; the hand is 0.5 m out, 1 m up.
 CRANE = """
@@ -62,12 +63,12 @@ def rows(path: Path, entity: str, component: str, *, static: bool = False) -> li
 def hand_position(path: Path, step: int) -> np.ndarray:
     """Where the links' frames, as recorded, put the hand at a step."""
     transforms = {}
-    for entity in ("/robot/links", "/robot/moving/lift", "/robot/moving/turn"):
+    for entity in ("/robot/links", "/robot/moving"):
         static = entity == "/robot/links"
         names = ("child_frame", "parent_frame", "translation", "quaternion")
         columns = [rows(path, entity, f"Transform3D:{name}", static=static) for name in names]
         table = list(zip(*columns, strict=True))
-        for child, parent, translation, quaternion in table if static else [table[step]]:
+        for child, parent, translation, quaternion in table if static else table[2 * step : 2 * step + 2]:
             transforms[child[0]] = (parent[0], np.array(translation[0]), np.array(quaternion[0]))
     point, frame = np.zeros(3), "hand"
     while frame != "world":

@@ -1,0 +1,210 @@
+"""The whole of the paper, rerun from seeds: exploration, ten trainings of each pattern, every test, deployment."""
+
+import json
+import time
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from pipeline import console
+from pipeline.command_costs import command_costs
+from pipeline.deployment import deploy
+from pipeline.executors import local_processes
+from pipeline.exploration import explore
+from pipeline.learner_config import LearnerConfig
+from pipeline.many_runs import Executors, Outcome, Run, RunsError, compute, compute_all
+from pipeline.motions import PATTERNS, load_motion
+from pipeline.paper_networks import try_networks
+from pipeline.paper_results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, Networks, Paper
+from pipeline.resources import data_path
+from pipeline.robot import load_robot
+from pipeline.samples import read_samples
+from pipeline.simulation import SimulationConfig
+from pipeline.teacher import TeacherConfig
+from pipeline.trials import robot_of
+from recorders.errors import CheckFailed, ConfigError
+from replay.schedule import Schedule
+
+ROBOT = "asimo"
+_PATTERN_PERIOD_NS = 200_000_000  # the paper's 5 Hz
+_COARSE_NS = 20_000_000  # period of teacher and simulation in a short run
+
+
+@dataclass(frozen=True)
+class PaperConfig:
+    """How much of the paper is rerun.
+
+    Attributes
+    ----------
+    seed : int
+        Seed of the explorations, and of the first initialisation; the others follow it.
+    initialisations : int
+        How many networks learn each pattern.
+    epochs : tuple of int
+        Epochs of pattern 1 and of pattern 2.
+    teacher : TeacherConfig
+        How the teacher moves while it explores.
+    simulation : SimulationConfig
+        How the robot is simulated while it explores.
+    is_full : bool
+        Whether the run is one whose numbers count, so that the bounds are checked.
+    """
+
+    seed: int = 0
+    initialisations: int = 10
+    epochs: tuple[int, int] = (150, 600)
+    teacher: TeacherConfig = field(default_factory=TeacherConfig)
+    simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    is_full: bool = True
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.seed < 0 or self.initialisations < 1 or min(self.epochs) < 1:
+            raise ConfigError("paper: expected a seed of at least 0, one initialisation and one epoch of each pattern")
+
+    @classmethod
+    def quick(cls, *, seed: int = 0) -> "PaperConfig":
+        """Return a run of seconds that goes through everything; its numbers say nothing."""
+        teacher = TeacherConfig(period_ns=_COARSE_NS)
+        simulation = SimulationConfig(step_ns=_COARSE_NS, control_ns=_COARSE_NS)
+        return cls(seed=seed, initialisations=2, epochs=(3, 12), teacher=teacher, simulation=simulation, is_full=False)
+
+    @property
+    def seeds(self) -> tuple[int, ...]:
+        """Seed of each initialisation."""
+        return tuple(range(self.seed, self.seed + self.initialisations))
+
+
+def drawings() -> tuple[str, ...]:
+    """Names of the free-hand motions that come with the program."""
+    return tuple(sorted(path.stem for path in data_path("motions").glob("*.csv")))
+
+
+def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_processes) -> Paper:
+    """Rerun the paper in the folder `out`, replacing what an earlier run left there.
+
+    Parameters
+    ----------
+    out : Path
+        Folder for logs, controllers and summary.
+    config : PaperConfig
+        How much of it.
+    executors : callable
+        Opens what the initialisations are computed on.
+
+    Raises
+    ------
+    ReenactError
+        If a stage fails.
+    """
+    logs = {name: out / f"{name}.mcap" for name in (*PATTERNS, *drawings())}
+    _make_folders(out)
+    with executors():
+        pass  # a cluster that does not answer is better known now than after the exploration
+    first, seconds = _explore_and_learn_once(logs, config)
+    with console.progress("learn from other starts") as advance:
+        runs = _runs(logs, config)[1:]
+        others = compute_all(runs, executors, on_done=lambda done: advance(done / len(runs)))
+    with console.progress("test every network"):
+        networks = _tested([first, *others], logs, config)
+        _save_controllers(out / CONTROLLERS, networks)
+    one = networks[PATTERN_1]
+    controller, trial = one.controllers[0], one.trials[PATTERN_1][0]
+    robot = robot_of(controller)
+    with console.progress("deploy") as advance:
+        deployed = deploy(controller, load_motion(PATTERN_2, robot), progress=advance)
+    costs = command_costs(controller, trial, period_ns=_PATTERN_PERIOD_NS)
+    paper = Paper(config.seed, robot, networks, drawings(), deployed, costs, seconds)
+    _write_json(out / SUMMARY, paper.summary())
+    return paper
+
+
+def check_bounds(paper: Paper) -> None:
+    """Check every bound of the paper's rerun.
+
+    Raises
+    ------
+    CheckFailed
+        If one does not hold; the line names all that do not.
+    """
+    if failed := [f"{check.claim}, found {check.found}" for check in paper.checks() if not check.holds]:
+        raise CheckFailed(f"the paper is not reproduced: expected {'; expected '.join(failed)}")
+
+
+def _explore_and_learn_once(logs: Mapping[str, Path], config: PaperConfig) -> tuple[Outcome, float]:
+    """Explore all motions, pattern 1 here, and learn it once; return that outcome, and how long it took [s]."""
+    others = [name for name in logs if name != PATTERN_1]
+    try:
+        with local_processes(1) as beside:
+            pending: list[Future[None]] = [beside.submit(_explore, name, logs[name], config) for name in others]
+            began_s = time.monotonic()
+            with console.progress("explore") as advance:
+                _explore(PATTERN_1, logs[PATTERN_1], config, advance)
+            with console.progress("learn once"):
+                first = compute(_runs(logs, config)[0])
+            seconds = time.monotonic() - began_s
+            for future in pending:
+                future.result()
+    except BrokenProcessPool as error:
+        raise RunsError("the process that explores was killed: is there enough memory?") from error
+    return first, round(seconds, 2)
+
+
+def _explore(
+    name: str, log: Path, config: PaperConfig, progress: Callable[[float], None] = lambda fraction: None
+) -> None:
+    robot = load_robot(ROBOT)
+    explore(
+        robot,
+        load_motion(name, robot),
+        seed=config.seed,
+        out=log,
+        teacher=config.teacher,
+        simulation=config.simulation,
+        overwrite=True,
+        progress=progress,
+    )
+
+
+def _runs(logs: Mapping[str, Path], config: PaperConfig) -> list[Run]:
+    """Return all trainings: pattern 1 from every initialisation, then pattern 2."""
+    return [
+        Run((logs[pattern].resolve(),), Schedule(epochs=epochs), LearnerConfig(seed=seed))
+        for pattern, epochs in zip(PATTERNS, config.epochs, strict=True)
+        for seed in config.seeds
+    ]
+
+
+def _tested(outcomes: Sequence[Outcome], logs: Mapping[str, Path], config: PaperConfig) -> dict[str, Networks]:
+    """Try all networks on all motions; by the pattern that they learned."""
+    samples = {name: read_samples(log) for name, log in logs.items()}
+    half = config.initialisations
+    return {
+        pattern: try_networks(pattern, learned, seeds=config.seeds, samples=samples)
+        for pattern, learned in ((PATTERN_1, outcomes[:half]), (PATTERN_2, outcomes[half:]))
+    }
+
+
+def _make_folders(out: Path) -> None:
+    """Make the folders, and take away what an earlier run left that a failed one would leave standing."""
+    try:
+        (out / CONTROLLERS).mkdir(parents=True, exist_ok=True)
+        for name in (SUMMARY, REPORT):
+            (out / name).unlink(missing_ok=True)
+    except OSError as error:
+        raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
+
+
+def _save_controllers(folder: Path, networks: Mapping[str, Networks]) -> None:
+    for learned in networks.values():
+        for seed, controller in zip(learned.seeds, learned.controllers, strict=True):
+            controller.save(folder / f"{learned.pattern}-{seed}.npz")
+
+
+def _write_json(path: Path, content: dict[str, Any]) -> None:
+    temporary = path.with_suffix(".part")
+    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
+    temporary.replace(path)

@@ -1,0 +1,70 @@
+"""Networks that learned a pattern, tried on every motion, beside linear least squares on what they learned from."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation import HandErrors, hand_errors
+from pipeline.kinematics import Kinematics
+from pipeline.many_runs import Outcome
+from pipeline.paper_results import Networks
+from pipeline.samples import Samples
+from pipeline.trials import Trial, try_samples
+
+Floats = NDArray[np.float64]
+
+
+def try_networks(
+    pattern: str, outcomes: Sequence[Outcome], *, seeds: tuple[int, ...], samples: Mapping[str, Samples]
+) -> Networks:
+    """Try networks on motions.
+
+    Parameters
+    ----------
+    pattern : str
+        Name of the motion that they learned; `samples` holds it.
+    outcomes : sequence of Outcome
+        What each training came to.
+    seeds : tuple of int
+        Of the trainings, in the same order.
+    samples : mapping of str to Samples
+        The motions, recorded, by name.
+
+    Raises
+    ------
+    ControllerError
+        If a motion was recorded with a robot of other joints.
+    """
+    controllers = tuple(outcome.controller for outcome in outcomes)
+    trials = {
+        name: tuple(try_samples(controller, motion, name=name) for controller in controllers)
+        for name, motion in samples.items()
+    }
+    return Networks(
+        pattern=pattern,
+        seeds=seeds,
+        curves_cm=np.array([outcome.errors_cm for outcome in outcomes]),
+        controllers=controllers,
+        trials=trials,
+        linear={name: _linear_errors(samples[pattern], motion.targets) for name, motion in samples.items()},
+        from_recorded_cm=np.array([_from_recorded_cm(trial, samples[pattern]) for trial in trials[pattern]]),
+    )
+
+
+def _from_recorded_cm(trial: Trial, recorded: Samples) -> float:
+    hands = Kinematics(recorded.robot).hands_along(recorded.joints)  # (T, 2, 3)
+    return 100.0 * float(np.linalg.norm(trial.reached - hands, axis=2).mean())
+
+
+def _linear_errors(learned: Samples, targets: Floats) -> HandErrors:
+    """Errors on a motion of the baseline, linear least squares fitted to what a network learned from.
+
+    About the centre of the patterns, and least in norm: it does not answer to a direction that it was never shown.
+    """
+    centre = learned.robot.input_centre
+    regressors, asked = (
+        np.column_stack([motion - centre, np.ones(len(motion))]) for motion in (learned.targets, targets)
+    )
+    coefficients, *_ = np.linalg.lstsq(regressors, learned.joints, rcond=None)  # (7, n)
+    return HandErrors.of(hand_errors(Kinematics(learned.robot), asked @ coefficients, targets))

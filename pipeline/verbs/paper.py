@@ -1,0 +1,44 @@
+"""The verb `paper`."""
+
+from functools import partial
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import Json, Seed
+
+
+def paper(
+    out: Annotated[Path, typer.Option(help="Folder for logs, controllers, figures, report and summary.")] = Path(
+        "out/paper"
+    ),
+    seed: Seed = 0,
+    quick: Annotated[
+        bool, typer.Option("--quick", help="A short run through everything; its numbers say nothing.")
+    ] = False,
+    scheduler: Annotated[
+        str | None,
+        typer.Option(help="Learn on a Dask cluster with the same files, at tcp://HOST:PORT.", metavar="ADDRESS"),
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Rerun every figure and number of the paper, beside ours; exit status 1 if a bound does not hold."""
+    from pipeline.executors import dask_cluster, local_processes
+    from pipeline.paper import PaperConfig, check_bounds, run_paper
+    from pipeline.paper_report import write_report
+    from pipeline.paper_table import console_table
+
+    config = PaperConfig.quick(seed=seed) if quick else PaperConfig(seed=seed)
+    executors = local_processes if scheduler is None else partial(dask_cluster, scheduler)
+    result = run_paper(out, config=config, executors=executors)
+    with console.progress("report") as advance:
+        report = write_report(result, out, is_full=config.is_full, progress=advance)
+    if as_json:
+        console.show(result.summary(), as_json=True)
+    else:
+        console.table(console_table(result))
+        print(f"Look at {report}")
+    if config.is_full:
+        check_bounds(result)

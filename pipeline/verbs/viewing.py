@@ -1,0 +1,129 @@
+"""The verb `view`, and the options by which other verbs show what they do."""
+
+import os
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline import console
+from pipeline.verbs.options import Json, Renames, renames
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.controller import Controller
+    from pipeline.live_view import LiveView
+    from pipeline.robot import RobotConfig
+    from pipeline.training import Trainer
+    from recorders.messages import Message
+    from recorders.records import Stamped
+
+View = Annotated[bool, typer.Option("--view", help="Show in Rerun's viewer what happens.")]
+Viewer = Annotated[
+    str | None,
+    typer.Option(help="Like --view, in a viewer that runs: rerun+http://127.0.0.1:9876/proxy.", metavar="URL"),
+]
+
+
+def view(
+    shown: Annotated[Path, typer.Argument(help="A log or a controller.", metavar="LOG.mcap|CONTROLLER.npz")],
+    save: Annotated[
+        Path | None, typer.Option(help="Recording (.rrd) to write, in place of opening a window; replaced if there.")
+    ] = None,
+    viewer: Annotated[
+        str | None, typer.Option(help="Viewer that runs: rerun+http://127.0.0.1:9876/proxy.", metavar="URL")
+    ] = None,
+    motion: Annotated[
+        str | None, typer.Option(help="For a controller: circles, eight, a CSV file or a log; circles if left out.")
+    ] = None,
+    robot: Annotated[str | None, typer.Option(help="For a log that carries no robot: its name or folder.")] = None,
+    map_: Renames = None,
+    as_json: Json = False,
+) -> None:
+    """Look at a log or a controller in Rerun's viewer: robot, hands, joints, errors, network; nothing leaves."""
+    from pipeline.view import view_controller, view_log
+    from recorders.rerun_recorder import Destination
+    from recorders.rerun_viewer import check_url, open_viewer
+
+    if save is not None and viewer is not None:
+        raise ConfigError("expected one of --save and --viewer, found both")
+    is_controller = shown.suffix == ".npz"
+    if is_controller and (robot is not None or map_):
+        raise ConfigError("--robot and --map are for logs: a controller carries its robot")
+    if not is_controller and motion is not None:
+        raise ConfigError("--motion is for controllers: a log shows the motion that it holds")
+    if not shown.is_file():
+        raise ConfigError(f"{shown}: expected a log or a controller (.npz), found no such file")
+    url = None
+    if save is None:
+        url = check_url(viewer) if viewer is not None else open_viewer()
+    to = Destination(path=save, url=url)
+    if is_controller:
+        ticks = view_controller(shown, to, motion=motion or "circles")
+    else:
+        ticks = view_log(shown, to, robot=robot, renames=renames(map_))
+    where = str(save) if save is not None else url
+    console.show({"shown": str(shown), "samples": ticks, "recording": where}, as_json=as_json)
+
+
+@contextmanager
+def live_view(wanted: bool, url: str | None) -> "Iterator[LiveView | None]":
+    """Yield a viewer for what a verb does; None where none is wanted or can be had."""
+    if not wanted and url is None:
+        yield None
+        return
+    os.environ.setdefault("RUST_LOG", "off")  # before Rerun is loaded: it would add many lines to the one of ours
+    from pipeline.live_view import viewer
+
+    with viewer(wanted, url, console.say) as view:
+        yield view
+
+
+@contextmanager
+def learner_shown(wanted: bool, url: str | None, *, live: bool) -> "Iterator[Callable[..., Trainer]]":
+    """Yield what makes a trainer: one that a viewer shows, or a plain one where there is no viewer."""
+    from pipeline.training import Trainer
+
+    with live_view(wanted, url) as view:
+        if view is None:
+            yield Trainer
+            return
+        from pipeline.learning_view import LearningView, ViewedTrainer
+
+        yield partial(ViewedTrainer, view=LearningView(view, live=live))
+
+
+@contextmanager
+def robot_shown(
+    wanted: bool, url: str | None, robot: "RobotConfig", *, title: str
+) -> "Iterator[Callable[[str, Message, int], None]]":
+    """Yield what takes the messages of a robot that moves: topic, message, time [ns]."""
+    with live_view(wanted, url) as view:
+        if view is None:
+            yield lambda topic, message, time_ns: None
+            return
+        from pipeline.motion_view import MotionView
+        from recorders.topics import JOINT_STATES
+
+        shown = MotionView(view, robot, joints_topic=JOINT_STATES, title=title)
+        yield shown.feed
+        shown.flush()
+
+
+@contextmanager
+def answers_shown(
+    wanted: bool, url: str | None, controller: "Controller", *, title: str
+) -> "Iterator[Callable[[bytes, tuple[Stamped, ...]], None]]":
+    """Yield what takes the commands of a served controller: its CDR bytes, and the messages that it answers."""
+    with live_view(wanted, url) as view:
+        if view is None:
+            yield lambda command, answered: None
+            return
+        from pipeline import motion_view
+        from pipeline.trials import robot_of
+
+        with motion_view.answers_shown(view, robot_of(controller), title=title) as answered:
+            yield answered

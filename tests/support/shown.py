@@ -1,0 +1,55 @@
+"""What somebody shows in the tests of demonstrations: a straight line of the right hand, as paths, CSV or poses."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.hand_paths import Shown
+from pipeline.motions import Motion
+from pipeline.pose_track import HandPath
+from pipeline.robot import load_robot
+from recorders.messages import PoseStamped, String
+from recorders.writer import LogWriter
+
+ROBOT = load_robot("asimo")
+LEFT, RIGHT = ROBOT.left_centre, ROBOT.right_centre
+EPOCH_NS = 1_700_000_000_123_456_789  # a tracker's clock
+TRACKER = "/tracker/wrist"
+
+
+def shown_right(times_s: np.ndarray, points: np.ndarray) -> Shown:
+    return Shown("shown", {"right": HandPath(times_s, points)}, {"kind": "test"})
+
+
+def line_of(times_s: np.ndarray) -> np.ndarray:
+    """A straight line, 0.1 m/s aside and 0.05 m/s up, from the right hand's centre."""
+    return RIGHT + np.outer(times_s, [0.0, 0.1, 0.05])
+
+
+def write_csv(path: Path, header: str, *columns: np.ndarray) -> Path:
+    rows = [",".join(repr(float(value)) for value in row) for row in np.column_stack(columns)]
+    path.write_text("\n".join([header, *rows]) + "\n")
+    return path
+
+
+def write_log(path: Path, poses: dict[str, list[PoseStamped]]) -> Path:
+    with LogWriter(path, manifest={}) as writer:
+        writer.write("/notes", String("hello"), log_time_ns=0)
+        for topic, messages in poses.items():
+            for pose in messages:
+                writer.write(topic, pose, log_time_ns=pose.stamp_ns)
+    return path
+
+
+def poses_of(times_s: np.ndarray) -> list[PoseStamped]:
+    stamps = EPOCH_NS + np.rint(times_s * 1e9).astype(np.int64)
+    return [
+        PoseStamped(int(stamp), point, frame_id="map") for stamp, point in zip(stamps, line_of(times_s), strict=True)
+    ]
+
+
+def check_is_line(motion: Motion, *, samples: int) -> None:
+    assert len(motion) == samples
+    np.testing.assert_allclose(motion.times_s, 0.1 * np.arange(samples), atol=1e-12)
+    np.testing.assert_allclose(motion.right, line_of(motion.times_s), atol=2e-9)
+    np.testing.assert_array_equal(motion.left, np.broadcast_to(LEFT, (samples, 3)))

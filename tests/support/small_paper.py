@@ -1,0 +1,53 @@
+"""A small rerun of the paper: two networks of two epochs on 20 samples, and no simulator; its numbers say nothing."""
+
+from pathlib import Path
+
+import numpy as np
+from episodes import write_episode
+
+from pipeline.command_costs import command_costs
+from pipeline.deployment import Deployment, Driven
+from pipeline.evaluation import HandErrors
+from pipeline.learner_config import LearnerConfig
+from pipeline.many_runs import Outcome, Run, compute
+from pipeline.paper_results import PATTERN_1, PATTERN_2, Networks, Paper
+from pipeline.samples import Samples, read_samples
+from pipeline.trials import try_samples
+from replay.schedule import Schedule
+
+DRAWINGS = ("first_drawing", "second_<drawing>")
+SEEDS = (4, 5)
+EPOCHS = 2
+
+
+def small_paper(folder: Path) -> Paper:
+    """Make a rerun in which every motion is the beginning of the circles."""
+    log = write_episode(folder / "log.mcap", samples=20)
+    outcomes = [compute(Run((log,), Schedule(epochs=EPOCHS), LearnerConfig(seed=seed))) for seed in SEEDS]
+    samples = read_samples(log)
+    networks = {pattern: _networks(pattern, outcomes, samples) for pattern in (PATTERN_1, PATTERN_2)}
+    trial = networks[PATTERN_1].trials[PATTERN_1][0]
+    driven = Driven(trial.joints, trial.reached, trial.errors)
+    return Paper(
+        seed=SEEDS[0],
+        robot=samples.robot,
+        networks=networks,
+        demonstrations=DRAWINGS,
+        deployed=Deployment(PATTERN_2, 0.1, trial.targets, driven, driven),
+        costs=command_costs(outcomes[0].controller, trial, period_ns=200_000_000),
+        seconds_explore_and_learn=1.5,
+    )
+
+
+def _networks(pattern: str, outcomes: list[Outcome], samples: Samples) -> Networks:
+    names = (PATTERN_1, PATTERN_2, *DRAWINGS)
+    trials = {name: tuple(try_samples(one.controller, samples, name=name) for one in outcomes) for name in names}
+    return Networks(
+        pattern=pattern,
+        seeds=SEEDS,
+        curves_cm=np.array([one.errors_cm for one in outcomes]),
+        controllers=tuple(one.controller for one in outcomes),
+        trials=trials,
+        linear=dict.fromkeys(names, HandErrors(0.5, 1.0, 0.4, 0.6, 20)),
+        from_recorded_cm=np.full(len(SEEDS), 3.0),
+    )
