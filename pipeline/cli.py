@@ -8,6 +8,7 @@ from typing import Any
 import typer
 
 from pipeline import console
+from pipeline.printable import printable
 from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving, viewing
 from recorders.errors import ReenactError
 
@@ -59,7 +60,7 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(line: str, status: int) -> None:
-    console.say(f"reenact: {' '.join(line.split())}")
+    console.say(f"reenact: {printable(' '.join(line.split()))}")
     sys.exit(status)
 
 

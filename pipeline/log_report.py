@@ -7,6 +7,7 @@ from typing import Any
 from rich.table import Table
 from rich.text import Text
 
+from pipeline.printable import printable
 from recorders.recover import Recovery
 from recorders.salvage import Damage
 from recorders.summary import LogSummary, TopicSummary
@@ -90,11 +91,6 @@ def recovered(recovery: Recovery) -> dict[str, str]:
     if recovery.unprotected:
         lines["in doubt"] = f"{recovery.unprotected} messages that no CRC protects"
     return {printable(name): printable(text) for name, text in lines.items()}
-
-
-def printable(text: str) -> str:
-    """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 
 
 _CONTENT: Mapping[bool | None, str] = {

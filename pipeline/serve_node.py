@@ -1,6 +1,7 @@
 """The node `serve`: a learned controller as a Zenoh subscriber, with a status for whoever watches and a log."""
 
 import json
+import os
 import struct
 import threading
 import time
@@ -257,6 +258,8 @@ class Node:
                 self._publish(command, arrival)
 
         def on_sample(sample: zenoh.Sample) -> None:
+            if sample.kind != zenoh.SampleKind.PUT:
+                return  # a deleted key is no target
             arrival = time.perf_counter_ns()
             time_ns = time.time_ns() if clerk.records else 0
             with lock:
@@ -303,6 +306,7 @@ class Node:
         """Send a command, then do all that the robot does not wait for."""
         _LOG_TIME.pack_into(self._attachment, len(self._attachment) - _LOG_TIME.size, command.stamp_ns)
         self._publisher.put(command.data, attachment=self._attachment)
+        os.sched_yield()  # to Zenoh's thread that sends it
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
         if self._clerk.records:
             for answered in command.answered:

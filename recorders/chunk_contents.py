@@ -6,15 +6,33 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from recorders.damage import damaged
-from recorders.mcap_records import Record, chunk_data
+from recorders.mcap_records import HEAD, Record, chunk_data
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
 
 PRIVATE = 0x80  # records from here on are other programs' own, and to be passed over
 
-_HEAD = struct.Struct("<BQ")  # opcode, length
 _DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+
+
+def body_at(data: bytes, place: int, offset: int) -> tuple[int, int, int]:
+    """Return opcode, beginning and end of the body of the record at `place` in the data of the chunk at `offset`.
+
+    Raises
+    ------
+    DamagedLog
+        If it is not whole, or a message too short to be one.
+    """
+    start = place + HEAD.size
+    if start > len(data):
+        raise damaged(offset, "the last record of a chunk is cut off")
+    opcode, length = HEAD.unpack_from(data, place)
+    if length > len(data) - start:
+        raise damaged(offset, "a record is longer than the chunk that holds it")
+    if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
+        raise damaged(offset, "a message is too short")
+    return opcode, start, start + length
 
 
 def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
@@ -27,15 +45,7 @@ def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
     """
     place, size = 0, len(data)
     while place < size:
-        if size - place < _HEAD.size:
-            raise damaged(offset, "the last record of a chunk is cut off")
-        opcode, length = _HEAD.unpack_from(data, place)
-        start = place + _HEAD.size
-        place = start + length
-        if place > size:
-            raise damaged(offset, "a record is longer than the chunk that holds it")
-        if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
-            raise damaged(offset, "a message is too short")
+        opcode, start, place = body_at(data, place, offset)
         yield opcode, start, place
 
 

@@ -1,25 +1,26 @@
 """The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
 
 import fnmatch
+import re
 import time
 from collections import Counter, deque
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from recorders.cdr import decode
-from recorders.errors import ConfigError, MessageError, WireError
+from recorders.errors import ConfigError, LogError, MessageError, WireError
 from recorders.records import Stamped
-from recorders.ros import is_known
+from recorders.ros import is_known, typestore
 from recorders.topics import type_of
 from recorders.wire.frames import Frame, Kind
-from recorders.wire.receiver import Live, Offered, Receiver
+from recorders.wire.receiver import Event, Live, Offered, Receiver
 from recorders.writer import LogWriter
 
 _POLL_S = 0.2
 _MAX_BROKEN = 100  # anyone may offer a stream and break it off
-_NOTHING: Mapping[str, Any] = {}
+_STOPPED = "the recorder was stopped"
 
 
 @dataclass(frozen=True)
@@ -33,7 +34,7 @@ class RecordConfig:
     split_bytes : int, optional
         Begin another file when one has this many bytes of messages.
     split_s : float, optional
-        Begin another file after this time [s].
+        Begin another file with the first message that comes this long after the first one of a file [s].
     """
 
     include: tuple[str, ...] = ()
@@ -62,6 +63,7 @@ class Recording:
     messages, size : how many messages, and how many bytes of them
     gaps : messages that producers numbered and that did not arrive, by topic
     opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
+    refused : messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting
     broken : why the latest of the streams that awaited this and never came to their end did not
     """
 
@@ -70,6 +72,7 @@ class Recording:
     size: int = 0
     gaps: Counter[str] = field(default_factory=Counter)
     opaque: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
     broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
 
     def to_dict(self) -> dict[str, Any]:
@@ -80,6 +83,7 @@ class Recording:
             "bytes": self.size,
             "gaps": dict(self.gaps),
             "opaque": dict(self.opaque),
+            "refused": dict(self.refused),
             "broken": list(self.broken),
         }
 
@@ -101,7 +105,7 @@ class LiveRecorder:
     Raises
     ------
     LogError
-        If the first file cannot be made.
+        If the first file cannot be made, or one of those that a split may make is there already.
     """
 
     def __init__(
@@ -121,12 +125,17 @@ class LiveRecorder:
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
         self.recording = Recording()
+        self._splits = self._config.split_bytes is not None or self._config.split_s is not None
+        self._refuse_existing()
+        self._first_s: float | None = None  # when the file's first message came
         self._writer = self._open()
 
     def run(
         self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
     ) -> Recording:
         """Record until it is stopped, or to the end of a stream, and finish the file.
+
+        What had arrived when it was stopped is recorded too, and the sender of a stream under way is told.
 
         Parameters
         ----------
@@ -144,30 +153,38 @@ class LiveRecorder:
         WireError
             If the stream whose end was to end the recording broke off.
         """
+        self.recording.refused = receiver.refused
         try:
             with receiver.reporting_failure():
-                while not stopped() and not (self._take(receiver) and until_end):
-                    self._split_by_time()
+                while not stopped():
+                    if self._take(receiver, _next(receiver)) and until_end:
+                        break
                     self._writer.check()
                     self._on_progress(self.recording)
-                if stopped() and self._streaming:
-                    self._break_off("the recorder was stopped")
+                else:
+                    self._take_leave(receiver)
         finally:
             self._writer.close()
         if until_end and self.recording.broken:
             raise WireError(f"{self._out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
 
-    def close(self) -> None:
-        """Finish the file."""
-        self._writer.close()
+    def _take_leave(self, receiver: Receiver) -> None:
+        """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
+        receiver.stop_hearing()
+        while (event := _next(receiver)) is not None:
+            if isinstance(event, Offered):
+                receiver.refuse(event, _STOPPED)
+            else:
+                self._take(receiver, event)
+        if self._streaming:
+            self._break_off(_STOPPED)
+            receiver.fail(_STOPPED)
 
-    def _take(self, receiver: Receiver) -> bool:
-        """Take the next event; True if it ended a stream."""
-        try:
-            event = receiver.next_event(_POLL_S)
-        except WireError as error:
-            return self._leave(receiver, str(error))
+    def _take(self, receiver: Receiver, event: Event | WireError | None) -> bool:
+        """Take what came; True if it ended a stream."""
+        if isinstance(event, WireError):
+            return self._leave(receiver, str(event))
         if isinstance(event, Live):
             self._write(event.record, numbered=event.numbered)
         elif isinstance(event, Offered):
@@ -192,7 +209,7 @@ class LiveRecorder:
 
     def _leave(self, receiver: Receiver, reason: str) -> bool:
         """Leave a stream whose sender is gone: what it sent is recorded, and others may follow."""
-        receiver.give_up()
+        receiver.give_up(reason)
         self._break_off(reason)
         return True
 
@@ -218,8 +235,10 @@ class LiveRecorder:
             return
         if numbered:
             self._count_gap(record)
-        if self._config.split_bytes is not None and self._written + len(record.data) > self._config.split_bytes:
+        if self._is_full(len(record.data)):
             self._next_file()
+        if self._first_s is None:
+            self._first_s = time.monotonic()
         sequence = record.sequence if numbered else None
         kind = self._type(record)
         self._writer.write(
@@ -231,15 +250,9 @@ class LiveRecorder:
 
     def _type(self, record: Stamped) -> str:
         """Return the ROS 2 type of a message, an empty string for one that has none or is not what it is said to be."""
-        kind = type_of(record.topic) or record.type
-        try:
-            if type_of(record.topic):
-                decode(kind, record.data)
-                return kind
-            if is_known(kind):
-                return kind
-        except MessageError:
-            pass
+        expected = type_of(record.topic)
+        if _decodes(expected, record.data) if expected else _is_standard(record.type, record.data):
+            return expected or record.type
         self.recording.opaque[record.topic] += 1
         return ""
 
@@ -247,11 +260,17 @@ class LiveRecorder:
         last = self._last.get(record.topic)
         if last is not None and record.sequence > last + 1:
             self.recording.gaps[record.topic] += record.sequence - last - 1
-        self._last[record.topic] = record.sequence
+        late = last is not None and 0 < record.sequence < last  # 0 is that of a producer that begins anew
+        if not late:
+            self._last[record.topic] = record.sequence
 
-    def _split_by_time(self) -> None:
-        if self._config.split_s is not None and time.monotonic() - self._began_s >= self._config.split_s:
-            self._next_file()
+    def _is_full(self, more: int) -> bool:
+        """Whether a message of so many bytes belongs into another file; there is none without a message."""
+        if self._first_s is None:
+            return False
+        size, seconds = self._config.split_bytes, self._config.split_s
+        too_large = size is not None and self._written + more > size
+        return too_large or (seconds is not None and time.monotonic() - self._first_s >= seconds)
 
     def _next_file(self) -> None:
         self._writer.close()
@@ -259,9 +278,15 @@ class LiveRecorder:
         if self._notes:
             self._writer.note(self._notes)
 
+    def _refuse_existing(self) -> None:
+        """Look for all the files that a split may come to, not only once it does."""
+        name = re.compile(re.escape(self._out.stem) + r"_\d+\.mcap(\.part)?")
+        taken = sorted(path for path in self._out.parent.glob("*") if name.fullmatch(path.name))
+        if taken and self._splits and not self._overwrite:
+            raise LogError(f"{taken[0]} exists: choose another name, or allow it to be overwritten")
+
     def _open(self) -> LogWriter:
-        split = self._config.split_bytes is not None or self._config.split_s is not None
-        path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if split else self._out
+        path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if self._splits else self._out
         writer = LogWriter(
             path,
             manifest={"kind": "recording"},
@@ -271,5 +296,33 @@ class LiveRecorder:
         )
         self.recording.paths.append(path)
         self._written = 0
-        self._began_s = time.monotonic()
+        self._first_s = None
         return writer
+
+
+def _next(receiver: Receiver) -> Event | WireError | None:
+    """Return what came next, or why the stream under way is taken for broken off."""
+    try:
+        return receiver.next_event(_POLL_S)
+    except WireError as error:
+        return error
+
+
+def _decodes(kind: str, data: bytes) -> bool:
+    """Whether bytes are a message of a type of the table of topics."""
+    try:
+        decode(kind, data)
+    except MessageError:
+        return False
+    return True
+
+
+def _is_standard(kind: str, data: bytes) -> bool:
+    """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can tell."""
+    if not is_known(kind):
+        return False
+    try:
+        typestore().deserialize_cdr(data, kind)
+    except Exception:  # of any kind: rosbags checks nothing beforehand
+        return False
+    return True

@@ -71,7 +71,7 @@ class LogFile:
             If it fails, or something has failed before. Cut short by a failure or a signal, it is the last.
         """
         with self._lock:
-            self.check()
+            self._check()
             if not self.chunks.pending:
                 self._oldest_s = time.monotonic()
             self._sound = False
@@ -84,6 +84,10 @@ class LogFile:
 
     def check(self) -> None:
         """Raise LogError if nothing can be written any more; why a thread failed is told once."""
+        with self._lock:  # while a thread writes, the file does not end with a whole record
+            self._check()
+
+    def _check(self) -> None:
         if self._sound:
             return
         untold, self._untold = self._untold, None

@@ -1,6 +1,5 @@
 """What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
 
-import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
@@ -20,10 +19,8 @@ from mcap.records import (
 
 from recorders.chunk_table import ChunkTable
 from recorders.damage import damaged
-from recorders.mcap_records import Record, parse, summary_records
+from recorders.mcap_records import CRC, Record, parse, summary_records
 from recorders.mcap_sections import check_data_section, read_footer, record_at
-
-_CRC = struct.Struct("<I")
 
 
 @dataclass
@@ -163,9 +160,13 @@ def read_attachment(file: BinaryIO, offset: int) -> bytes:
 
 def check_attachment(record: Record) -> bool:
     """Return whether an attachment has a CRC of its own; raises DamagedLog if that does not hold."""
-    raw = record.body[-_CRC.size :]
-    if raw == bytes(_CRC.size):
+    if not attachment_has_crc(record):
         return False
-    if raw != _CRC.pack(zlib.crc32(record.body[: -_CRC.size])):
+    if record.body[-CRC.size :] != CRC.pack(zlib.crc32(memoryview(record.body)[: -CRC.size])):
         raise damaged(record.offset, "the CRC of an attachment does not hold")
     return True
+
+
+def attachment_has_crc(record: Record) -> bool:
+    """Whether an attachment has a CRC of its own: 0 means none."""
+    return record.body[-CRC.size :] != bytes(CRC.size)

@@ -16,17 +16,18 @@ from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 
 from recorders.damage import cut_off, damaged
-from recorders.decompression import DECOMPRESS_ERRORS, decompress
+from recorders.decompression import DECOMPRESS_ERRORS, check_claim, decompress
+from recorders.record_lengths import LARGE, MAX_CHUNK, check_length
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 29  # opcode, length, two offsets, CRC
-MAX_CHUNK = 2**30  # bytes, uncompressed: writers make chunks of some MB, a damaged length field may say anything
+
+HEAD = struct.Struct("<BQ")  # opcode, length of the body
+CRC = struct.Struct("<I")
+INDEX = struct.Struct("<HI")  # of a message index: channel, length of the entries
 
 _INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
-_HEAD = struct.Struct("<BQ")  # opcode, length of the body
-_CRC = struct.Struct("<I")
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of the compression's name
-_INDEX = struct.Struct("<HI")  # channel, length of the entries
 _LENGTH = struct.Struct("<Q")
 _PARSE_ERRORS = (McapError, struct.error, ValueError, OverflowError, KeyError)
 _DATA_END, _MESSAGE_INDEX = int(Opcode.DATA_END), int(Opcode.MESSAGE_INDEX)  # numbers compare faster than members
@@ -101,12 +102,14 @@ def read_record(file: BinaryIO, size: int) -> Record:
 
 
 def _read_at(file: BinaryIO, offset: int, size: int) -> Record:
-    head = file.read(_HEAD.size)
-    if len(head) < _HEAD.size:
+    head = file.read(HEAD.size)
+    if len(head) < HEAD.size:
         raise cut_off(offset)
-    opcode, length = _HEAD.unpack(head)
-    if length > size - offset - _HEAD.size:
+    opcode, length = HEAD.unpack(head)
+    if length > size - offset - HEAD.size:
         raise cut_off(offset)
+    if length > LARGE:
+        check_length(file, opcode, length, offset)
     body = file.read(length)
     if len(body) < length:  # the file became shorter while it was read
         raise cut_off(offset)
@@ -140,7 +143,7 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
         crc = _crc_of(record, crc)
         passed = _pass_indexes(file)
         crc = zlib.crc32(passed, crc)
-        record = _next_record(file, record.offset + _HEAD.size + len(record.body) + len(passed), size, jumps)
+        record = _next_record(file, record.offset + HEAD.size + len(record.body) + len(passed), size, jumps)
     check_crc(record.body, None if jumps else crc, record.offset, "data section")
     yield record
     for _ in summary_records(file, size):
@@ -169,15 +172,15 @@ def _pass_indexes(file: BinaryIO) -> bytes:
     last = len(buffer) - _INDEX_HEAD.size
     while place <= last:
         opcode, length, _, size = _INDEX_HEAD.unpack_from(buffer, place)
-        end = place + _HEAD.size + length
-        if opcode != _MESSAGE_INDEX or length != _INDEX.size + size or end > len(buffer):
+        end = place + HEAD.size + length
+        if opcode != _MESSAGE_INDEX or length != INDEX.size + size or end > len(buffer):
             break
         place = end
     return file.read(place)
 
 
 def _is_message_index(body: bytes) -> bool:
-    return len(body) >= _INDEX.size and len(body) == _INDEX.size + _INDEX.unpack_from(body)[1]
+    return len(body) >= INDEX.size and len(body) == INDEX.size + INDEX.unpack_from(body)[1]
 
 
 def read_summary(file: BinaryIO, size: int) -> list[Record]:
@@ -197,7 +200,7 @@ def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
     while (record := read_record(file, size)).opcode != Opcode.FOOTER:
         yield record
         crc = _crc_of(record, crc)
-    if _HEAD.size + len(record.body) != FOOTER_SIZE:
+    if HEAD.size + len(record.body) != FOOTER_SIZE:
         raise damaged(record.offset, "its footer is malformed")
     crc = zlib.crc32(record.body[:-4], zlib.crc32(_head_of(record), crc))
     check_crc(record.body[-4:], crc, record.offset, "summary")
@@ -222,11 +225,20 @@ def chunk_head(record: Record) -> ChunkHead:
     return ChunkHead(first_ns, last_ns, size, crc, compression, start)
 
 
+def claimed_size(record: Record) -> int:
+    """Return what to expect of a chunk's data, decompressed [bytes]; raises DamagedLog if its claim cannot be true."""
+    head = chunk_head(record)
+    _check_size(record, head)
+    try:
+        return check_claim(memoryview(record.body)[head.start :], head.compression, head.size)
+    except DECOMPRESS_ERRORS as error:
+        raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
+
+
 def chunk_data(record: Record) -> bytes:
     """Return the records inside a chunk, decompressed; raises DamagedLog if the chunk is damaged."""
     head = chunk_head(record)
-    if head.size > MAX_CHUNK:
-        raise damaged(record.offset, f"a chunk claims {head.size} bytes, and {MAX_CHUNK} is the most")
+    _check_size(record, head)
     try:
         data = decompress(record.body[head.start :], head.compression, head.size)
     except DECOMPRESS_ERRORS as error:
@@ -236,17 +248,22 @@ def chunk_data(record: Record) -> bytes:
     return data
 
 
+def _check_size(record: Record, head: ChunkHead) -> None:
+    if head.size > MAX_CHUNK:
+        raise damaged(record.offset, f"a chunk claims {head.size} bytes, and {MAX_CHUNK} is the most")
+
+
 def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
     """Compare the CRC of a record with what was found (None: nothing to compare); raises DamagedLog."""
-    if len(raw) != _CRC.size:
+    if len(raw) != CRC.size:
         raise damaged(offset, f"the CRC of its {section} is missing")
-    (expected,) = _CRC.unpack(raw)
+    (expected,) = CRC.unpack(raw)
     if found is not None and expected not in (0, found):  # 0: the writer made none
         raise damaged(offset, f"the CRC of its {section} does not hold")
 
 
 def _head_of(record: Record) -> bytes:
-    return _HEAD.pack(record.opcode, len(record.body))
+    return HEAD.pack(record.opcode, len(record.body))
 
 
 def _crc_of(record: Record, crc: int) -> int:

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError
+from recorders.nameless import NamelessFile, free_name
 
 
 class PartFile:
@@ -20,7 +21,8 @@ class PartFile:
     path : Path
         Where the file goes in the end.
     overwrite : bool
-        Whether a file there, or a `.part` that nobody writes any more, may be replaced.
+        Whether a file there may be replaced. A `.part` that nobody writes any more is what a crash left of another
+        recording: it is kept in any case, as `.part.1` or the first free number.
 
     Attributes
     ----------
@@ -83,22 +85,18 @@ class PartFile:
     def rewrite(self, copy: Callable[[BinaryIO, BinaryIO], None]) -> None:
         """Put a copy in the place of the file; raises OSError or what `copy` does, and the file is as before."""
         self.stream.flush()
-        other = self.part.with_name(self.part.name + ".tmp")  # ours, as the lock on the `.part` is
-        stream = other.open("wb")
+        other = NamelessFile(self.part)
         try:
-            _lock(stream.fileno())
+            _lock(other.stream.fileno())
             with self.part.open("rb") as source:
-                copy(source, stream)
-            stream.flush()
-            other.replace(self.part)
+                copy(source, other.stream)
+            other.stream.flush()
+            other.replace()
         except BaseException:
-            with suppress(OSError):
-                stream.close()
-            with suppress(OSError):
-                other.unlink()
+            other.discard()
             raise
         self.stream.close()
-        self.stream = stream
+        self.stream = other.stream
 
     def publish(self) -> None:
         """Give the file its name, once all of it is on the disk; raises OSError, or LogError if the name is taken."""
@@ -127,22 +125,30 @@ class PartFile:
             raise self._taken()
 
     def _claim(self) -> int:
-        """Open the file and lock it, and empty it only then."""
+        """Open the file and lock it; what another recording left there is set aside."""
         once = 0 if self._overwrite else os.O_EXCL
         try:
-            descriptor = os.open(self.part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | once, 0o666)
+            descriptor = self._lock_part(once)
+            if os.fstat(descriptor).st_size:
+                try:
+                    self._set_aside()
+                finally:
+                    os.close(descriptor)
+                descriptor = self._lock_part(os.O_EXCL)
         except FileExistsError:
             raise LogError(
-                f"{self.part} is left from an unfinished recording, or another writes it: move it away, or allow "
-                "overwriting"
+                f"{self.part} is left from an unfinished recording, or another writes it: `reenact recover` saves what "
+                "is in it; move it away, or allow overwriting, which sets it aside"
             ) from None
+        _sync_folder(self.part.parent)
+        return descriptor
+
+    def _lock_part(self, once: int) -> int:
+        descriptor = os.open(self.part, os.O_RDWR | os.O_CREAT | os.O_CLOEXEC | once, 0o666)
         try:
             _lock(descriptor)
             if not os.path.samestat(self.part.stat(), os.fstat(descriptor)):
                 raise BlockingIOError  # its writer finished it between the two lines above
-            if os.fstat(descriptor).st_size:
-                os.ftruncate(descriptor, 0)
-            _sync_folder(self.part.parent)
         except (BlockingIOError, FileNotFoundError):
             os.close(descriptor)
             raise LogError(f"{self.part} is being written by another recording: choose another name") from None
@@ -151,23 +157,18 @@ class PartFile:
             raise
         return descriptor
 
+    def _set_aside(self) -> None:
+        """Give the `.part`, which is locked, a free name."""
+        while True:
+            with suppress(FileExistsError):
+                _move(self.part, free_name(self.part, "."))
+                return
+
     def _take_name(self) -> None:
         try:
-            os.link(self.part, self.path)
+            _move(self.part, self.path)
         except FileExistsError:
             raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
-        except OSError:  # a file system without hard links
-            self._take_name_alone()
-        else:
-            self.part.unlink()
-
-    def _take_name_alone(self) -> None:
-        """Take the name with an empty file, which only one writer can make, and replace that."""
-        try:
-            self.path.open("xb").close()
-        except FileExistsError:
-            raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
-        self.part.replace(self.path)
 
     def _taken(self) -> LogError:
         return LogError(f"{self.path} exists: choose another name, or allow it to be overwritten")
@@ -185,6 +186,19 @@ def _lock(descriptor: int) -> None:
     except OSError as error:
         if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL):  # a file system without locks
             raise
+
+
+def _move(old: Path, new: Path) -> None:
+    """Give a file a name that no other has; raises FileExistsError if one has it."""
+    try:
+        os.link(old, new)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links: an empty file takes the name, which only one writer can make
+        new.open("xb").close()
+        old.replace(new)
+    else:
+        old.unlink()
 
 
 def _sync_folder(folder: Path) -> None:

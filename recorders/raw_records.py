@@ -7,6 +7,7 @@ from dataclasses import dataclass, field
 
 from mcap.opcode import Opcode
 
+from recorders.chunk_contents import MESSAGE, body_at
 from recorders.damage import DamagedLog, damaged
 from recorders.mcap_contents import Channels
 from recorders.mcap_records import Record
@@ -16,8 +17,6 @@ FOREVER_NS = 2**64
 """Later than every log time [ns]."""
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_HEAD = struct.Struct("<BQ")
-_FIELDS = struct.Struct("<HIQQ")
 _BATCH = 2**15  # bytes of a run: they fit the processor's cache, and one step of a generator serves many messages
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
@@ -59,16 +58,16 @@ class MessageWalk:
 
     def bare(self, record: Record) -> list[Stamped]:
         """Return the message that a record outside of chunks is, as a list that is empty if it is not asked for."""
-        if len(record.body) < _FIELDS.size:
-            raise _too_short(record.offset)
-        channel, sequence, log_time_ns, _ = _FIELDS.unpack_from(record.body)
+        if len(record.body) < MESSAGE.size:
+            raise damaged(record.offset, "a message is too short")
+        channel, sequence, log_time_ns, _ = MESSAGE.unpack_from(record.body)
         if channel not in self.channels.chosen:
             raise _undeclared(record.offset, channel)
         self.last_time_ns = log_time_ns
         declared = self.channels.chosen[channel]
         if declared is None:
             return []
-        return self._of_time([Stamped(*declared, record.body[_FIELDS.size :], sequence, log_time_ns)])
+        return self._of_time([Stamped(*declared, record.body[MESSAGE.size :], sequence, log_time_ns)])
 
     @property
     def sliced(self) -> bool:
@@ -103,27 +102,11 @@ class MessageWalk:
 
     def _other(self, data: bytes, place: int, offset: int) -> int:
         """Take in the record at `place`, which is no sound message, and return where the next one stands."""
-        if len(data) - place < _HEAD.size:
-            raise damaged(offset, "the last record of a chunk is cut off")
-        opcode, length = _HEAD.unpack_from(data, place)
-        start = place + _HEAD.size
-        end: int = start + length
-        if end > len(data):
-            raise damaged(offset, "a record is longer than the chunk that holds it")
-        if opcode == _MESSAGE_OPCODE:
-            raise _bad_message(data[start:end], offset)
+        opcode, start, end = body_at(data, place, offset)
+        if opcode == _MESSAGE_OPCODE:  # a sound one is none of ours to take
+            raise _undeclared(offset, MESSAGE.unpack_from(data, start)[0])
         self.channels.learn(Record(opcode, offset, data[start:end]))
         return end
-
-
-def _bad_message(body: bytes, offset: int) -> DamagedLog:
-    if len(body) < _FIELDS.size:
-        return _too_short(offset)
-    return _undeclared(offset, _FIELDS.unpack_from(body)[0])
-
-
-def _too_short(offset: int) -> DamagedLog:
-    return damaged(offset, "a message is too short")
 
 
 def _undeclared(offset: int, channel: int) -> DamagedLog:

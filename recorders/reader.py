@@ -17,6 +17,7 @@ from recorders.mcap_records import MAGIC, Record
 from recorders.protection import is_protected
 from recorders.raw_records import FOREVER_NS, MessageWalk
 from recorders.records import Stamped
+from recorders.regular import refuse_irregular
 
 _NO_JUMPS: Mapping[int, int] = {}
 
@@ -39,8 +40,7 @@ class LogReader:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        if self.path.is_dir():
-            raise LogError(f"{self.path}: expected an MCAP file, found a directory")
+        refuse_irregular(self.path)
         with self._open() as file:
             magic = file.read(len(MAGIC))
         if not magic:

@@ -1,8 +1,6 @@
 """Finding the next whole record behind damage: only what its own CRC or checksum proves counts as found."""
 
 import re
-import struct
-import zlib
 from collections.abc import Callable, Iterator
 from io import SEEK_SET
 from typing import BinaryIO
@@ -11,12 +9,11 @@ from mcap.opcode import Opcode
 from mcap.records import Attachment, Metadata
 
 from recorders.chunk_contents import checked
-from recorders.damage import damaged
 from recorders.errors import LogError
 from recorders.manifest import METADATA_NAME, from_metadata
-from recorders.mcap_records import Record, chunk_head, parse
+from recorders.mcap_contents import attachment_has_crc, check_attachment
+from recorders.mcap_records import CRC, Record, chunk_head, parse
 
-_CRC = struct.Struct("<I")
 _WINDOW = 2**20  # bytes searched at a time
 _LONGEST = 64  # bytes that a pattern needs to be recognised
 
@@ -24,7 +21,7 @@ _LONGEST = 64  # bytes that a pattern needs to be recognised
 _HEADS = re.compile(
     rb"(?=\x06.{5}\0{3}.{28}(?:\0{4}|\x03\0{3}lz4|\x04\0{3}zstd)"
     rb"|\x09.{5}\0{3}"
-    rb"|\x0c.{5}\0{3}" + _CRC.pack(len(METADATA_NAME)) + METADATA_NAME.encode() + rb")",
+    rb"|\x0c.{5}\0{3}" + CRC.pack(len(METADATA_NAME)) + METADATA_NAME.encode() + rb")",
     re.DOTALL,
 )
 
@@ -58,7 +55,7 @@ def proves_itself(record: Record) -> bool:
             case Opcode.CHUNK:
                 return carries_crc(record) and checked(record) is not None
             case Opcode.ATTACHMENT:
-                return carries_crc(record) and attached(record) is not None
+                return attachment_has_crc(record) and attached(record) is not None
             case Opcode.METADATA:
                 return bool(from_metadata(parse(Metadata, record).metadata))
     except LogError:
@@ -70,14 +67,13 @@ def carries_crc(record: Record) -> bool:
     """Whether a record has a CRC of its own: 0 means none. Raises LogError for a chunk that is malformed."""
     if record.opcode == Opcode.CHUNK:
         return chunk_head(record).crc != 0
-    return record.opcode == Opcode.ATTACHMENT and record.body[-_CRC.size :] != bytes(_CRC.size)
+    return record.opcode == Opcode.ATTACHMENT and attachment_has_crc(record)
 
 
 def attached(record: Record) -> Attachment:
     """Return an attachment; raises LogError if its CRC does not hold."""
     attachment: Attachment = parse(Attachment, record)
-    if carries_crc(record) and _CRC.unpack(record.body[-_CRC.size :])[0] != zlib.crc32(record.body[: -_CRC.size]):
-        raise damaged(record.offset, "the CRC of an attachment does not hold")
+    check_attachment(record)
     return attachment
 
 

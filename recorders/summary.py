@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.cdr import decode_as, stamp_ns
+from recorders.declared import Declared
 from recorders.errors import MessageError
 from recorders.manifest import ContentHash
 from recorders.messages import String
@@ -53,7 +54,7 @@ class TopicSummary:
     gaps: list[tuple[int, int]] = field(default_factory=list)
     more_gaps: bool = False
     restarts: int = 0
-    _sequence: int = -1
+    _sequences: dict[Declared | None, int] = field(default_factory=dict)
     _stamp_ns: int | None = None
     _steps: int = 0
     _stepped_ns: int = 0
@@ -74,20 +75,22 @@ class TopicSummary:
         time_ns = message.log_time_ns
         self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
         self.last_ns = max(self.last_ns, time_ns)
-        if self.count:
-            self._compare(message.sequence)
         self.count += 1
-        self._sequence = message.sequence
+        self._compare(message)
         self._add_stamp(message.data)
 
-    def _compare(self, sequence: int) -> None:
-        if sequence > self._sequence + 1:
-            self.missing += sequence - self._sequence - 1
+    def _compare(self, message: Salvaged) -> None:
+        """Compare a number with the one before on the same channel: a topic may have several, each with its own."""
+        sequence = message.sequence
+        before = self._sequences.get(message.channel, sequence)
+        self._sequences[message.channel] = sequence
+        if sequence > before + 1:
+            self.missing += sequence - before - 1
             if len(self.gaps) < _GAPS_NAMED:
-                self.gaps.append((self._sequence, sequence))
+                self.gaps.append((before, sequence))
             else:
                 self.more_gaps = True
-        self.restarts += sequence < self._sequence
+        self.restarts += sequence < before
 
     def _add_stamp(self, data: bytes) -> None:
         try:

@@ -5,14 +5,14 @@ damage only, or throughout if the CRC over the data section holds.
 """
 
 import os
-import struct
 from collections.abc import Callable
 from io import SEEK_END
 from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError
-from recorders.mcap_records import MAGIC, read_summary
+from recorders.mcap_records import CRC, MAGIC, read_summary
+from recorders.regular import refuse_irregular
 from recorders.salvage import Damage, Survey, opened
 from recorders.sound_summary import read_sound_summary
 from recorders.walk import NOT_WHOLE, Walk, end_of
@@ -38,8 +38,7 @@ def survey(path: str | os.PathLike[str], *, on_progress: Callable[[float], None]
         If there is no such file, it cannot be read, or it is not MCAP at all.
     """
     path = Path(path)
-    if path.is_dir():
-        raise LogError(f"{path}: expected an MCAP file, found a directory")
+    refuse_irregular(path)
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         begins, ends = _magics(file, size)
@@ -98,7 +97,7 @@ def _judge(walk: Walk, found: Survey) -> None:
 def _doubt_from(walk: Walk, found: Survey) -> int:
     """Return where belief in what has no CRC of its own ends [bytes]; sets whether the data section's CRC holds."""
     if walk.data_end and walk.crc is not None and any(walk.data_end.body):
-        found.data_crc = struct.unpack("<I", walk.data_end.body)[0] == walk.crc
+        found.data_crc = CRC.unpack(walk.data_end.body)[0] == walk.crc
         if found.data_crc:
             return found.size
         found.damage.append(Damage(walk.data_end.offset, _DATA_CRC, 0))

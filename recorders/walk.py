@@ -1,6 +1,5 @@
 """A walk through the data section of a log, record by record, that goes on behind damage."""
 
-import struct
 import zlib
 from bisect import bisect_right
 from collections import Counter
@@ -16,18 +15,16 @@ from recorders.damage import DamagedLog, damaged
 from recorders.declared import Declarations
 from recorders.errors import LogError
 from recorders.manifest import METADATA_NAME, from_metadata, to_metadata
-from recorders.mcap_records import MAGIC, Record, chunk_head, parse, read_record
+from recorders.mcap_records import CRC, HEAD, INDEX, MAGIC, Record, chunk_head, claimed_size, parse, read_record
 from recorders.resync import attached, carries_crc, find_proven, proves_itself
 from recorders.salvage import Attached, Damage, Span
 from recorders.sound_summary import SoundSummary
 
 NOT_WHOLE = "a record is not whole"
 
-_HEAD = struct.Struct("<BQ")  # opcode, length
-_INDEX = struct.Struct("<HI")  # channel, length of the entries
-_CRC_SIZE = 4
+_GIVEN_UP = "so much is damaged that the search for sound parts was given up"
 _PATIENCE = 20  # how often the whole file may be read in search of sound parts: a hostile one has many false heads
-_FREE = 2**26  # bytes that may be read whatever the size
+_FREE = 2**26  # bytes that may be read and decompressed in vain whatever the size
 _LONGEST_REASON = 200  # characters: some libraries quote all that they were given
 _EXACT: dict[int, Any] = {
     Opcode.HEADER: Header,
@@ -120,17 +117,27 @@ class Walk:
 
     def _read(self, offset: int) -> Record:
         if self._budget < 0:
-            raise damaged(offset, "so much is damaged that the search for sound parts was given up")
+            raise damaged(offset, _GIVEN_UP)
         self._file.seek(offset)
         try:
             record = read_record(self._file, self._end)
-        except LogError:
-            raise damaged(offset, NOT_WHOLE) from None
-        self._budget -= _HEAD.size + len(record.body)
+        except DamagedLog as error:
+            raise damaged(offset, error.reason or NOT_WHOLE) from None
+        self._budget -= HEAD.size + len(record.body)
+        return record
+
+    def _candidate(self, offset: int) -> Record:
+        """Read a record that may be none; a chunk only if what it claims to hold may still be decompressed in vain."""
+        record = self._read(offset)
+        if record.opcode == Opcode.CHUNK:
+            size = claimed_size(record)
+            if size > self._budget:
+                raise damaged(offset, _GIVEN_UP)
+            self._budget -= size
         return record
 
     def _step(self, record: Record) -> None:
-        head = _HEAD.pack(record.opcode, len(record.body))
+        head = HEAD.pack(record.opcode, len(record.body))
         if self.crc is not None and record.opcode != Opcode.DATA_END:
             self.crc = zlib.crc32(record.body, zlib.crc32(head, self.crc))
         self.offset = end_of(record)
@@ -148,7 +155,7 @@ class Walk:
             into.append(Attached(attachment.name, record.offset, len(attachment.data)))
         elif record.opcode == Opcode.MESSAGE and len(record.body) >= MESSAGE.size:
             self._take_unprotected(record)
-        elif record.opcode == Opcode.DATA_END and len(record.body) == _CRC_SIZE:
+        elif record.opcode == Opcode.DATA_END and len(record.body) == CRC.size:
             self.data_end = record
         elif record.opcode >= PRIVATE:
             unknown = f"a record of unknown kind {record.opcode}"
@@ -170,7 +177,10 @@ class Walk:
             raise damaged(record.offset, "a header in the middle of the log")
 
     def _take_chunk(self, record: Record) -> None:
+        size = claimed_size(record)
+        self._budget -= size
         data = checked(record)
+        self._budget += size  # not in vain
         if not carries_crc(record):
             self._take_unprotected(record)
         else:
@@ -200,17 +210,17 @@ class Walk:
             place = bisect_right(self._summary.offsets, self.offset)
             return self._summary.offsets[place] if place < len(self._summary.offsets) else None
         claimed = self._claimed_end()
-        return find_proven(self._file, self.offset + 1, self._end, self._read) if claimed is None else claimed
+        return find_proven(self._file, self.offset + 1, self._end, self._candidate) if claimed is None else claimed
 
     def _claimed_end(self) -> int | None:
         """Return where the damaged record at this place says that it ends, if one can see that another begins there."""
         try:
             end = end_of(self._read(self.offset))
-            following = self._read(end)
+            following = self._candidate(end)
         except LogError:
             return None
-        index = _is_index(following) and len(following.body) > _INDEX.size
-        last = following.opcode == Opcode.DATA_END and len(following.body) == _CRC_SIZE
+        index = _is_index(following) and len(following.body) > INDEX.size
+        last = following.opcode == Opcode.DATA_END and len(following.body) == CRC.size
         return end if index or last or proves_itself(following) else None
 
     def _close_span(self) -> None:
@@ -220,7 +230,7 @@ class Walk:
 
 def end_of(record: Record) -> int:
     """Return where a record of the file ends [bytes]."""
-    return record.offset + _HEAD.size + len(record.body)
+    return record.offset + HEAD.size + len(record.body)
 
 
 def _reason(error: LogError) -> str:
@@ -232,14 +242,14 @@ def _parse_exactly(kind: Any, record: Record) -> Any:
     parsed = parse(kind, record)
     builder = RecordBuilder()
     parsed.write(builder)
-    if builder.count != _HEAD.size + len(record.body):
+    if builder.count != HEAD.size + len(record.body):
         raise damaged(record.offset, "a record is not as long as it says")
     return parsed
 
 
 def _is_index(record: Record) -> bool:
     """Whether this is the index of a chunk, as far as one can see."""
-    if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < _INDEX.size:
+    if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < INDEX.size:
         return False
-    size: int = _INDEX.unpack_from(record.body)[1]
-    return size % 16 == 0 and len(record.body) == _INDEX.size + size
+    size: int = INDEX.unpack_from(record.body)[1]
+    return size % 16 == 0 and len(record.body) == INDEX.size + size

@@ -15,6 +15,9 @@ from recorders.topics import type_of
 DEFAULT_NAMESPACE = "reenact"
 
 _ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
+_CHUNK = r"(?!@)[^/*#?$\0\ud800-\udfff]+"  # no wildcard of Zenoh's, no control key of ours, and nothing but text
+_TOPIC = re.compile(f"{_CHUNK}(/{_CHUNK})*")
+_MAX_TOPIC = 1000  # characters; the length of a name in a batch has 16 bits
 _RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
 
 
@@ -76,9 +79,22 @@ def control_key(namespace: str, consumer: str, verb: str) -> str:
     return f"{namespace}/@consumer/{consumer}/{verb}"
 
 
+@lru_cache(maxsize=1024)
 def message_key(namespace: str, topic: str) -> str:
-    """Return the key of a topic: the namespace and the topic without its leading slash."""
-    return f"{namespace}/{topic.lstrip('/')}"
+    """Return the key of a topic: the namespace and the topic without its leading slash.
+
+    Raises
+    ------
+    WireError
+        If the topic cannot be part of a key of its own: it would name several keys, or one of the protocol's.
+    """
+    name = topic.removeprefix("/")
+    if len(name) > _MAX_TOPIC or not _TOPIC.fullmatch(name):
+        raise WireError(
+            "topic: expected names with '/' between them, such as /hand/left/target, without any of * # ? $, "
+            f"of at most {_MAX_TOPIC} characters and none that begins with @, found {topic[:100]!r}"
+        )
+    return f"{namespace}/{name}"
 
 
 def pack(frame: Frame) -> tuple[bytes, bytes]:

@@ -1,7 +1,6 @@
 """The receiving end: puts a stream in order, acknowledges what was consumed, and hears what is not of it."""
 
 import math
-import queue
 import threading
 import time
 from collections import Counter
@@ -17,7 +16,18 @@ from recorders.errors import MessageError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Consumer, Offer, Progress
 from recorders.topics import type_of
-from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, Kind, check_name, check_namespace, control_key, unpack
+from recorders.wire.frames import (
+    DEFAULT_NAMESPACE,
+    NO_RUN,
+    Frame,
+    Kind,
+    batch_topic,
+    check_name,
+    check_namespace,
+    control_key,
+    unpack,
+)
+from recorders.wire.inbox import Inbox
 
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
@@ -27,6 +37,11 @@ _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within millisecon
 _POLL_S = 1.0
 _TAKEN = "{} is already fed by another replay"
 _MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
+_MAX_LINE = 1000  # nor may a single line of it [characters]
+_MAX_LEFT = 100  # streams that are over, of which a sender that comes back late is told so
+_COMPANY_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
+_POLL_COMPANY_S = 0.1
+_ANSWER_S = 1.0
 
 
 @dataclass(frozen=True)
@@ -45,6 +60,9 @@ class ReceiverConfig:
         Topics on which such a message is worth a word when it is not.
     silence_s : float
         A sender that says nothing at all for this long in the middle of a stream is gone [s].
+    waiting_bytes : int
+        How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
+        lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
     """
 
     name: str = "learner"
@@ -52,6 +70,7 @@ class ReceiverConfig:
     live: bool = False
     own_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
+    waiting_bytes: int = 256 << 20
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -108,21 +127,32 @@ class Receiver:
         self._config = config or ReceiverConfig()
         self._say = say
         self._lock = threading.Lock()
-        self._events: queue.SimpleQueue[Event] = queue.SimpleQueue()
+        self._events: Inbox[Event] = Inbox(limit=self._config.waiting_bytes)
         self._released = threading.Event()  # no sender waits for word from here
         self._released.set()
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
+        self._left: dict[str, Progress] = {}  # how streams ended that are over, by sender
         self._acknowledged = 0
         self._last_heard_s = time.monotonic()
         self._stack = ExitStack()
+        self._said: set[str] = set()
         self.refused: Counter[str] = Counter()
 
     def __enter__(self) -> Self:
-        """Declare the subscriber first: whoever gets an answer to hello can rely on it."""
+        """Declare the subscriber first: whoever gets an answer to hello can rely on it.
+
+        Raises
+        ------
+        WireError
+            If a consumer of this name is there already: a sender could not tell the two apart.
+        """
         name, namespace = self._config.name, self._config.namespace
+        self._refuse_company()
         enter = self._stack.enter_context
-        enter(
+        enter(self._session.liveliness().declare_token(control_key(namespace, name, "alive")))
+        self._hearing = self._stack.enter_context(ExitStack())
+        self._hearing.enter_context(
             self._session.declare_subscriber(f"{namespace}/**", self._on_sample, allowed_origin=zenoh.Locality.REMOTE)
         )
         self._ack = enter(
@@ -171,15 +201,12 @@ class Receiver:
         WireError
             If a stream is under way and its sender has been silent for too long.
         """
-        try:
-            event = self._events.get(timeout=max(0.0, min(timeout_s, threading.TIMEOUT_MAX)))
-        except queue.Empty:
-            self._check_silence()
-            return None
-        if isinstance(event, Offered) and self._offer is not None:
+        while (event := self._events.get(timeout_s)) is not None:
+            if not (isinstance(event, Offered) and self._offer is not None):
+                return event
             self.refuse(event, _TAKEN.format(self._config.name))  # it came while another was being decided
-            return None
-        return event
+        self._check_silence()
+        return None
 
     def accept(self, offered: Offered, start: int) -> None:
         """Take an offer, from the stream index `start` on."""
@@ -195,7 +222,7 @@ class Receiver:
 
     def refuse(self, offered: Offered, reason: str) -> None:
         """Turn an offer down; another may follow."""
-        self._say(f"refused an offer: {reason}")
+        self._say_once(f"refused an offer: {reason}")
         with offered.query as query:
             self._answer(query, Progress(error=reason))
 
@@ -223,16 +250,45 @@ class Receiver:
         self._ack.put(self._progress.to_json())
         self._released.wait(_FAREWELL_WAIT_S)
 
-    def give_up(self) -> None:
-        """Leave the stream under way to itself, as its sender has; the next offer is welcome."""
+    def give_up(self, reason: str = "the stream was given up") -> None:
+        """Leave the stream under way to itself, as its sender has; the next offer is welcome.
+
+        A sender that comes back nevertheless is told the reason, and nothing more of its stream is taken.
+        """
         with self._lock:
+            if self._offer is not None:
+                self._remember(self._offer, reason)
             self._offer = None
         self._released.set()
+
+    def stop_hearing(self) -> None:
+        """Take in no more messages; those that have arrived are still handed over by `next_event`."""
+        self._hearing.close()
 
     @property
     def offer(self) -> Offer | None:
         """The offer that was accepted and is not through yet."""
         return self._offer
+
+    def _refuse_company(self) -> None:
+        key = control_key(self._config.namespace, self._config.name, "alive")
+        deadline = time.monotonic() + _COMPANY_WAIT_S
+        while any(reply.ok is not None for reply in self._session.liveliness().get(key, timeout=_ANSWER_S)):
+            if time.monotonic() >= deadline:
+                raise WireError(
+                    f"a consumer '{self._config.name}' is in namespace '{self._config.namespace}' already: "
+                    "end it, or choose another --name"
+                )
+            time.sleep(_POLL_COMPANY_S)
+
+    def _remember(self, offer: Offer, reason: str) -> None:
+        """Keep how a stream ended, for as many as there is room; live messages are of no sender."""
+        if bytes.fromhex(offer.sender) == NO_RUN:
+            return
+        over = self._progress.result is not None or self._progress.error is not None
+        self._left[offer.sender] = self._progress if over else replace(self._progress, error=reason)
+        while len(self._left) > _MAX_LEFT:
+            del self._left[next(iter(self._left))]
 
     def _await_offer(self, consumer: Consumer, wait_s: float) -> None:
         deadline = time.monotonic() + wait_s
@@ -281,6 +337,8 @@ class Receiver:
     # From here on: Zenoh's threads.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
+        if sample.kind != zenoh.SampleKind.PUT:
+            return  # a deleted key is no message
         topic = "/" + str(sample.key_expr).removeprefix(self._config.namespace + "/")
         if len(sample.payload) > MAX_PAYLOAD:
             self._refuse_message(topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
@@ -293,46 +351,66 @@ class Receiver:
         if self._offer is not None and frame is not None and (frame.run, frame.sender) == self._offer.identity:
             self._last_heard_s = time.monotonic()
             self._queue_in_order(frame)
+        elif frame is not None and frame.sender.hex() in self._left:
+            return  # of a stream that is over; its sender learns so when it asks
         elif self._config.live:
             self._queue_live(topic, sample, frame)
         elif self._offer is not None and topic in self._config.own_topics:
             self._refuse_message(topic, "not of the stream that is under way")
 
-    @staticmethod
-    def _framed(topic: str, sample: zenoh.Sample) -> Frame | None:
-        """Return the frame that a sample is, None if it carries no attachment of ours."""
+    def _framed(self, topic: str, sample: zenoh.Sample) -> Frame | None:
+        """Return the frame that a sample is, None if it carries no attachment of ours.
+
+        Others may attach to live messages what they like; on the key of batches there are none.
+        """
         if sample.attachment is None:
             return None
-        return unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
+        if len(sample.attachment) > MAX_PAYLOAD:
+            raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
+        try:
+            return unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
+        except MessageError:
+            if self._config.live and topic != batch_topic():
+                return None
+            raise
 
     def _queue_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
         kind = type_of(topic) or _schema_of(sample)
         if frame is None:
-            record = Stamped(topic, kind, sample.payload.to_bytes(), 0, time.time_ns())
-            self._events.put(Live(record, numbered=False))
+            self._put_live(Live(Stamped(topic, kind, sample.payload.to_bytes(), 0, time.time_ns()), numbered=False))
             return
         for record in frame.messages:
-            self._events.put(Live(record._replace(type=record.type or kind), numbered=True))
+            self._put_live(Live(record._replace(type=record.type or kind), numbered=True))
+
+    def _put_live(self, live: Live) -> None:
+        if not self._events.put(live, len(live.record.data)):
+            self._refuse_message(live.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already")
 
     def _queue_in_order(self, frame: Frame) -> None:
         """Queue what is new of a frame; what came before is a repeat, what comes after a gap is sent again."""
         received = self._progress.received
         if frame.kind is Kind.ABORT:
-            self._events.put(frame)
+            self._events.put(frame._replace(reason=_printable(frame.reason)), len(frame.reason))
             return
         in_place = frame.first <= received
         new = frame.end > received or (frame.kind is Kind.END and frame.first == received)
         if in_place and new:
-            self._update(received=frame.end)
-            self._events.put(frame._replace(first=received, messages=frame.messages[received - frame.first :]))
+            rest = frame._replace(first=received, messages=frame.messages[received - frame.first :])
+            if self._events.put(rest, sum(len(record.data) for record in rest.messages)):
+                self._update(received=frame.end)
 
     def _refuse_message(self, topic: str, reason: str) -> None:
         if len(self.refused) >= _MAX_REASONS and f"{topic}: {reason}" not in self.refused:
             topic, reason = "other topics", "refused"
         self.refused[f"{topic}: {reason}"] += 1
-        if self.refused[f"{topic}: {reason}"] == 1:
-            line = f"refused a message on {topic}: {reason}"
-            self._say(line if line.isprintable() else ascii(line)[1:-1])  # a key may hold what a terminal obeys
+        self._say_once(f"refused a message on {topic}: {reason}")
+
+    def _say_once(self, line: str) -> None:
+        """Say a line that anybody may be the cause of, again and again."""
+        line = _printable(line)
+        if line not in self._said and len(self._said) < _MAX_REASONS + 1:  # one more: "other topics"
+            self._said.add(line)
+            self._say(line)
 
     def _on_hello(self, query: zenoh.Query) -> None:
         try:
@@ -341,21 +419,22 @@ class Receiver:
             with query:
                 self._answer(query, Progress(error=str(error)))
             return
-        taken = self._offer
-        if taken is None:
-            self._events.put(Offered(offer, query))
+        taken, left = self._offer, self._left.get(offer.sender)
+        if taken is None and left is None and self._events.put(Offered(offer, query), len(_payload(query))):
             return
         with query:
-            if taken.sender == offer.sender:
+            if taken is not None and taken.sender == offer.sender:
                 self._answer(query, self._progress)
+            elif left is not None:
+                self._answer(query, left)
             else:
-                self._say(f"refused an offer: {_TAKEN.format(self._config.name)}")
+                self._say_once(f"refused an offer: {_TAKEN.format(self._config.name)}")
                 self._answer(query, Progress(error=_TAKEN.format(self._config.name)))
 
     def _on_status(self, query: zenoh.Query) -> None:
         with query:
             offer, progress, asked = self._offer, self._progress, _payload(query)
-            self._answer(query, progress)
+            self._answer(query, self._left.get(_asker(asked), progress))
             if offer is None or asked not in (asking(offer), asking(offer, farewell=True)):
                 return  # anyone may ask, and changes nothing by it
             self._last_heard_s = time.monotonic()
@@ -386,6 +465,17 @@ class _ReportingFailure:
         if error is not None:
             known = isinstance(error, ReenactError)
             self._receiver.fail(str(error) if known else f"stopped by {type(error).__name__}")
+
+
+def _asker(asked: bytes) -> str:
+    """Return the sender that asks, by what `asking` has made of it."""
+    return asked.removeprefix(_FAREWELL).decode(errors="replace")
+
+
+def _printable(line: str) -> str:
+    """Return a line that a stranger may have written, without what a terminal obeys."""
+    line = line[:_MAX_LINE]
+    return line if line.isprintable() else ascii(line)[1:-1]
 
 
 def _payload(query: zenoh.Query) -> bytes:

@@ -123,6 +123,13 @@ def test_nothing_in_a_log_reaches_the_terminal_raw(tmp_path: Path) -> None:
     assert "[/nothing]" in run.stdout
 
 
+def test_nor_does_the_name_of_a_file_when_it_is_refused(tmp_path: Path) -> None:
+    (tmp_path / "a\x1b[31m.mcap").write_bytes(b"no log at all")
+    said = complaint(reenact("info", "a\x1b[31m.mcap", cwd=tmp_path))
+    assert "\x1b" not in said
+    assert r"a\x1b[31m.mcap" in said
+
+
 def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
     log = write(tmp_path / "log.mcap", 20_000)
     with start("recover", log, "--out", "good.mcap", cwd=tmp_path) as process:

@@ -1,12 +1,16 @@
 """The recorder: any publisher's messages to MCAP, in order, with gaps counted, finished cleanly whatever ends it."""
 
 import json
+import random
 import signal
 import subprocess
 import sys
+import threading
 import time
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager
+from itertools import islice
 from pathlib import Path
 
 import pytest
@@ -14,13 +18,19 @@ import zenoh
 from episodes import write_episode
 from processes import complaint, reenact, start, wait_for_line
 
+from recorders.cdr import encode
+from recorders.live import LiveRecorder
 from recorders.messages import Float64MultiArray, PoseStamped
 from recorders.reader import LogReader
+from recorders.records import Stamped
 from recorders.topics import LEARNER_OUTPUT, LEFT_TARGET, RIGHT_TARGET
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.producer import Producer
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
+from replay.engine import Replay
+from replay.schedule import Schedule
 
 
 @contextmanager
@@ -36,12 +46,39 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
                 process.kill()
 
 
+@contextmanager
+def endless_replay(log: Path, endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    arguments = ("--epochs", 100_000, "--connect", endpoint, "--await", "recorder")
+    with start("replay", log, *arguments, cwd=log.parent) as process:
+        try:
+            yield process
+        finally:
+            process.kill()
+
+
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
     time.sleep(0.5)  # what was put last is on its way
     process.send_signal(number)
     printed, complaints = process.communicate(timeout=30)
     assert process.returncode == 0, complaints
     return dict(json.loads(printed))
+
+
+def await_that(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < deadline, "it does not come about"
+        time.sleep(0.01)
+
+
+def bare(record: Stamped) -> tuple[str, int, bytes]:
+    return record.topic, record.sequence, record.data
+
+
+def await_arrival(session: zenoh.Session) -> None:
+    """Wait until the recorder answers: what was put before the question has come there before it."""
+    replies = session.get("reenact/@consumer/recorder/status", timeout=30.0)
+    assert any(reply.ok is not None for reply in replies)
 
 
 def pose(index: int) -> PoseStamped:
@@ -73,6 +110,66 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
         result = stop(process)
     assert result["gaps"] == {RIGHT_TARGET: 5}
+
+
+def test_a_late_message_is_no_second_gap(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        with Producer(session) as producer:
+            record = producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)
+        for sequence in (5, 3, 6, 0, 1):  # 0: the producer begins anew
+            frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
+            payload, attachment = pack(frame)
+            session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
+        result = stop(process)
+    assert (result["gaps"], result["messages"]) == ({RIGHT_TARGET: 4}, 6)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_had_arrived_when_it_was_stopped_is_recorded(tmp_path: Path, number: signal.Signals) -> None:
+    payload = random.Random(1).randbytes(8 << 20)  # it is received far faster than it is written
+    with recorder(tmp_path) as (session, process):
+        with session.declare_publisher("reenact/raw", congestion_control=zenoh.CongestionControl.BLOCK) as publisher:
+            for _ in range(15):
+                publisher.put(payload)
+        await_arrival(session)
+        process.send_signal(number)
+        printed, complaints = process.communicate(timeout=60)
+    assert process.returncode == 0, complaints
+    result = json.loads(printed)
+    assert result["messages"] == 15
+    assert result["refused"] == {}
+    assert LogReader(tmp_path / "log.mcap").counts == {"/raw": 15}
+
+
+def test_a_foreign_attachment_keeps_nothing_from_being_recorded_and_what_is_refused_is_counted(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        for key, payload, attachment in (
+            ("hand/left/target", encode(pose(1)), bytes(33)),
+            ("notes", b"{}", b"hello"),
+            ("large", bytes((16 << 20) + 1), None),
+            ("replay/batch", b"no batch", b"hello"),
+        ):
+            blocking = zenoh.CongestionControl.BLOCK
+            session.put(f"reenact/{key}", payload, attachment=attachment, congestion_control=blocking)
+        session.delete("reenact/notes")
+        result = stop(process)
+    recorded = {record.topic: record for record in LogReader(tmp_path / "log.mcap")}
+    assert recorded[LEFT_TARGET].data == encode(pose(1))
+    assert recorded["/notes"].data == b"{}"
+    assert (result["messages"], result["opaque"]) == (2, {"/notes": 1})
+    assert isinstance(result["refused"], dict)
+    assert sorted(reason.split(": ")[0] for reason in result["refused"]) == ["/large", "/replay/batch"]
+
+
+def test_what_is_not_of_the_type_that_its_encoding_names_is_opaque(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        for name, payload in (("junk", b"junk"), ("pose", encode(pose(1)))):
+            session.put(f"reenact/a/{name}", payload, encoding=f"application/cdr;{PoseStamped.TYPE}")
+        session.put("reenact/a/image", b"\x00\x01\x00\x00\xff\xff", encoding="application/cdr;sensor_msgs/msg/Image")
+        result = stop(process)
+    recorded = {record.topic: record.type for record in LogReader(tmp_path / "log.mcap")}
+    assert recorded == {"/a/junk": "", "/a/pose": PoseStamped.TYPE, "/a/image": ""}
+    assert result["opaque"] == {"/a/junk": 1, "/a/image": 1}
 
 
 def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp_path: Path) -> None:
@@ -116,6 +213,24 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
     assert sequences == list(range(300))
 
 
+def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
+    with recorder(tmp_path, "--split", "0.2s") as (session, process):
+        time.sleep(0.5)
+        assert [path.name for path in tmp_path.iterdir()] == ["log_0.mcap.part"]
+        with Producer(session) as producer:
+
+            def another_file() -> bool:
+                producer.publish(LEFT_TARGET, pose(0), log_time_ns=0)
+                return (tmp_path / "log_2.mcap.part").exists()
+
+            await_that(another_file)
+        result = stop(process)
+    assert result["paths"] == ["log_0.mcap", "log_1.mcap", "log_2.mcap"]
+    files = [[record.sequence for record in LogReader(tmp_path / path)] for path in result["paths"]]
+    assert all(files)
+    assert [number for file in files for number in file] == list(range(sum(map(len, files))))
+
+
 def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_recorded(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     endpoint = free_endpoint()
@@ -141,22 +256,78 @@ def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> N
     with open_session(SessionConfig(listen=(endpoint,))):
         with start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
             wait_for_line(process, "records reenact/**")
-            endless = ("replay", log, "--epochs", 100_000, "--connect", endpoint, "--await", "recorder")
-            with start(*endless, cwd=tmp_path) as replay:
+            with endless_replay(log, endpoint) as replay:
                 wait_for_line(process, "takes run")
                 time.sleep(1.0)
                 replay.kill()
             result = stop(process)
     records = list(LogReader(tmp_path / "run.mcap"))
     assert len(records) == result["messages"] > 0
+    assert result["broken"] == ["the recorder was stopped"]
+    sent = Replay([log], Schedule(epochs=100_000)).stream()
+    assert [bare(record) for record in records] == [bare(record) for record in islice(sent, len(records))]
+
+
+def test_a_recorder_that_is_stopped_tells_the_sender(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):
+        with start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
+            wait_for_line(process, "records reenact/**")
+            with endless_replay(log, endpoint) as replay:
+                wait_for_line(process, "takes run")
+                stop(process)
+                said = replay.communicate(timeout=20)[1]
+    assert replay.returncode == 2
+    assert said.endswith("reenact: recorder: the recorder was stopped\n")
+
+
+def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_recorded(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    endpoint, over = free_endpoint(), threading.Event()
+    config = ReceiverConfig(name="recorder", live=True, silence_s=1.0)
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        Receiver(session, config=config) as receiver,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        live = LiveRecorder(tmp_path / "run.mcap")
+        recording = pool.submit(live.run, receiver, stopped=over.is_set)
+        with endless_replay(log, endpoint) as replay:
+            stack.callback(over.set)  # or the recorder would outlive a test that fails
+            await_that(lambda: live.recording.messages > 0)
+            replay.send_signal(signal.SIGSTOP)
+            await_that(lambda: bool(live.recording.broken))
+            messages = live.recording.messages
+            replay.send_signal(signal.SIGCONT)
+            said = replay.communicate(timeout=60)[1]
+        over.set()
+        result = recording.result(timeout=60)
+    assert replay.returncode == 2
+    assert "reenact: recorder: the sender fell silent" in said
+    assert (result.messages, result.gaps, len(result.broken)) == (messages, {}, 1)
+
+
+def test_two_recorders_of_one_name_are_one_too_many(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):
+        with start("record", "--out", "a.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
+            wait_for_line(process, "records reenact/**")
+            second = reenact("record", "--out", "b.mcap", "--connect", endpoint, cwd=tmp_path)
+            assert "a consumer 'recorder' is in namespace 'reenact' already" in complaint(second)
+            stop(process)
+    assert not (tmp_path / "b.mcap").exists()
 
 
 def test_bad_input_is_one_clear_line(tmp_path: Path) -> None:
-    (tmp_path / "there.mcap").write_bytes(b"")
+    for name in ("there.mcap", "parts_2.mcap"):
+        (tmp_path / name).write_bytes(b"")
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))):
         for options, expected in (
             (("--out", "there.mcap"), "there.mcap exists"),
+            (("--out", "parts.mcap", "--split", "1h"), "parts_2.mcap exists"),
             (("--out", "log.mcap", "--split", "10 apples"), "--split"),
             (("--out", "nowhere/log.mcap"), "nowhere"),
         ):

@@ -5,9 +5,11 @@ from collections import Counter
 import pytest
 from every_record import ATTACHMENT, MANIFEST, PRIVATE, write_every_record
 from mcap.stream_reader import StreamReader
+from mcap.writer import CompressionType, Writer
 
 from recorders.damage import DamagedLog
 from recorders.errors import LogError
+from recorders.manifest import METADATA_NAME
 from recorders.mcap_records import MAGIC
 from recorders.reader import LogReader
 
@@ -172,3 +174,55 @@ def test_the_error_says_where_up_to_when_and_what_to_do(every, tmp_path):
         f"{path}: the log is cut off at byte {second}, before its end was written; the last good message is of "
         "1.050000000 s; `reenact recover` saves what is whole"
     )
+
+
+GROWN = 2**26  # bytes by which a length is damaged, in a file that is longer still
+
+
+def enlarged(raw, place, end):
+    """Return a log of which a length is damaged; what follows the log, as a long recording would, is added later."""
+    (length,) = struct.unpack_from("<Q", raw, place)
+    return raw[:place] + struct.pack("<Q", length + end) + raw[place + 8 :]
+
+
+def peak_of_reading(path):
+    tracemalloc.start()
+    try:
+        _, error = until_damage(LogReader(path))
+        peak = tracemalloc.get_traced_memory()[1]
+    finally:
+        tracemalloc.stop()
+    return error, peak
+
+
+@pytest.mark.parametrize("kind", ["chunk", "attachment", "metadata"])
+def test_a_damaged_length_in_a_big_file_takes_no_memory(every, tmp_path, kind):
+    _, raw, _ = every
+    grown = 2**28 if kind == "metadata" else GROWN
+    places = {
+        "chunk": raw.index(b"lz4") - 40,
+        "attachment": raw.index(b"robot.urdf") - 28,
+        "metadata": raw.index(METADATA_NAME.encode()) - 12,
+    }
+    path = tmp_path / "big.mcap"
+    with path.open("wb") as file:
+        file.write(enlarged(raw, places[kind], grown))
+        file.truncate(2 * grown)
+    error, peak = peak_of_reading(path)
+    assert isinstance(error, DamagedLog)
+    assert peak < MOST_BYTES
+    assert "is not as long as it says" in error.reason or "is the most" in error.reason
+
+
+def test_a_sound_large_chunk_and_attachment_are_read(tmp_path):
+    path, large = tmp_path / "large.mcap", bytes(2**24 + 1)
+    with path.open("wb") as file:
+        writer = Writer(file, compression=CompressionType.NONE)
+        writer.start()
+        writer.add_attachment(0, 0, "large", "", large)
+        channel = writer.register_channel("/x", "bytes", 0)
+        writer.add_message(channel, 1, large, 1)
+        writer.finish()
+    reader = LogReader(path)
+    assert [record.data for record in reader] == [large]
+    assert reader.attachment("large") == large

@@ -89,6 +89,23 @@ def test_what_a_thread_meets_is_raised_once_by_the_next_call(tmp_path):
         log.part.unlink()
 
 
+def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    flush, writing = log._file.chunks.flush, threading.Event()
+
+    def slow():
+        writing.set()
+        time.sleep(0.3)
+        flush()
+
+    monkeypatch.setattr(log._file.chunks, "flush", slow)
+    phases(log, [0])
+    assert writing.wait(30)
+    log.check()
+    log.close()
+    assert LogReader(log.path).manifest["complete"] is True
+
+
 def _failed(folder):
     """Return a writer whose file went away under it, once its thread has met that."""
     log = LogWriter(folder / "log.mcap", manifest={})

@@ -10,6 +10,7 @@ import pytest
 from recorders.errors import LogError
 from recorders.manifest import content_sha256
 from recorders.messages import String
+from recorders.part_file import PartFile
 from recorders.reader import LogReader
 from recorders.topics import SESSION_PHASE
 from recorders.writer import LogWriter
@@ -129,3 +130,61 @@ def test_without_a_message_nothing_of_anothers_is_removed(tmp_path):
     log.part.write_bytes(b"another's")
     log.abort()
     assert log.part.read_bytes() == b"another's"
+
+
+def test_what_a_crash_left_is_set_aside_and_never_lost(tmp_path):
+    path = tmp_path / "log.mcap"
+    part = tmp_path / "log.mcap.part"
+    for number in (1, 2):
+        part.write_bytes(b"%d" % number)
+        LogWriter(path, manifest={}, overwrite=True).abort()  # without a message: it leaves nothing of its own
+    kept = {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()}
+    assert kept == {"log.mcap.part.1": b"1", "log.mcap.part.2": b"2"}
+
+
+def seen_while_rewriting(folder):
+    """Rewrite a file, and return what stands in its folder meanwhile."""
+    file = PartFile(folder / "log.mcap", overwrite=False)
+    file.stream.write(b"old")
+    seen = []
+
+    def copy(source, target):
+        target.write(source.read() + b" and new")
+        target.flush()
+        seen.extend(entry.name for entry in folder.iterdir())
+
+    file.rewrite(copy)
+    file.publish()
+    assert (folder / "log.mcap").read_bytes() == b"old and new"
+    return sorted(seen)
+
+
+def test_a_rewriting_that_is_killed_leaves_nothing_and_no_file_of_anothers_is_touched(tmp_path):
+    for name in ("log.mcap.part.tmp", "log.mcap.part.tmp1"):
+        (tmp_path / name).write_bytes(b"precious")
+    assert seen_while_rewriting(tmp_path) == ["log.mcap.part", "log.mcap.part.tmp", "log.mcap.part.tmp1"]
+    assert {entry.name for entry in tmp_path.iterdir()} == {"log.mcap", "log.mcap.part.tmp", "log.mcap.part.tmp1"}
+    assert (tmp_path / "log.mcap.part.tmp").read_bytes() == b"precious"
+    assert (tmp_path / "log.mcap.part.tmp1").read_bytes() == b"precious"
+
+
+def test_a_file_system_without_nameless_files_will_do(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "O_TMPFILE", os.O_DIRECTORY)  # as an older file system, which cannot write to a folder
+    (tmp_path / "log.mcap.part.tmp1").write_bytes(b"precious")
+    assert seen_while_rewriting(tmp_path) == ["log.mcap.part", "log.mcap.part.tmp1", "log.mcap.part.tmp2"]
+    assert {entry.name for entry in tmp_path.iterdir()} == {"log.mcap", "log.mcap.part.tmp1"}
+    assert (tmp_path / "log.mcap.part.tmp1").read_bytes() == b"precious"
+
+
+def test_a_rewriting_that_fails_leaves_the_file_as_it_was(tmp_path):
+    def fail(source, target):
+        target.write(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file = PartFile(tmp_path / "log.mcap", overwrite=False)
+    file.stream.write(b"old")
+    with pytest.raises(OSError, match="No space left"):
+        file.rewrite(fail)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap.part"]
+    assert file.part.read_bytes() == b"old"
+    file.close(keep=True)

@@ -1,3 +1,4 @@
+import os
 import random
 import subprocess
 import sys
@@ -298,3 +299,9 @@ def _peak_kib(path, count):
     subprocess.run([sys.executable, "-c", write, path, str(count)], check=True)
     done = subprocess.run([sys.executable, "-c", read, path, str(count)], check=True, capture_output=True)
     return int(done.stdout)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(LogError, match=r"pipe.mcap: expected an MCAP file, found a pipe"):
+        LogReader(tmp_path / "pipe.mcap")

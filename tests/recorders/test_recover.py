@@ -9,11 +9,14 @@ from pathlib import Path
 
 import lz4.frame
 import pytest
+import zstandard
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from recorders import mcap_records
+from recorders.decompression import decompress
 from recorders.errors import CheckFailed, LogError
 from recorders.manifest import content_sha256
 from recorders.reader import LogReader
@@ -397,3 +400,42 @@ def test_a_file_of_false_heads_ends_soon(tmp_path):
     path.write_bytes(b"\x89MCAP0\r\n" + (head + bytes(23)) * (size // 64))
     with pytest.raises(CheckFailed):
         recover(path, tmp_path / "good.mcap")
+
+
+@pytest.mark.parametrize("between", [bytes(3), struct.pack("<BQHI", 7, 22, 1, 16) + bytes(16)])
+def test_false_chunks_that_claim_much_are_not_all_decompressed(tmp_path, monkeypatch, between):
+    """A few kB each that hold 2^26 bytes, with a CRC that does not hold, found by search or one after another."""
+    size, count = 2**26, 20
+    data = zstandard.ZstdCompressor(level=1).compress(bytes(size))
+    head = struct.pack("<QQQII", 0, 0, size, 12345, 4) + b"zstd" + struct.pack("<Q", len(data))
+    chunk = struct.pack("<BQ", 6, len(head) + len(data)) + head + data
+    path = tmp_path / "bomb.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + between + (chunk + between) * count)
+    found = []
+
+    def counted(data, compression, size):
+        found.append(size)
+        return decompress(data, compression, size)
+
+    monkeypatch.setattr(mcap_records, "decompress", counted)
+    with pytest.raises(CheckFailed):
+        recover(path, tmp_path / "good.mcap")
+    assert sum(found) <= 3 * size
+
+
+@pytest.mark.parametrize("bit", [28, 40])
+def test_a_false_size_that_only_a_chunk_itself_tells_costs_that_chunk_alone(tmp_path, bit):
+    """Some writers' zstd does not say how much it holds; what a damaged size claims is not held against the rest."""
+    chunks = []
+    for number in range(4):
+        body = struct.pack("<HH", number + 1, 0) + b"\x02\0\0\0/x" + bytes(8)
+        message = struct.pack("<HIQQ", number + 1, number, 0, 0) + b"data" * 99
+        data = struct.pack("<BQ", 4, len(body)) + body + struct.pack("<BQ", 5, len(message)) + message
+        packed = zstandard.ZstdCompressor(write_content_size=False).compress(data)
+        size = len(data) ^ (1 << bit if number == 1 else 0)
+        head = struct.pack("<QQQII", 0, 0, size, zlib.crc32(data), 4) + b"zstd" + struct.pack("<Q", len(packed))
+        chunks.append(struct.pack("<BQ", 6, len(head) + len(packed)) + head + packed)
+    path = tmp_path / "log.mcap"
+    path.write_bytes(b"\x89MCAP0\r\n" + struct.pack("<BQ", 1, 8) + bytes(8) + b"".join(chunks))
+    recover(path, tmp_path / "good.mcap")
+    assert [record.sequence for record in LogReader(tmp_path / "good.mcap")] == [0, 2, 3]

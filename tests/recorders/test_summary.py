@@ -1,6 +1,7 @@
 """What a log holds is said rightly: topics, rates, gaps, sessions, and whether it is sound."""
 
 import json
+import os
 
 import pytest
 from mcap.writer import Writer
@@ -150,3 +151,20 @@ def test_what_is_no_log_is_refused(tmp_path):
     for path, expected in ((tmp_path / "none.mcap", "No such file"), (tmp_path, "found a directory")):
         with pytest.raises(LogError, match=expected):
             summarise(path)
+
+
+def test_two_channels_of_a_topic_are_numbered_apart(tmp_path):
+    """Our own writer makes two where some messages come with their producer's number and others do not."""
+    path = tmp_path / "x.mcap"
+    with LogWriter(path, manifest={}) as log:
+        for number in range(10):
+            log.write("/x", b"a", log_time_ns=2 * number, sequence=5000 + 2 * number, opaque=True)
+            log.write("/x", b"a", log_time_ns=2 * number + 1, opaque=True)
+    (topic,) = summarise(path).topics.values()
+    assert (topic.count, topic.missing, topic.gaps[0], topic.restarts) == (20, 9, (5000, 5002), 0)
+
+
+def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
+    os.mkfifo(tmp_path / "pipe.mcap")
+    with pytest.raises(LogError, match=r"pipe.mcap: expected an MCAP file, found a pipe"):
+        summarise(tmp_path / "pipe.mcap")

@@ -106,12 +106,13 @@ def test_a_log_or_an_unfinished_one_is_not_overwritten_unless_told(tmp_path):
     path.unlink()
     part = tmp_path / "log.mcap.part"
     part.write_bytes(b"precious")
-    with pytest.raises(LogError, match=r"log.mcap.part is left from an unfinished recording"):
+    with pytest.raises(LogError, match=r"log.mcap.part is left from an unfinished recording.*`reenact recover`"):
         LogWriter(path, manifest={})
     with LogWriter(path, manifest={}, overwrite=True) as log:
         log.write(LEFT_TARGET, target(), log_time_ns=0)
     assert len(list(LogReader(path))) == 1
     assert not part.exists()
+    assert (tmp_path / "log.mcap.part.1").read_bytes() == b"precious"
 
 
 def test_after_an_exception_the_part_is_readable_and_says_so(tmp_path):

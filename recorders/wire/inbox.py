@@ -1,0 +1,45 @@
+"""What has arrived and waits to be taken: a queue that is full at so many bytes, and never makes the network wait."""
+
+import queue
+import threading
+from typing import Generic, TypeVar
+
+_Item = TypeVar("_Item")
+
+_KEEPING = 1024  # what Python needs to keep an item, however small it is [bytes]
+
+
+class Inbox(Generic[_Item]):
+    """A queue between the threads of the network, which put, and the one that takes.
+
+    Parameters
+    ----------
+    limit : int
+        How much may wait [bytes]; a single item may, however large.
+    """
+
+    def __init__(self, *, limit: int) -> None:
+        self._limit = limit
+        self._waiting = 0  # [bytes]
+        self._lock = threading.Lock()
+        self._items: queue.SimpleQueue[tuple[_Item, int]] = queue.SimpleQueue()
+
+    def put(self, item: _Item, size: int) -> bool:
+        """Queue an item of so many bytes; False if it finds no room."""
+        size += _KEEPING
+        with self._lock:
+            if self._waiting and self._waiting + size > self._limit:
+                return False
+            self._waiting += size
+            self._items.put((item, size))
+        return True
+
+    def get(self, timeout_s: float) -> _Item | None:
+        """Return the next item, or None if there is none within the time [s]."""
+        try:
+            item, size = self._items.get(timeout=max(0.0, min(timeout_s, threading.TIMEOUT_MAX)))
+        except queue.Empty:
+            return None
+        with self._lock:
+            self._waiting -= size
+        return item

@@ -1,0 +1,133 @@
+"""The receiving end and strangers: what waits is bounded, and what is said of them too, and fit for a terminal."""
+
+import json
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+
+import pytest
+import zenoh
+from collector import Collector
+from visitor import OFFER, await_ready, outcome, visitor
+
+from recorders.errors import WireError
+from recorders.stream import Offer, Progress
+from recorders.wire.frames import Frame, Kind, batch_key, control_key, pack
+from recorders.wire.inbox import Inbox
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+
+
+@contextmanager
+def two_sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as listening,
+        open_session(SessionConfig(connect=(endpoint,))) as connected,
+    ):
+        yield listening, connected
+
+
+def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
+    """Ask the consumer; when it answers, what was put before has come there too."""
+    for reply in session.get(control_key("reenact", "learner", verb), payload=payload, timeout=10.0):
+        if reply.ok is not None:
+            return Progress.from_json(reply.ok.payload.to_bytes())
+    return None
+
+
+def test_an_inbox_is_full_at_so_many_bytes_and_takes_one_of_any_size() -> None:
+    inbox: Inbox[str] = Inbox(limit=5_000)
+    assert inbox.put("large", 10_000)
+    assert not inbox.put("more", 1)
+    assert inbox.get(0.0) == "large"
+    assert inbox.get(0.0) is None
+    assert [inbox.put(name, 0) for name in "abcdef"] == [True] * 4 + [False] * 2
+    assert [inbox.get(0.0) for _ in range(5)] == ["a", "b", "c", "d", None]
+
+
+def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
+    config = ReceiverConfig(live=True, waiting_bytes=20_000)
+    with two_sessions() as (session, other), Receiver(session, config=config) as receiver:
+        with other.declare_publisher("reenact/raw", congestion_control=zenoh.CongestionControl.BLOCK) as publisher:
+            for index in range(100):
+                publisher.put(index.to_bytes(2, "little") * 500)
+            assert ask(other, "status", b"") == Progress()
+        taken = []
+        while isinstance(event := receiver.next_event(0.5), Live):
+            taken.append(event.record.data[0])
+        assert taken == list(range(len(taken)))
+        assert 0 < len(taken) < 100
+        assert receiver.refused == {"/raw: lost, as 20000 bytes wait already": 100 - len(taken)}
+
+
+def test_a_stream_loses_nothing_although_little_may_wait() -> None:
+    endpoint = free_endpoint()
+    config = ReceiverConfig(waiting_bytes=8_000)
+    with open_session(SessionConfig(listen=(endpoint,))) as session, Receiver(session, config=config) as receiver:
+        with visitor("replay", connect=[endpoint]) as sender:
+            result = receiver.serve(Collector(delay_s=0.001), wait_s=20.0)
+            assert outcome(sender) == result
+    assert result["count"] == 200
+
+
+def test_a_second_consumer_of_a_name_is_refused_until_the_first_has_gone() -> None:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        with visitor("learn", connect=[endpoint]) as first:
+            await_ready(first)
+            with pytest.raises(WireError, match="a consumer 'learner' is in namespace 'reenact' already"):
+                Receiver(session).__enter__()
+            with Receiver(session, config=ReceiverConfig(name="other")):
+                pass
+            first.kill()
+        with Receiver(session):
+            pass
+
+
+def test_a_stream_that_was_left_is_over_for_good() -> None:
+    offer = replace(OFFER, sender="cd" * 16)
+    with two_sessions() as (session, other):
+        with Receiver(session, config=ReceiverConfig(live=True)) as receiver:
+            replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
+            offered = receiver.next_event(10.0)
+            assert isinstance(offered, Offered)
+            receiver.accept(offered, 0)
+            assert [reply.ok is not None for reply in replies] == [True]
+            receiver.give_up("nobody knows why")
+            payload, attachment = pack(Frame(Kind.END, *offer.identity, 0))
+            other.put(batch_key("reenact"), payload, attachment=attachment)
+            for verb, asked in (("status", offer.sender.encode()), ("hello", offer.to_json())):
+                answer = ask(other, verb, asked)
+                assert answer is not None
+                assert (answer.run, answer.error) == (offer.run, "nobody knows why")
+            assert receiver.next_event(0.2) is None
+
+
+def test_what_strangers_make_it_say_is_bounded_and_printable() -> None:
+    said: list[str] = []
+    with two_sessions() as (session, other), Receiver(session, say=said.append) as receiver:
+        for index in range(3):
+            offer = Offer(run="ab" * 16, schedule={}, logs=[], sender=f"{index:032x}")
+            other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=0.1)
+            offered = receiver.next_event(10.0)
+            assert isinstance(offered, Offered)
+            receiver.refuse(offered, "not now \x1b[2J")
+    assert said == [r"refused an offer: not now \x1b[2J"]
+
+
+def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
+    offer = replace(OFFER, sender="cd" * 16)
+    with two_sessions() as (session, other), Receiver(session) as receiver:
+        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
+        offered = receiver.next_event(10.0)
+        assert isinstance(offered, Offered)
+        receiver.accept(offered, 0)
+        assert [json.loads(reply.ok.payload.to_bytes())["next"] for reply in replies if reply.ok] == [0]
+        payload, attachment = pack(Frame(Kind.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
+        other.put(batch_key("reenact"), payload, attachment=attachment)
+        frame = receiver.next_event(10.0)
+    assert isinstance(frame, Frame)
+    assert frame.reason.isprintable()
+    assert len(frame.reason) < 1_100
