@@ -2,6 +2,7 @@
 
 import tomllib
 from collections.abc import Iterator, Sequence
+from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -99,27 +100,49 @@ def _trial_cm(controller: Controller, log: Path) -> float:
 
 def recipe(
     logs: Sequence[Path],
-    config: Path,
+    config: Path | None,
     *,
+    old: Recipe | None = None,
     epochs: int | None = None,
-    as_recorded: bool = False,
+    as_recorded: bool | None = None,
     resume_after: int | None = None,
-    physics: bool = False,
+    physics: bool | None = None,
 ) -> Recipe:
-    """Return what a case is to run, with the settings of a learner from a TOML file.
+    """Return what a case is to run; whatever is not said is as the old recipe has it, so that nothing is lost unsaid.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        Logs; if there are none, those of the old recipe.
+    config : Path, optional
+        Settings of the learner (TOML).
+    old : Recipe, optional
+        What the case ran until now, if there is one.
+    epochs, as_recorded, resume_after, physics
+        As in `Recipe`.
 
     Raises
     ------
     ConfigError
-        If the file cannot be read or a setting is bad.
+        If there are no logs or settings, the file cannot be read, or a setting is bad.
     LogError
         If a recorded session does not say how many epochs it had.
     """
-    schedule = Schedule(epochs=epochs or _EPOCHS)
-    if as_recorded and len(logs) == 1:
-        schedule = Schedule.from_dict(RecordedSession(logs[0], epochs=epochs).offer().schedule)
-    settings = LearnerConfig.from_dict(_read_toml(config)).to_dict()
-    return Recipe(tuple(logs), settings, schedule, as_recorded, resume_after, physics)
+    if old is None:
+        if not logs or config is None:
+            raise ConfigError("expected logs and --config for a new case")
+        old = Recipe(tuple(logs), {}, Schedule(epochs=_EPOCHS))
+    made = replace(
+        old,
+        logs=tuple(logs) or old.logs,
+        learner=old.learner if config is None else LearnerConfig.from_dict(_read_toml(config)).to_dict(),
+        as_recorded=old.as_recorded if as_recorded is None else as_recorded,
+        resume_after=resume_after or old.resume_after,
+        physics=old.physics if physics is None else physics,
+    )
+    if made.as_recorded and (logs or epochs or not old.as_recorded):
+        return replace(made, schedule=Schedule.from_dict(RecordedSession(made.logs[0], epochs=epochs).offer().schedule))
+    return made if epochs is None else replace(made, schedule=replace(made.schedule, epochs=epochs))
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

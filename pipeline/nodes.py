@@ -68,7 +68,8 @@ def replay(
 ) -> dict[str, Any]:
     """Send a stream to the consumers that are awaited, and return their results.
 
-    `say` is told, in one line, if nobody listens to a stream that nobody need await.
+    `say` is told, in one line, if nobody listens to a stream that nobody need await. `on_progress` is told nothing of a
+    stream whose length nobody knows.
 
     Raises
     ------
@@ -85,12 +86,11 @@ def replay(
         for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # told at the end
             yield message
 
+    def advanced(consumed: int) -> None:
+        if offer.messages:
+            on_progress(consumed / offer.messages)
+
     with open_session(session) as opened:
-        transport = ZenohTransport(
-            opened,
-            config=sender,
-            on_progress=lambda consumed: on_progress(consumed / (offer.messages or consumed or 1)),
-            say=say,
-        )
+        transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say)
         results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}

@@ -1,11 +1,14 @@
 """What stands between a stream and the wire in a replay: the comparison with a recorded run, and the keyboard."""
 
+import os
+import select
+import sys
+import termios
 import threading
+import tty
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
-
-import typer
 
 from recorders.reader import LogReader
 from recorders.records import Stamped
@@ -15,6 +18,7 @@ from replay.clock import Pausable
 from replay.compare import guard
 from replay.transport import Source
 
+_POLL_S = 0.1  # how often the keyboard is asked whether the replay is over
 _SESSION_TOPICS = frozenset({SESSION_PHASE, *(topic.name for topic in LEARNER_TOPICS)})
 
 
@@ -56,19 +60,61 @@ class Guarded:
 
 @contextmanager
 def keyboard(clock: Pausable, *, enabled: bool) -> Iterator[None]:
-    """While the block runs, let the space bar stop and start the clock, and a full stop let one message pass."""
-    if enabled:
-        threading.Thread(target=_obey, args=(clock,), daemon=True).start()
-    yield
+    """While the block runs, let the space bar stop and start the clock, and a full stop let one message pass.
+
+    Only for a process in the foreground of its terminal: one in the background would be stopped for touching it. The
+    terminal hands over single keys for as long as the block runs, Ctrl-C interrupts as ever, and afterwards the
+    terminal is as it was before, however the block ends.
+    """
+    descriptor = _standard_input()
+    if not (enabled and _in_foreground(descriptor)):
+        yield
+        return
+    leaving = threading.Event()
+    listening = threading.Thread(target=_obey, args=(clock, descriptor, leaving), daemon=True)
+    with ExitStack() as stack:
+        stack.callback(_restore, descriptor, termios.tcgetattr(descriptor))
+        tty.setcbreak(descriptor, termios.TCSANOW)
+        listening.start()
+        stack.callback(listening.join)
+        stack.callback(leaving.set)
+        yield
 
 
-def _obey(clock: Pausable) -> None:
-    while True:
+def _obey(clock: Pausable, descriptor: int, leaving: threading.Event) -> None:
+    while not leaving.is_set():
+        if not _in_foreground(descriptor):  # stopped, and sent to the background: the keys are for others now
+            leaving.wait(_POLL_S)
+            continue
         try:
-            key = typer.getchar()
-        except (EOFError, KeyboardInterrupt, OSError):
+            typed, _, _ = select.select([descriptor], [], [], _POLL_S)
+            key = os.read(descriptor, 1) if typed else None
+        except OSError:
             return
-        if key == " ":
+        if key == b"":
+            return
+        if key == b" ":
             clock.toggle()
-        elif key == ".":
+        elif key == b".":
             clock.step()
+
+
+def _standard_input() -> int:
+    """Return the descriptor of standard input; -1 if it is closed."""
+    try:
+        return sys.stdin.fileno()
+    except (AttributeError, OSError, ValueError):
+        return -1
+
+
+def _in_foreground(descriptor: int) -> bool:
+    try:
+        return os.tcgetpgrp(descriptor) == os.getpgrp()
+    except OSError:  # it is no terminal, or not the one of this process
+        return False
+
+
+def _restore(descriptor: int, attributes: list[int | list[bytes | int]]) -> None:
+    """Put the terminal back, unless it is somebody else's by now or gone."""
+    if _in_foreground(descriptor):
+        termios.tcsetattr(descriptor, termios.TCSANOW, attributes)

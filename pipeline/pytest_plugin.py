@@ -6,12 +6,15 @@ from typing import TYPE_CHECKING
 
 import pytest
 
+from recorders.errors import ConfigError
+from replay.golden_folder import find_cases  # nothing heavy of ours is imported before a case is run
+
 if TYPE_CHECKING:
     from _pytest._code.code import TerminalRepr
 
     from replay.golden_finding import Finding
 
-_CASE_FILE = "case.json"  # as `replay.golden_case` has it; nothing of ours is imported before a case is collected
+_CASES = pytest.StashKey[frozenset[Path]]()
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -27,22 +30,44 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Collect the folders beside whatever else is collected."""
+    """Find the cases, and collect their folders beside whatever else is collected."""
+    cases: set[Path] = set()
     for folder in config.getoption("golden"):
-        if not Path(folder).is_dir():
-            raise pytest.UsageError(f"--golden: expected a folder of golden cases, found {folder}")
+        try:
+            cases.update(case.resolve() for case in find_cases(Path(folder)))
+        except ConfigError as error:
+            raise pytest.UsageError(f"--golden: {error}") from error
         if folder not in config.args:
             config.args.append(folder)
+    config.stash[_CASES] = frozenset(cases)
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Keep the cases, and what leads to them, from being ignored: pytest passes over folders such as `build`."""
+    path = collection_path.resolve()
+    asked = any(path.is_relative_to(Path(folder).resolve()) for folder in config.getoption("golden"))
+    kept = asked and any(case.is_relative_to(path) for case in config.stash[_CASES])
+    return False if kept else None
 
 
 def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
     """Take the folder of a case, if it lies in one of the folders that were asked for."""
-    folders = [Path(folder).resolve() for folder in parent.config.getoption("golden")]
-    asked = any(path.resolve().is_relative_to(folder) for folder in folders)
-    if not asked or not (path / _CASE_FILE).is_file():
+    if path.resolve() not in parent.config.stash[_CASES]:
         return None
     collector: pytest.Collector = GoldenFolder.from_parent(parent, path=path)
     return collector
+
+
+@pytest.hookimpl(tryfirst=True)
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    """Refuse to go on without a case, whatever pytest had against its folder; `-k` chooses after this."""
+    collected = {item.path.resolve() for item in items if isinstance(item, GoldenItem)}
+    missing = sorted(config.stash[_CASES] - collected)
+    if missing:
+        raise pytest.UsageError(
+            f"--golden: expected {missing[0]} to be collected, found it ignored; give its folder alone"
+        )
 
 
 class GoldenFolder(pytest.Directory):

@@ -17,6 +17,7 @@ from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
+from pipeline.serving_restart import RESTART_AFTER, RestartWatch
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
@@ -100,6 +101,10 @@ class ServedController:
     A phase marker begins a new cycle, within which stamps start anew: the washout is made again. In a cycle marked for
     another phase than `learn` nothing is learned.
 
+    A message stamped no later than the last tick answered is stale, and refused. But after `RESTART_AFTER` stale ticks
+    in a row, each topic's stamps rising, their publisher's clock has begun anew, or the tick answered came from ahead
+    of it: a new cycle begins with the next tick, which `say` is told the first time.
+
     Parameters
     ----------
     controller : Controller
@@ -107,7 +112,7 @@ class ServedController:
     config : ServingConfig
         Learning, washout, what is reported.
     say : callable
-        Told a line of the first message refused for each reason.
+        Told a line of the first message refused for each reason, and of the first clock that began anew.
 
     Raises
     ------
@@ -153,6 +158,8 @@ class ServedController:
         self._accepted = self._outside = self._learned = 0
         self._learning = self._config.learn
         self._open: dict[int, tuple[list[Any], list[Any]]] = {}  # by stamp: values and records, each as in `topics`
+        self._behind = RestartWatch(len(self._topics))
+        self._restarted = False
         self._begin()
         self._warm_up()
 
@@ -267,6 +274,17 @@ class ServedController:
         self._pairs.begin()
         self._last_stamp = -1
         self._fresh = True
+        self._behind.reset()
+
+    def _begin_anew(self, stamp: int) -> None:
+        """Begin a cycle without a marker, as stamps have."""
+        if not self._restarted:
+            self._say(
+                f"{RESTART_AFTER} ticks in a row are stale, the last at {stamp} ns after one at {self._last_stamp} ns: "
+                "a new cycle begins with the next"
+            )
+        self._restarted = True
+        self._begin()
 
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
@@ -311,6 +329,8 @@ class ServedController:
     def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
         if stamp <= self._last_stamp:
             line = f"{record.topic}: expected a stamp after {self._last_stamp} ns, found {stamp} ns"
+            if self._behind.note(place, stamp):
+                self._begin_anew(stamp)
             raise RefusedError(Refusal.STALE, line)
         tick = self._open.get(stamp)
         if tick is None:
@@ -346,6 +366,7 @@ class ServedController:
         self._unsettled = True
         self._fresh = False
         self._last_stamp = stamp
+        self._behind.reset()
         self._accepted += 1
         return Command(stamp, self._encoder.encode(stamp), tuple(records))
 

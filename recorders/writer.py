@@ -48,7 +48,7 @@ class LogWriter:
     attachments : mapping of bytes by name
         Files that belong to the log, such as the URDF and the robot's configuration.
     overwrite : bool
-        Whether a log of this name, or a `.part` of one that nobody writes any more, may be replaced.
+        Whether a log of this name may be replaced; a `.part` that nobody writes any more is then set aside, not lost.
     regular : bool
         Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
 

@@ -17,12 +17,18 @@ class Clock(Protocol):
     def wait(self, log_time_ns: int) -> None:
         """Return when a message of this time is due."""
 
+    def put_off(self, pause_ns: int) -> None:
+        """Take note of a pause that was asked for [ns]: all that follows is due that much later."""
+
 
 class Unpaced:
     """Everything is due at once."""
 
     def wait(self, log_time_ns: int) -> None:
         """Return at once."""
+
+    def put_off(self, pause_ns: int) -> None:
+        """Do nothing: everything is still due at once."""
 
 
 class Paced:
@@ -68,9 +74,13 @@ class Paced:
             self.slipped_s += (now_ns - self._due_ns) / _NS_PER_S
             self._due_ns = now_ns
 
+    def put_off(self, pause_ns: int) -> None:
+        """Move what was due; a pause that was asked for is no slip."""
+        self._due_ns += pause_ns
+
 
 class Pausable:
-    """A clock that a person can stop, step and start again; safe to call from another thread.
+    """A clock that a person can stop, step and start again; `toggle` and `step` may come from another thread.
 
     Parameters
     ----------
@@ -87,10 +97,22 @@ class Pausable:
     def wait(self, log_time_ns: int) -> None:
         """Wait for the clock, and while stopped for a step."""
         self._clock.wait(log_time_ns)
+        self._clock.put_off(self._pause())
+
+    def put_off(self, pause_ns: int) -> None:
+        """Pass it on to the clock."""
+        self._clock.put_off(pause_ns)
+
+    def _pause(self) -> int:
+        """Wait while stopped, and return for how long [ns]."""
         with self._changed:
+            if not self._stopped:
+                return 0
+            began_ns = time.monotonic_ns()
             self._changed.wait_for(lambda: not self._stopped or self._steps > 0)
             if self._stopped:
                 self._steps -= 1
+        return time.monotonic_ns() - began_ns
 
     def toggle(self) -> None:
         """Stop, or go on."""

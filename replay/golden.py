@@ -1,15 +1,15 @@
 """Golden-log regression: the cases of a folder checked against the present program."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from recorders.errors import ConfigError, ReenactError
-from replay.golden_case import CASE_FILE, Case, check_size, index_file, load_case
-from replay.golden_finding import CASE, Finding
+from replay.golden_case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
+from replay.golden_finding import CASE, Finding, changed_environment, said
+from replay.golden_folder import find_cases
 from replay.golden_learning import check_learning
-from replay.golden_log import altered
+from replay.golden_log import altered, check_index
 from replay.golden_physics import check_physics
 from replay.golden_recipe import Runner
 
@@ -35,47 +35,28 @@ class Verdict:
         return {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
 
 
-def find_cases(folder: Path) -> list[Path]:
-    """Return the folders of the cases in a folder, by name; a case's own folder is one.
-
-    Raises
-    ------
-    ConfigError
-        If there is none.
-    """
-    if (folder / CASE_FILE).is_file():
-        return [folder]
-    found = sorted(path.parent for path in folder.glob(f"*/{CASE_FILE}"))
-    if not found:
-        raise ConfigError(f"{folder}: expected golden cases, folders with a {CASE_FILE}; make one with golden add")
-    return found
-
-
 def check_case(folder: Path, runner: Runner) -> Verdict:
-    """Check one case: its files, then the learning, then the physics; the first finding ends it."""
-    try:
-        case = load_case(folder)
-        for name in case.files:
-            case.read(name)
-        finding = _altered_log(case) or check_learning(case, runner) or check_physics(case, runner)
-    except ReenactError as error:
-        finding = Finding(CASE, "file", "a sound golden case", str(error))
-    return Verdict(folder.name, finding)
+    """Check one case: its files, then the learning, then the physics; the first finding ends it.
+
+    A program that crashes is a finding too, of the tier at which it did.
+    """
+    return Verdict(folder.resolve().name, _first(folder, runner))
 
 
 def check_all(
     folder: Path, runner: Runner, *, progress: Callable[[float], None] = lambda fraction: None
 ) -> Iterator[Verdict]:
-    """Check the cases of a folder, one after the other.
+    """Check the cases of a folder, one after the other; a case is named by where it lies in the folder.
 
     Raises
     ------
     ConfigError
-        If there is none.
+        As `find_cases` does.
     """
     cases = find_cases(folder)
     for place, case in enumerate(cases):
-        yield check_case(case, runner)
+        verdict = check_case(case, runner)
+        yield verdict if case == folder else replace(verdict, name=case.relative_to(folder).as_posix())
         progress((place + 1) / len(cases))
 
 
@@ -85,10 +66,27 @@ def summary(verdicts: list[Verdict]) -> Mapping[str, Any]:
     return {"checked": len(verdicts), "failed": failed, "cases": [verdict.to_dict() for verdict in verdicts]}
 
 
+def _first(folder: Path, runner: Runner) -> Finding | None:
+    try:
+        case = load_case(folder)
+        for name in case.files:
+            case.read(name)
+        check_steps(case.read(STEPS_FILE))
+        log = _altered_log(case)
+    except Exception as error:
+        return Finding(CASE, "file", "a sound golden case", said(error))
+    if log is not None:
+        return log
+    finding = check_learning(case, runner) or check_physics(case, runner)
+    return None if finding is None else replace(finding, environment=changed_environment(case.environment))
+
+
 def _altered_log(case: Case) -> Finding | None:
     for path, entry in zip(case.recipe.logs, case.logs, strict=True):
         check_size(path)
-        finding = altered(path, entry, case.read(index_file(entry.name)))
+        indexed = case.read(index_file(entry.name))
+        check_index(index_file(entry.name), indexed)
+        finding = altered(path, entry, indexed)
         if finding is not None:
             return finding
     return None

@@ -2,18 +2,20 @@
 
 import json
 import re
-from collections.abc import Mapping
+import stat
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
+from replay.golden_folder import CASE_FILE
 from replay.golden_log import LogEntry, file_sha256
 from replay.golden_recipe import Recipe
 from replay.schedule import Schedule
 
 FORMAT_VERSION = 1
-CASE_FILE, STEPS_FILE, STATES_FILE = "case.json", "steps.bin", "states.npz"
+STEPS_FILE, STATES_FILE = "steps.bin", "states.npz"
 STEP_BYTES = 12
 """Of a tick: the first 4 bytes each of the digests of stream, outputs and state."""
 
@@ -87,7 +89,7 @@ class Case:
     environment : mapping
         What the case was made on.
     history : tuple of mapping
-        Every accepted change: its reason, and the digests from then on.
+        Every accepted change: its reason, the digest from then on, and what of the recipe changed with it.
     """
 
     folder: Path
@@ -103,6 +105,11 @@ class Case:
     def name(self) -> str:
         """Name of the case."""
         return self.folder.name
+
+    @property
+    def file_names(self) -> tuple[str, ...]:
+        """Names of all files of the folder."""
+        return (CASE_FILE, *own_files([log.name for log in self.logs]), *(log.name for log in self.logs))
 
     def read(self, name: str) -> bytes:
         """Return a file of the case that is no log; raises LogError if it is not what it was."""
@@ -142,20 +149,27 @@ def load_case(folder: Path) -> Case:
 
     Raises
     ------
+    LogError
+        If its file is missing, too large, or no file.
     ConfigError
-        If its file is missing, damaged, or of another format.
+        If its file is damaged, or of another format.
     """
     path = folder / CASE_FILE
+    values = _read(path)
     try:
-        check_size(path, _MAX_CASE_FILE_BYTES)
-        values = json.loads(path.read_text(encoding="utf-8"))
         return _case(folder, values)
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: expected JSON: {error}") from error
     except ReenactError as error:
         raise ConfigError(f"{path}: {error}") from error
+
+
+def _read(path: Path) -> object:
+    check_size(path, _MAX_CASE_FILE_BYTES)
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (ValueError, RecursionError) as error:
+        raise ConfigError(f"{path}: expected JSON: {error}") from error
 
 
 def check_name(name: str) -> str:
@@ -168,6 +182,11 @@ def check_name(name: str) -> str:
 def index_file(log: str) -> str:
     """Return the name of the file that holds the digests of a log's messages."""
     return f"{log}.index"
+
+
+def own_files(logs: Sequence[str]) -> tuple[str, ...]:
+    """Return the names of a case's files beside `case.json` and its logs."""
+    return (STEPS_FILE, STATES_FILE, *map(index_file, logs))
 
 
 def _case(folder: Path, values: object) -> Case:
@@ -189,10 +208,29 @@ def _case(folder: Path, values: object) -> Case:
         logs=logs,
         expected=table["expected"],
         tolerances=Tolerances.from_dict(table["tolerances"]),
-        files=table["files"],
+        files=_files(table["files"], [log.name for log in logs]),
         environment=table["environment"],
-        history=tuple(table["history"]),
+        history=_history(table["history"], table["expected"].get("digest")),
     )
+
+
+def _files(files: dict[str, Any], logs: Sequence[str]) -> dict[str, str]:
+    """Check the hashes of the other files; only names that a case gives its own files are ever opened."""
+    names = own_files(logs)
+    if set(files) != set(names) or not all(isinstance(value, str) for value in files.values()):
+        raise ConfigError(f"files: expected the SHA-256 of {', '.join(names)}, found {str(files)[:80]}")
+    return files
+
+
+def _history(entries: list[Any], digest: object) -> tuple[Mapping[str, Any], ...]:
+    """Check that every change has a reason and a digest, the last one that which is expected now."""
+    for entry in entries:
+        if not isinstance(entry, dict) or not all(isinstance(entry.get(name), str) for name in ("reason", "digest")):
+            raise ConfigError(f"history: expected entries with reason and digest, found {str(entry)[:80]}")
+    last = entries[-1]["digest"] if entries else None
+    if last is None or last != digest:
+        raise ConfigError(f"history: expected the digest of its last entry to be {str(digest)[:80]}, found {last}")
+    return tuple(entries)
 
 
 def _typed(values: object, kinds: Mapping[str, type | tuple[type, ...]], what: str) -> dict[str, Any]:
@@ -204,11 +242,19 @@ def _typed(values: object, kinds: Mapping[str, type | tuple[type, ...]], what: s
     return values
 
 
+def check_steps(steps: bytes) -> None:
+    """Check that the digests of ticks are whole; raises LogError if not."""
+    if len(steps) % STEP_BYTES:
+        raise LogError(f"{STEPS_FILE}: expected a multiple of {STEP_BYTES} bytes, found {len(steps)}")
+
+
 def check_size(path: Path, most: int = MAX_BYTES) -> None:
-    """Check that a file is there and not too large; raises LogError if not."""
+    """Check that a path is that of a file, and of one that is not too large; raises LogError if not."""
     try:
-        size = path.stat().st_size
+        found = path.stat()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    if size > most:
-        raise LogError(f"{path}: expected at most {most} bytes, found {size}")
+    if not stat.S_ISREG(found.st_mode):
+        raise LogError(f"{path}: expected a file, found something else of that name")
+    if found.st_size > most:
+        raise LogError(f"{path}: expected at most {most} bytes, found {found.st_size}")

@@ -5,9 +5,8 @@ from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
-from recorders.errors import ReenactError
 from replay.golden_case import STATES_FILE, STEP_BYTES, STEPS_FILE, Case
-from replay.golden_finding import LEARNING, Finding
+from replay.golden_finding import LEARNING, Element, Finding, said
 from replay.golden_recipe import EpochEnd, Moment, Runner
 from replay.golden_stream import altered_stream
 
@@ -24,8 +23,8 @@ def check_learning(case: Case, runner: Runner) -> Finding | None:
     """Return the first thing that is not learned as it was: a message, a step with its element, or a result."""
     try:
         return altered_stream(case) or _Walk(case, runner).first() or _altered_result(case, runner)
-    except ReenactError as error:
-        return Finding(LEARNING, "run", "one that comes to its end", str(error))
+    except Exception as error:
+        return Finding(LEARNING, "run", "one that comes to its end", said(error))
 
 
 class _Walk:
@@ -41,12 +40,12 @@ class _Walk:
         self._finding: Finding | None = None
 
     def first(self) -> Finding | None:
-        """Return the first step that differs, with the first element of the state that does."""
+        """Return the first step that differs, with the first element that does at the end of its epoch."""
         try:
             return self._walk()
-        except ReenactError as error:
+        except Exception as error:
             place = {} if self._last is None else _place(self._last)
-            after = Finding(LEARNING, "run", "a step after this", str(error), place)
+            after = Finding(LEARNING, "run", "a step after this", said(error), place)
             return self._finding or after
 
     def _walk(self) -> Finding | None:
@@ -73,11 +72,9 @@ class _Walk:
         difference = self._runner.difference(self._states, end)
         if difference is None:
             return self._finding
-        name, expected, found = difference
         if self._finding is None:
-            return Finding(LEARNING, name, expected, found, {"epoch": end.epoch}, "at the end of the epoch")
-        note = f"first seen in the {self._finding.field} of this tick; the element is that of the end of the epoch"
-        return replace(self._finding, field=name, expected=expected, found=found, note=note)
+            return Finding(LEARNING, *difference, {"epoch": end.epoch}, "at the end of the epoch")
+        return replace(self._finding, epoch_end=Element(end.epoch, *difference))
 
 
 def _parted(moment: Moment, expected: bytes) -> Finding:
@@ -86,7 +83,7 @@ def _parted(moment: Moment, expected: bytes) -> Finding:
         old, new = (data[place * _PART : (place + 1) * _PART] for data in (expected, found))
         if old != new:
             wanted = f"digest {old.hex()}" if old else "no more ticks"
-            return Finding(LEARNING, part, wanted, new.hex(), _place(moment))
+            return Finding(LEARNING, part, wanted, f"digest {new.hex()}", _place(moment))
     raise ValueError("expected two ticks that differ")
 
 

@@ -7,13 +7,13 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
-from recorders.errors import ReenactError
+from recorders.errors import LogError
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
 from recorders.writer import RESERVED, LogWriter
 from replay.digests import framed
-from replay.golden_finding import LOG, Finding
+from replay.golden_finding import LOG, Finding, said
 
 _LEARNED = (*(topic.name for topic in LEARNER_TOPICS), SESSION_PHASE)
 CASE_TOPICS = (*_LEARNED, LEFT_MEASURED, RIGHT_MEASURED)
@@ -90,16 +90,24 @@ def altered(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
     if file_sha256(path) == entry.sha256:
         return None
     try:
-        return _altered_message(path, [_Key(*fields) for fields in _KEY.iter_unpack(indexed)]) or _altered_rest(
-            path, entry
-        )
-    except ReenactError as error:
-        return Finding(LOG, "file", "an undamaged log", str(error), {"log": entry.name})
+        return _altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
+    except Exception as error:
+        return Finding(LOG, "file", "an undamaged log", said(error), {"log": entry.name})
+
+
+def check_index(name: str, indexed: bytes) -> None:
+    """Check a file of what `index` returned; raises LogError if it is not whole messages of known topics."""
+    if len(indexed) % _KEY.size or any(key.topic >= len(CASE_TOPICS) for key in _keys(indexed)):
+        raise LogError(f"{name}: expected entries of {_KEY.size} bytes of known topics, found others")
 
 
 def file_sha256(path: Path) -> str:
     """Return the SHA-256 of a file."""
     return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _keys(indexed: bytes) -> list[_Key]:
+    return [_Key(*fields) for fields in _KEY.iter_unpack(indexed)]
 
 
 def _altered_message(path: Path, expected: Sequence[_Key]) -> Finding | None:

@@ -2,16 +2,17 @@
 
 from collections import defaultdict, deque
 from collections.abc import Iterable, Iterator
+from itertools import chain, islice
 from pathlib import Path
 
 from recorders.cdr import decode
-from recorders.errors import ReenactError
 from recorders.messages import JointState, Message, PoseStamped
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.ticks import join_ticks
 from recorders.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED
 from replay.golden_case import Case, Tolerances
-from replay.golden_finding import PHYSICS, Finding
+from replay.golden_finding import PHYSICS, Finding, said
 from replay.golden_recipe import PHYSICS_TICKS, Runner
 
 _TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASURED)
@@ -29,12 +30,17 @@ def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | 
     try:
         made = runner.simulate(path, ticks=PHYSICS_TICKS)
         return first_beyond(path, made, tolerances, note=runner.changed_robot(path))
-    except ReenactError as error:
-        return Finding(PHYSICS, "simulation", "one that comes to its end", str(error), {"log": path.name})
+    except Exception as error:
+        return Finding(PHYSICS, "simulation", "one that comes to its end", said(error), {"log": path.name})
 
 
 def first_beyond(
-    path: Path, made: Iterable[tuple[str, Message]], tolerances: Tolerances, *, note: str = ""
+    path: Path,
+    made: Iterable[tuple[str, Message]],
+    tolerances: Tolerances,
+    *,
+    ticks: int = PHYSICS_TICKS,
+    note: str = "",
 ) -> Finding | None:
     """Return the first message that is not as a log has it, within tolerances.
 
@@ -46,6 +52,8 @@ def first_beyond(
         Topic and message, in the order in which they were made; on each topic the log has the same.
     tolerances : Tolerances
         What positions of joints and hands may differ by; stamps and names are exact.
+    ticks : int
+        Of the log's first ticks, as many must have been made, if it has so many.
     note : str
         What to say with a finding.
     """
@@ -59,7 +67,17 @@ def first_beyond(
                 place: dict[str, str | int] = {"log": path.name, "topic": topic, "sequence": record.sequence}
                 place["stamp_ns"] = _stamp(message)
                 return Finding(PHYSICS, field, repr(expected), repr(found), place, _with(note, tolerance))
-    return None
+    return _not_made(path, logged, ticks, note)
+
+
+def _not_made(path: Path, logged: "_Logged", ticks: int, note: str) -> Finding | None:
+    """Return the first message up to the last of the ticks that are due which nothing made was compared with."""
+    due = [tick.stamp_ns for tick in islice(join_ticks(LogReader(path)), ticks)]
+    record = logged.first_left(up_to_ns=max(due, default=0))
+    if record is None:
+        return None
+    place: dict[str, str | int] = {"log": path.name, "topic": record.topic, "sequence": record.sequence}
+    return Finding(PHYSICS, "message", "present", "absent", place, note)
 
 
 class _Logged:
@@ -78,6 +96,11 @@ class _Logged:
             self._waiting[record.topic].append(record)
         return self._waiting[topic].popleft()
 
+    def first_left(self, *, up_to_ns: int) -> Stamped | None:
+        """Return a message that was not asked for and is stamped no later, None if there is none: the rest is read."""
+        left = chain.from_iterable((*self._waiting.values(), self._records))
+        return next((record for record in left if _stamp(decode(record.type, record.data)) <= up_to_ns), None)
+
 
 def _compared(
     logged: Message, made: Message, tolerances: Tolerances
@@ -87,8 +110,9 @@ def _compared(
     yield "header.stamp", _stamp(logged), _stamp(made), None
     if isinstance(logged, JointState) and isinstance(made, JointState):
         yield "name", logged.name, made.name, None
-        pairs = zip(logged.name, logged.position.tolist(), made.position.tolist(), strict=False)
-        for place, (name, expected, found) in enumerate(pairs):
+        yield "len(position)", len(logged.position), len(made.position), None
+        positions = zip(logged.name, logged.position.tolist(), made.position.tolist(), strict=False)  # or no positions
+        for place, (name, expected, found) in enumerate(positions):
             yield f"position[{place}] ({name})", expected, found, tolerances.joints
     elif isinstance(logged, PoseStamped) and isinstance(made, PoseStamped):
         pairs = zip("xyz", logged.position.tolist(), made.position.tolist(), strict=True)

@@ -25,7 +25,7 @@ def altered_stream(case: Case) -> Finding | None:
         divergence = first_divergence(expected, found)
         if divergence is not None:
             finding = of_message(LEARNING, divergence)
-            return replace(finding, place={**_cycle_of(expected), **finding.place})
+            return replace(finding, place={**_cycle_of(expected or found, case), **finding.place})
     return None
 
 
@@ -53,13 +53,15 @@ def _by_marker(stream: Iterator[Stamped]) -> Iterator[list[Stamped]]:
     yield presentation
 
 
-def _cycle_of(presentation: list[Stamped]) -> dict[str, str | int]:
-    """Epoch, cycle and phase of a presentation; cycles repeat the sequences and stamps of their messages."""
+def _cycle_of(presentation: list[Stamped], case: Case) -> dict[str, str | int]:
+    """Epoch, cycle, phase and log of a presentation; cycles repeat the sequences and stamps of their messages."""
     marker = decode(presentation[0].type, presentation[0].data) if presentation else None
     if not isinstance(marker, String):
         return {}
     phase = Phase.from_message(marker)
-    return {"epoch": phase.epoch, "cycle": phase.cycle, "phase": phase.phase}
+    names = {log.ticks_sha256: log.name for log in case.logs}
+    log = names.get(phase.log, case.logs[0].name)  # a recorded session is one log, and its markers name another
+    return {"epoch": phase.epoch, "cycle": phase.cycle, "phase": phase.phase, "log": log}
 
 
 def _presentations(recipe: Recipe, logs: int) -> Iterator[tuple[int, int, str, int]]:

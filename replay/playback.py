@@ -13,9 +13,11 @@ from recorders.errors import ConfigError, LogError
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.stream import Offer
+from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from replay.engine import read_robot
 
 _NS_PER_S = 1e9
+_LONGEST_S = 2**64 / _NS_PER_S  # what the 64 bits of a log time hold
 
 
 @dataclass(frozen=True)
@@ -27,9 +29,10 @@ class PlaybackConfig:
     topics : frozenset of str
         Topics to play, by the names in the logs; all if empty.
     renames : mapping of str to str
-        Topic names to use in place of those in the logs.
+        Topic names to use in place of those in the logs; no two may become one.
     start_s, end_s : float
-        Slice of the recorded time, counted from the first message of all logs [s].
+        Slice of the recorded time, counted from the first message of all logs [s]; it begins within 584 years, which
+        is all that a log's times can tell.
     loops : int
         How often to play it all; 0: for ever.
     """
@@ -42,8 +45,11 @@ class PlaybackConfig:
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        if not 0.0 <= self.start_s < self.end_s:
-            raise ConfigError(f"slice: expected 0 <= start < end, found {self.start_s:g} to {self.end_s:g} s")
+        if not 0.0 <= self.start_s < self.end_s or self.start_s > _LONGEST_S:
+            raise ConfigError(
+                f"slice: expected 0 <= start < end and start up to {_LONGEST_S:g}, "
+                f"found {self.start_s:g} to {self.end_s:g} s"
+            )
         if self.loops < 0:
             raise ConfigError(f"loops: expected 0 for ever, or a number, found {self.loops}")
 
@@ -56,7 +62,11 @@ class Playback:
     Raises
     ------
     LogError
-        If there is no log, one cannot be read, or none has any of the topics.
+        If there is no log, one cannot be read, none has any of the topics, or nothing is to be played.
+    ConfigError
+        If two topics would be played as one.
+    WireError
+        If a topic that is played could not be published.
     """
 
     def __init__(self, paths: Sequence[Path], config: PlaybackConfig | None = None) -> None:
@@ -65,9 +75,15 @@ class Playback:
         self._config = config or PlaybackConfig()
         self._readers = [LogReader(path) for path in paths]
         self._check_topics()
+        self._check_names()
         self._first_ns = min(
             (record.log_time_ns for reader in self._readers for record in islice(reader.records(), 1)), default=0
         )
+        if next(self._once(), None) is None:
+            raise LogError(
+                f"expected messages between {self._config.start_s:g} and {self._config.end_s:g} s, found none; "
+                "--start and --end count seconds from the first message of all logs"
+            )
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
@@ -82,6 +98,7 @@ class Playback:
                 for reader, digest in zip(self._readers, contents, strict=True)
             ],
             robot=read_robot(self._readers[0]),
+            messages=self._count(),
         )
 
     def stream(self, start: int = 0) -> Iterator[Stamped]:
@@ -97,6 +114,37 @@ class Playback:
         for record in takewhile(lambda record: record.log_time_ns < end_ns, merged):
             topic = self._config.renames.get(record.topic, record.topic)
             yield record if topic == record.topic else record._replace(topic=topic)
+
+    def _count(self) -> int | None:
+        """Return how many messages will be played, as the logs say; None for a part of them, or for ever."""
+        config = self._config
+        if config.loops == 0 or config.start_s > 0.0 or config.end_s < float("inf"):
+            return None
+        played = self._played()
+        return config.loops * sum(
+            count for reader in self._readers for topic, count in reader.counts.items() if topic in played
+        )
+
+    def _played(self) -> set[str]:
+        """Return the topics that are played, by the names in the logs."""
+        return {
+            topic
+            for reader in self._readers
+            for topic in reader.topics
+            if not self._config.topics or topic in self._config.topics
+        }
+
+    def _check_names(self) -> None:
+        """Check that every topic that is played gets a key, and one of its own."""
+        by_key: dict[str, str] = {}
+        for topic in sorted(self._played()):
+            name = self._config.renames.get(topic, topic)
+            other = by_key.setdefault(message_key(DEFAULT_NAMESPACE, name), topic)
+            if other != topic:
+                raise ConfigError(
+                    f"expected each topic under a name of its own, found {other} and {topic} both as {name}; "
+                    "choose one with --topic, or another name with --map"
+                )
 
     def _check_topics(self) -> None:
         found = {topic for reader in self._readers for topic in reader.topics}

@@ -126,7 +126,7 @@ class ZenohTransport:
     def _find_listener(self) -> bool:
         """Wait a little for anyone who listens: what is put before Zenoh knows of a subscriber never reaches it."""
         deadline = time.monotonic() + _LISTENER_WAIT_S
-        everything = message_key(self._config.namespace, "**")
+        everything = f"{self._config.namespace}/**"
         with self._session.declare_publisher(everything, allowed_destination=zenoh.Locality.REMOTE) as probe:
             while not _matches(probe):
                 if time.monotonic() > deadline:

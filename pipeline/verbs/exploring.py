@@ -23,11 +23,13 @@ from pipeline.verbs.options import (
 from pipeline.verbs.viewing import View, Viewer, robot_shown
 from recorders.errors import ConfigError
 
+_ROBOT, _NAMESPACE, _WAIT_S = "asimo", "reenact", 10.0
+
 
 def explore(
     motion: Annotated[str, typer.Option(help="circles, eight, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].")],
     out: Annotated[Path | None, typer.Option(help="Log to write, unless a running robot is driven.")] = None,
-    robot: Robot = "asimo",
+    robot: Robot = _ROBOT,
     seed: Seed = 0,
     overwrite: Overwrite = False,
     connect: Annotated[
@@ -35,9 +37,9 @@ def explore(
     ] = None,
     awaited: Await = None,
     epochs: Annotated[int, typer.Option(help="With --connect: epochs of the live session.", min=1)] = 1,
-    wait: Wait = 10.0,
+    wait: Wait = _WAIT_S,
     zenoh_config: ZenohConfig = None,
-    namespace: Namespace = "reenact",
+    namespace: Namespace = _NAMESPACE,
     view: View = False,
     viewer: Viewer = None,
     as_json: Json = False,
@@ -48,11 +50,15 @@ def explore(
             raise ConfigError("--view: a robot that runs is shown by `reenact learn --view`; leave --view away")
         if out is not None:
             raise ConfigError("--out: a live session is recorded with `reenact record`; leave --out away")
+        if robot != _ROBOT or overwrite:
+            raise ConfigError("--robot and --overwrite: expected --out beside them, and no robot that runs already")
         result = _drive(motion, connect, zenoh_config, seed, epochs, awaited, wait, namespace)
         console.show(result, as_json=as_json)
         return
     if out is None:
         raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
+    if awaited or epochs != 1 or wait != _WAIT_S or namespace != _NAMESPACE:
+        raise ConfigError("--await, --epochs, --wait and --namespace: expected --connect beside them")
     from pipeline.exploration import explore as run
     from pipeline.motions import load_motion
     from pipeline.robot import load_robot

@@ -7,7 +7,7 @@ import typer
 
 from pipeline import console
 from pipeline.resources import data_path
-from pipeline.verbs.options import AsRecorded, Json, Logs
+from pipeline.verbs.options import Json
 from recorders.errors import CheckFailed
 
 app = typer.Typer(name="golden", help="Golden-log regression.", no_args_is_help=True, rich_markup_mode=None)
@@ -15,27 +15,42 @@ app = typer.Typer(name="golden", help="Golden-log regression.", no_args_is_help=
 
 @app.command(epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --dir golden --physics")
 def add(
-    logs: Logs,
-    config: Annotated[Path, typer.Option(help="Settings of the learner, seed included (TOML).")],
     name: Annotated[str, typer.Option(help="Name of the case.")],
+    logs: Annotated[
+        list[Path] | None, typer.Argument(help="Logs, presented in this order.", metavar="[LOG.mcap...]")
+    ] = None,
+    config: Annotated[Path | None, typer.Option(help="Settings of the learner, seed included (TOML).")] = None,
     dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.")] = Path("golden"),
     epochs: Annotated[int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1)] = None,
-    as_recorded: AsRecorded = False,
+    as_recorded: Annotated[
+        bool | None,
+        typer.Option("--as-recorded/--not-as-recorded", help="Follow the phase markers of a recorded session."),
+    ] = None,
     resume_after: Annotated[
         int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1)
     ] = None,
-    physics: Annotated[bool, typer.Option("--physics", help="Check teacher and simulation, too.")] = False,
+    physics: Annotated[
+        bool | None, typer.Option("--physics/--no-physics", help="Check teacher and simulation, too.")
+    ] = None,
     reason: Annotated[str | None, typer.Option(help="Why an existing case changes; kept in its history.")] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a golden case of logs and a learner, or accept a change to one."""
+    """Make a golden case of logs and a learner, or accept a change to one.
+
+    An existing case keeps whatever is not said anew: its logs, settings, epochs, tolerances and what is checked.
+    """
     from pipeline.golden_runner import GoldenRunner, recipe
     from replay.golden_add import add_case
-    from replay.golden_case import check_name
+    from replay.golden_case import check_name, load_case
+    from replay.golden_folder import restore
 
-    check_name(name)
-    made = recipe(logs, config, epochs=epochs, as_recorded=as_recorded, resume_after=resume_after, physics=physics)
-    case = add_case(dir_ / name, made, GoldenRunner(), reason=reason)
+    folder = dir_ / check_name(name)
+    restore(folder)
+    old = load_case(folder).recipe if folder.exists() else None
+    asked = {"epochs": epochs, "resume_after": resume_after}
+    made = recipe(logs or (), config, old=old, as_recorded=as_recorded, physics=physics, **asked)
+    with console.progress("golden add") as advance:
+        case = add_case(folder, made, GoldenRunner(), reason=reason, progress=advance)
     size = sum(path.stat().st_size for path in case.folder.iterdir())
     result = {"case": str(case.folder), "bytes": size, "digest": case.expected["digest"]}
     console.show({**result, "errors_cm": case.expected["errors_cm"]}, as_json=as_json)

@@ -1,6 +1,5 @@
 """The verbs that speak Zenoh: learn and replay."""
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -148,7 +147,7 @@ def replay(
         consumers=consumers,
         namespace=namespace,
         window=window,
-        batch=min(batch or (64 if rate is None and consumers else 1), window),
+        batch=batch or min(64 if rate is None and consumers else 1, window),
         wait_s=wait,
     )
     pace = Unpaced() if rate is None else Paced(rate)
@@ -156,7 +155,7 @@ def replay(
     if not consumers:
         console.say(_SPECTATORS)
     clock = Pausable(pace)
-    with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None and sys.stdin.isatty()):
+    with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None):
         result = run(
             source,
             session=session,

@@ -64,7 +64,22 @@ def test_it_catches(
     (verdict,) = found["cases"]  # type: ignore[misc]
     divergence = verdict["first_divergence"]
     assert verdict["tier"] == fault.tier, divergence["text"]
-    assert re.fullmatch(fault.field, divergence["field"]), divergence["text"]
+    assert divergence["field"] == fault.field, divergence["text"]
     assert {name: divergence.get(name) for name in fault.place} == fault.place, divergence["text"]
     assert fault.note in divergence["note"], divergence["text"]
+    assert divergence["expected"] == (fault.expected or divergence["expected"])
+    assert divergence["found"] == (fault.found or divergence["found"])
+    check_end(fault, divergence["epoch_end"])
     assert divergence["expected"] != divergence["found"]
+
+
+def check_end(fault: Fault, end: dict[str, object] | None) -> None:
+    """Check the element that differs at the end of the epoch."""
+    if not fault.end:
+        assert end is None
+        return
+    assert end is not None
+    assert end["epoch"] == 0
+    assert end["expected"] != end["found"]
+    text = f"{end['field']}: expected {end['expected']}, found {end['found']}"
+    assert re.match(fault.end, text), text

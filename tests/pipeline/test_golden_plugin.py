@@ -22,8 +22,8 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tmp_path = tmp_path_factory.mktemp("project")
     log = write_episode(tmp_path / "log.mcap", samples=6)
     recipe = Recipe((log,), LearnerConfig(reservoir=20, seed=1).to_dict(), Schedule(epochs=1))
-    for name in ("one", "two"):
-        add_case(tmp_path / "golden" / name, recipe, GoldenRunner())
+    one = add_case(tmp_path / "golden" / "one", recipe, GoldenRunner()).folder
+    shutil.copytree(one, one.with_name("two"))
     (tmp_path / "tests").mkdir()
     # What is imported shows that the plugin alone costs nothing.
     heavy = "numba", "pinocchio", "pydrake", "zenoh", "numpy", "replay.golden"
@@ -48,6 +48,35 @@ def test_cases_are_collected_beside_the_projects_own_tests(project: Path) -> Non
     assert "tests/test_own.py::test_light PASSED" in run.stdout
     for name in ("one", "two"):
         assert f"golden/{name}::golden PASSED" in run.stdout
+
+
+@pytest.mark.parametrize("arguments", [(), (".",)], ids=["alone", "beside the folder around it"])
+def test_no_case_is_passed_over(project: Path, tmp_path: Path, arguments: tuple[str, ...]) -> None:
+    project = shutil.copytree(project, tmp_path / "project")
+    golden = project / "golden"
+    for name in ("build", "dist", "venv", "node_modules", "a.egg"):  # pytest does not look into such folders
+        shutil.copytree(golden / "one", golden / "deeper" / name)
+    (golden / "one").rename(golden / "build")
+    run = run_pytest(project, "--golden", "golden", "--collect-only", "-qq", *arguments)
+    assert run.returncode == 0, run.stdout + run.stderr
+    found = [line for line in run.stdout.splitlines() if line.startswith("golden/")]
+    deeper = [f"golden/deeper/{name}::golden" for name in ("a.egg", "build", "dist", "node_modules", "venv")]
+    assert sorted(found) == sorted(["golden/build::golden", "golden/two::golden", *deeper])
+
+
+def test_a_case_that_pytest_passes_over_all_the_same_is_an_error(project: Path, tmp_path: Path) -> None:
+    project = shutil.copytree(project, tmp_path / "project")
+    (project / "build").mkdir()
+    (project / "golden").rename(project / "build" / "golden")
+    run = run_pytest(project, ".", "--golden", "build/golden")
+    assert run.returncode == 4, run.stdout + run.stderr
+    assert "build/golden/one to be collected, found it ignored; give its folder alone" in run.stderr
+
+
+def test_a_folder_without_cases(project: Path, tmp_path: Path) -> None:
+    run = run_pytest(project, "--golden", str(tmp_path))
+    assert run.returncode == 4, run.stdout + run.stderr
+    assert "expected golden cases, folders with a case.json" in run.stderr
 
 
 def test_a_failure_is_the_first_divergence(project: Path, tmp_path: Path) -> None:
@@ -76,7 +105,7 @@ def test_without_the_option_nothing_is_collected(project: Path) -> None:
 def test_a_folder_that_is_none(project: Path) -> None:
     run = run_pytest(project, "--golden", "nowhere")
     assert run.returncode == 4
-    assert "--golden: expected a folder of golden cases, found nowhere" in run.stderr
+    assert "--golden: nowhere: expected golden cases" in run.stderr
 
 
 def test_it_ships_with_the_package() -> None:

@@ -57,20 +57,53 @@ def test_a_case_that_cannot_be_read_fails_alone(work: Path, tmp_path: Path) -> N
     assert "expected JSON" in found["cases"][0]["first_divergence"]["text"]
 
 
-def test_a_change_needs_its_reason(work: Path, tmp_path: Path) -> None:
+def test_a_change_needs_its_reason(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
     shutil.copytree(work, tmp_path / "work")
     work = tmp_path / "work"
     (work / "learner.toml").write_text("reservoir = 30\nseed = 5\n")
-    again = ("golden", "add", "log.mcap", "--config", "learner.toml", "--name", "a")
+    monkeypatch.chdir(work)
+    again = ("add", "log.mcap", "--config", "learner.toml", "--name", "a")
     before = (work / "golden" / "a" / "case.json").read_text()
-    assert "--reason" in complaint(reenact(*again, cwd=work))
+    assert "--reason" in run_verb(capsys, *again)[1]
     assert (work / "golden" / "a" / "case.json").read_text() == before
-    run = reenact(*again, "--reason", "another seed", cwd=work)
-    assert run.returncode == 0, run.stderr
+    assert run_verb(capsys, *again, "--reason", "another seed")[0] == 0
     history = json.loads((work / "golden" / "a" / "case.json").read_text())["history"]
     assert [entry["reason"] for entry in history] == ["the first of this name", "another seed"]
     assert history[0]["digest"] != history[1]["digest"]
     assert [path.name for path in (work / "golden").iterdir()] == ["a"]
+
+
+def run_verb(capsys: pytest.CaptureFixture[str], *arguments: str) -> tuple[int, str]:
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["golden", *arguments])
+    assert isinstance(ended.value.code, int)
+    return ended.value.code, capsys.readouterr().err
+
+
+def test_a_case_made_anew_keeps_what_is_not_said(
+    work: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    for name in ("log.mcap", "learner.toml"):
+        shutil.copy(work / name, tmp_path)
+    monkeypatch.chdir(tmp_path)
+    options = ("--epochs", "1", "--resume-after", "12")
+    assert run_verb(capsys, "add", "log.mcap", "--config", "learner.toml", "--name", "b", *options)[0] == 0
+    before = json.loads(Path("golden/b/case.json").read_text())
+    assert run_verb(capsys, "add", "--name", "b", "--reason", "nothing but a test")[0] == 0
+    after = json.loads(Path("golden/b/case.json").read_text())
+    assert after.pop("history") == [
+        *before.pop("history"),
+        {"reason": "nothing but a test", "digest": before["expected"]["digest"]},
+    ]
+    assert after == before
+    assert run_verb(capsys, "add", "--name", "b", "--reason", "more", "--epochs", "2", "--resume-after", "9")[0] == 0
+    changed = json.loads(Path("golden/b/case.json").read_text())["history"][-1]["changed"]
+    assert [change.split(":")[0] for change in changed] == ["schedule", "resume_after"]
+    assert changed[1] == "resume_after: 12 -> 9"
+    assert "--reason" in run_verb(capsys, "add", "--name", "b", "--reason", "  ")[1]
+    assert "expected logs and --config for a new case" in run_verb(capsys, "add", "--name", "c")[1]
 
 
 @pytest.mark.parametrize(

@@ -11,10 +11,12 @@ import zenoh
 from episodes import PERIOD_NS, write_episode
 from processes import complaint, reenact
 
+from recorders.messages import PoseStamped
 from recorders.reader import LogReader
-from recorders.topics import LEFT_TARGET
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
+from recorders.writer import LogWriter
 
 SAMPLES = 9
 
@@ -57,10 +59,19 @@ def test_the_bytes_and_keys_are_those_of_the_log(log: Path, tmp_path: Path) -> N
 
 def test_it_keeps_the_pace(log: Path, tmp_path: Path) -> None:
     rate = 4.0
-    result, heard = play(tmp_path, log, "--rate", rate)
+    _, heard = play(tmp_path, log, "--rate", rate)
     took_s = heard[-1][2] - heard[0][2]
     assert took_s >= 0.9 * SAMPLES * PERIOD_NS / 1e9 / rate
-    assert result["slipped_s"] >= 0.0
+
+
+def test_a_pace_that_cannot_be_kept_slips_and_the_result_says_so(tmp_path: Path) -> None:
+    """Messages a nanosecond apart: no machine sends them in time."""
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as writer:
+        for at in range(2000):
+            writer.write(LEFT_TARGET, PoseStamped(at, [0.3, 0.2, 0.7]), log_time_ns=at)
+    result, heard = play(tmp_path, tmp_path / "log.mcap", "--rate", 1)
+    assert len(heard) == result["messages"] == 2000
+    assert result["slipped_s"] > 0.0
 
 
 def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: Path) -> None:
@@ -77,6 +88,12 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
         (("--play", "--epochs", 3), "--play: expected neither"),
         (("--loop", 2), "expected --play beside them"),
         (("--play", "--topic", "/nothing"), "no topic /nothing"),
+        (("--play", "--map", f"{LEFT_TARGET}=/a//b*"), "topic: expected names with '/' between them"),
+        (("--play", "--map", f"{LEFT_TARGET}=/@x/**"), "topic: expected names with '/' between them"),
+        (("--play", "--map", f"{LEFT_TARGET}={RIGHT_TARGET}"), "each topic under a name of its own"),
+        (("--play", "--start", "1e300"), "slice: expected 0 <= start < end"),
+        (("--play", "--start", "1e9"), "expected messages between 1e+09 and inf s, found none"),
+        (("--batch", 64, "--window", 1), "expected 1 <= batch <= window, found batch 64 and window 1"),
         (("--map", "nonsense"), "--map: expected FOREIGN=OURS"),
         (("--as-recorded",), "expected the phase markers of one recorded run, found none"),
         (("--namespace", "/x"), "namespace: expected"),

@@ -16,6 +16,7 @@ from pipeline.robot import load_robot
 from pipeline.samples import Samples, read_samples
 from pipeline.serving import MAX_OPEN, Command, ServedController, ServingConfig
 from pipeline.serving_refusals import Refusal
+from pipeline.serving_restart import RESTART_AFTER
 from pipeline.training import Trainer, train
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError
@@ -208,6 +209,43 @@ def test_a_marker_begins_a_cycle_with_a_washout_of_its_own(controller: Controlle
     first = feed(served, [*pair(10), *pair(20, CENTRE + 0.01)])
     again = feed(served, [marker, *pair(10), *pair(20, CENTRE + 0.01)])
     assert [command.data for command in again] == [command.data for command in first]
+
+
+@pytest.mark.parametrize("learn", [False, True])
+def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_once(
+    controller: Controller, log: Path, learn: bool
+) -> None:
+    said: list[str] = []
+    config = ServingConfig(learn=learn, washout_steps=0)
+    served = ServedController(controller, config=config, say=said.append)
+    ahead = [whole_tick(10**18 + k) for k in (0, 1)]
+    assert len(feed(served, ahead[0])) == 1
+    stale = [whole_tick(k) for k in range(1, RESTART_AFTER + 1)]
+    assert feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS]) == []
+    assert len(feed(served, whole_tick(RESTART_AFTER + 1))) == 1
+    assert served.status()["refused"] == {"stale": RESTART_AFTER * (3 if learn else 2)}
+    assert len(feed(served, ahead[1])) == 1
+    feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS])
+    assert [line for line in said if "a new cycle begins" in line] == [
+        f"{RESTART_AFTER} ticks in a row are stale, the last at {RESTART_AFTER} ns after one at {10**18} ns: "
+        "a new cycle begins with the next"
+    ]
+
+
+def whole_tick(stamp_ns: int) -> list[Stamped]:
+    robot = load_robot("asimo")
+    return [*pair(stamp_ns), record(SAMPLE_JOINTS, JointState(stamp_ns, robot.joints, robot.comfort))]
+
+
+def test_late_messages_that_do_not_go_on_begin_nothing(controller: Controller) -> None:
+    """Neither one topic alone, nor one tick again and again, nor ticks between others that are answered."""
+    served = ServedController(controller)
+    feed(served, pair(10**9))
+    late = [pair(k)[0] for k in range(3 * RESTART_AFTER)] + pair(5) * 3 * RESTART_AFTER
+    late += [m for k in range(3 * RESTART_AFTER) for m in [*pair(k), *pair(10**9 + 1 + k)]]
+    assert len(feed(served, late)) == 3 * RESTART_AFTER
+    assert served.take(pair(10**9)[0]) is None
+    assert served.status()["refused"] == {"stale": 3 * 5 * RESTART_AFTER + 1}
 
 
 def ticks(log: Path) -> list[Stamped]:

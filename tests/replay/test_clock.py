@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 
 import pytest
 
@@ -42,6 +42,42 @@ def test_a_held_up_stream_slips_and_says_so() -> None:
         if number == 1:
             time.sleep(0.1)
     assert clock.slipped_s >= 0.08
+
+
+class PretendedTime:
+    """Stands in for the `time` that a clock reads and sleeps by: it passes only when somebody lets it."""
+
+    def __init__(self) -> None:
+        self.now_ns = 0
+
+    def monotonic_ns(self) -> int:
+        return self.now_ns
+
+    def sleep(self, seconds: float) -> None:
+        self.now_ns += round(seconds * 1e9)
+
+
+def test_a_pause_is_no_slip_and_what_follows_keeps_its_distances(monkeypatch: pytest.MonkeyPatch) -> None:
+    pretended = PretendedTime()
+    monkeypatch.setattr("replay.clock.time", pretended)
+    pace = Paced(1.0)
+    clock = Pausable(pace)
+
+    def pass_five_seconds(condition: object, *, done: Callable[[], bool]) -> bool:
+        pretended.now_ns += 5_000_000_000
+        clock.toggle()
+        return done()
+
+    monkeypatch.setattr(threading.Condition, "wait_for", lambda self, done: pass_five_seconds(self, done=done))
+    clock.wait(0)
+    clock.toggle()
+    clock.wait(1_000_000_000)
+    assert pretended.now_ns == 6_000_000_000
+    clock.wait(2_000_000_000)
+    assert (pretended.now_ns, pace.slipped_s) == (7_000_000_000, 0.0)
+    pretended.now_ns += 1_500_000_000
+    clock.wait(3_000_000_000)
+    assert (pretended.now_ns, pace.slipped_s) == (8_500_000_000, 0.5)
 
 
 @pytest.mark.parametrize("rate", [0.0, -1.0, 0.05, 1001.0, float("nan"), float("inf")])

@@ -7,8 +7,9 @@ from pathlib import Path
 
 import pytest
 from episodes import PERIOD_NS, write_episode
+from mcap.writer import Writer
 
-from recorders.errors import ConfigError, LogError
+from recorders.errors import ConfigError, LogError, WireError
 from recorders.reader import LogReader
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.wire.loopback import free_endpoint
@@ -76,7 +77,71 @@ def test_no_log_is_an_error() -> None:
         Playback([])
 
 
-@pytest.mark.parametrize("options", [{"start_s": -1.0}, {"start_s": 2.0, "end_s": 1.0}, {"loops": -1}])
+NO_TOPICS = ("/a//b", "x#y", "", "/", "/ok/", "a*b", "/**", "/a?", "/$", "/@consumer/learner/ack", "/a/@b", "/a\0b")
+
+
+def log_on(path: Path, *topics: str) -> Path:
+    """Write a log with one message on each topic, as the library does it, which writes any name."""
+    with path.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic in topics:
+            writer.add_message(writer.register_channel(topic, "cdr", 0), 0, b"\0\1\0\0", 0)
+        writer.finish()
+    return path
+
+
+@pytest.mark.parametrize("topic", [*NO_TOPICS, "/" + "x" * 2000])
+def test_a_topic_that_is_no_single_key_is_not_played(tmp_path: Path, topic: str) -> None:
+    log = log_on(tmp_path / "log.mcap", topic, "/good")
+    with pytest.raises(WireError, match="topic: expected names with '/' between them"):
+        Playback([log])
+    assert [record.topic for record in Playback([log], PlaybackConfig(topics=frozenset({"/good"}))).stream()] == [
+        "/good"
+    ]
+    played = Playback([log], PlaybackConfig(renames={topic: "/renamed"})).stream()
+    assert sorted(record.topic for record in played) == ["/good", "/renamed"]
+
+
+@pytest.mark.parametrize("topic", NO_TOPICS)
+def test_nor_is_one_renamed_to_such(log: Path, topic: str) -> None:
+    with pytest.raises(WireError, match="topic: expected names with '/' between them"):
+        Playback([log], PlaybackConfig(renames={LEFT_TARGET: topic}))
+
+
+@pytest.mark.parametrize("other", [RIGHT_TARGET, RIGHT_TARGET.removeprefix("/")])
+def test_two_topics_cannot_be_played_as_one(log: Path, other: str) -> None:
+    renames = {LEFT_TARGET: other}
+    with pytest.raises(ConfigError, match=r"/hand/left/target and /hand/right/target both as"):
+        Playback([log], PlaybackConfig(renames=renames))
+    chosen = frozenset({LEFT_TARGET})
+    assert next(Playback([log], PlaybackConfig(topics=chosen, renames=renames)).stream()).topic == other
+
+
+@pytest.mark.parametrize("slice_s", [(1e9, float("inf")), (1.8e10, float("inf")), (0.01, 0.02)])
+def test_a_slice_with_nothing_in_it_is_an_error(log: Path, slice_s: tuple[float, float]) -> None:
+    with pytest.raises(LogError, match="expected messages between"):
+        Playback([log], PlaybackConfig(start_s=slice_s[0], end_s=slice_s[1]))
+
+
+def test_the_offer_says_how_many_messages_where_that_is_known(log: Path) -> None:
+    assert Playback([log, log]).offer().messages == 2 * len(list(LogReader(log)))
+    config = PlaybackConfig(topics=frozenset({LEFT_TARGET}), loops=3)
+    assert Playback([log], config).offer().messages == len(list(Playback([log], config).stream()))
+    for unknown in (PlaybackConfig(loops=0), PlaybackConfig(start_s=PERIOD_S), PlaybackConfig(end_s=PERIOD_S)):
+        assert Playback([log], unknown).offer().messages is None
+
+
+@pytest.mark.parametrize(
+    "options",
+    [
+        {"start_s": -1.0},
+        {"start_s": 1e300},
+        {"start_s": float("nan")},
+        {"start_s": 2.0, "end_s": 1.0},
+        {"loops": -1},
+    ],
+)
 def test_numbers_out_of_range_are_refused(options: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="expected"):
         PlaybackConfig(**options)  # type: ignore[arg-type]

@@ -1,0 +1,30 @@
+"""When stamps that lie behind are a publisher that began anew, and no longer messages that come late."""
+
+RESTART_AFTER = 10
+"""Ticks in a row that must lie behind: more than are under way between two nodes, and two seconds at 5 Hz."""
+
+
+class RestartWatch:
+    """Notices that every topic of a tick goes on, message after message, behind what was answered last.
+
+    Parameters
+    ----------
+    topics : int
+        How many topics a tick has; each is known by its place.
+    """
+
+    def __init__(self, topics: int) -> None:
+        self._topics = topics
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget what was noted: a tick was answered, or a cycle begun."""
+        self._stamps = [-1] * self._topics
+        self._counts = [0] * self._topics
+
+    def note(self, place: int, stamp: int) -> bool:
+        """Note a message behind; True once `RESTART_AFTER` in a row rose on every topic."""
+        rises = stamp > self._stamps[place]
+        self._counts[place] = self._counts[place] + 1 if rises else 1
+        self._stamps[place] = stamp
+        return min(self._counts) >= RESTART_AFTER

@@ -1,0 +1,83 @@
+"""Folders of golden cases: finding them, and putting a new case in the place of an old one. Imports nothing heavy."""
+
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+from recorders.errors import ConfigError, LogError
+
+CASE_FILE = "case.json"
+_REPLACED = ".replaced"
+
+
+def find_cases(folder: Path) -> list[Path]:
+    """Return the folders of the cases in a folder, at any depth, by name; a case's own folder is one.
+
+    Folders whose names begin with a dot are left out, and so is whatever lies within a case.
+
+    Raises
+    ------
+    ConfigError
+        If there is none, a folder cannot be read, or the replacement of a case was cut short.
+    """
+    try:
+        found = list(_cases(folder, set()))
+    except OSError as error:
+        raise ConfigError(f"{error.filename}: cannot be read: {error.strerror or error}") from error
+    if not found:
+        raise ConfigError(f"{folder}: expected golden cases, folders with a {CASE_FILE}; make one with golden add")
+    return found
+
+
+def put(made: Path, folder: Path) -> None:
+    """Put a new case in the place of the old one, if there is one; on failure, of whatever kind, the old one is back.
+
+    Raises
+    ------
+    LogError
+        If the folders cannot be renamed.
+    """
+    old = _aside(folder)
+    try:
+        if folder.exists():
+            folder.rename(old)
+        made.rename(folder)
+    except OSError as error:
+        raise LogError(f"cannot write {folder}: {error.strerror or error}") from error
+    finally:  # an interrupt is no OSError
+        restore(folder)
+
+
+def restore(folder: Path) -> None:
+    """Undo a replacement that was cut short: without a new case, the old one goes back to its place."""
+    old = _aside(folder)
+    if not old.exists():
+        return
+    if folder.exists():
+        shutil.rmtree(old, ignore_errors=True)
+    else:
+        old.rename(folder)
+
+
+def _aside(folder: Path) -> Path:
+    """Where the old case lies while the new one is put in its place: outside every folder that is cleaned up."""
+    return folder.with_name(f".{folder.name}{_REPLACED}")
+
+
+def _cases(folder: Path, seen: set[Path]) -> Iterator[Path]:
+    if (folder / CASE_FILE).is_file():
+        yield folder
+        return
+    seen.add(folder.resolve())
+    for path in sorted(folder.iterdir()) if folder.is_dir() else ():
+        if path.name.startswith("."):
+            _refuse_cut_short(path)
+        elif path.is_dir() and path.resolve() not in seen:  # a link may lead back
+            yield from _cases(path, seen)
+
+
+def _refuse_cut_short(path: Path) -> None:
+    """Without this, a case whose replacement was killed half-way would be missing, and nobody would be told."""
+    folder = path.with_name(path.name[1:].removesuffix(_REPLACED))
+    if path.name.endswith(_REPLACED) and not folder.exists():
+        raise ConfigError(f"{path}: a golden add was cut short, and this is the case as it was: rename it {folder}")
