@@ -17,7 +17,7 @@ Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
 Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.")]
 StreamsRobot = Annotated[str | None, typer.Option(help="Robot; by default the one that the stream or log names.")]
-Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file if it exists; the .part of a crash is set aside.")]
+Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file; a crash's .part is set aside.")]
 AsRecorded = Annotated[bool, typer.Option("--as-recorded", help="Follow the phase markers of a recorded session.")]
 AsLive = Annotated[bool, typer.Option("--as-live", help="Take the messages as `learn --live` would have taken them.")]
 Renames = Annotated[
