@@ -116,9 +116,10 @@ def test_a_cluster_of_which_a_worker_is_killed(runs: list[Run], expected: list[O
 
 def test_a_run_that_fails_ends_all_with_its_own_error(runs: list[Run], tmp_path: Path) -> None:
     missing = Run((tmp_path / "none.mcap",), Schedule(epochs=1), LearnerConfig())
+    others = set(children())  # such as what is left of a cluster
     with pytest.raises(LogError, match=r"none\.mcap"):
         compute_all([missing, *runs], partial(local_processes, 2))
-    assert children() == []
+    assert set(children()) <= others
 
 
 def test_no_cluster_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,6 +1,7 @@
 """The receiving end and strangers: what waits is bounded, and what is said of them too, and fit for a terminal."""
 
 import json
+import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -53,13 +54,14 @@ def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
         with other.declare_publisher("reenact/raw", congestion_control=zenoh.CongestionControl.BLOCK) as publisher:
             for index in range(100):
                 publisher.put(index.to_bytes(2, "little") * 500)
-            assert ask(other, "status", b"") == Progress()
+            deadline = time.monotonic() + 20.0
+            while sum(receiver.refused.values()) < 91 and time.monotonic() < deadline:
+                time.sleep(0.01)  # while it is taken from there would be room again
         taken = []
         while isinstance(event := receiver.next_event(0.5), Live):
             taken.append(event.record.data[0])
-        assert taken == list(range(len(taken)))
-        assert 0 < len(taken) < 100
-        assert receiver.refused == {"/raw: lost, as 20000 bytes wait already": 100 - len(taken)}
+        assert taken == list(range(9))
+        assert receiver.refused == {"/raw: lost, as 20000 bytes wait already": 91}
 
 
 def test_a_stream_loses_nothing_although_little_may_wait() -> None:
