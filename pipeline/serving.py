@@ -13,6 +13,7 @@ from pipeline.controller import Controller
 from pipeline.evaluation import WASHOUT_STEPS, hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import state_digest
+from pipeline.plausible import MAX_DISTANCE_M
 from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
@@ -27,9 +28,6 @@ from recorders.ticks import JointMap, Tick
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 
 Floats = NDArray[np.float64]
-
-MAX_DISTANCE_M = 10.0
-"""A target farther than this from the centre of its pattern is no target; far larger numbers overflow the network."""
 
 MAX_OPEN = 64  # ticks that wait for a partner; whoever sends halves alone must not fill the memory
 _MAX_LINE = 300
