@@ -38,7 +38,7 @@ class RobotBackend(Protocol):
 
     @property
     def time_ns(self) -> int:
-        """The robot's time [ns]: the sum of all durations advanced since the reset."""
+        """The robot's time [ns]: that of the reset and all durations advanced since."""
         ...
 
     @property
@@ -61,6 +61,14 @@ class RobotBackend(Protocol):
 
     def hands(self) -> Floats:
         """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
+        ...
+
+
+class PlaceableRobot(RobotBackend, Protocol):
+    """A robot that can be put anywhere at any time, as a simulated one can."""
+
+    def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
+        """Stand still at posture `q` (n,), at a time [ns]."""
         ...
 
 

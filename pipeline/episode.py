@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.backend import RobotBackend
+from pipeline.backend import PlaceableRobot, RobotBackend
 from pipeline.motions import Motion
 from pipeline.robot import RobotConfig
 from pipeline.seeding import uniforms
@@ -26,7 +26,7 @@ class ExplorationConfig:
     ----------
     state_period_ns : period of the robot's own messages [ns]; the default is 50 Hz
     settle_ns : how long the first target of an open motion is held before the recording [ns]; a closed motion settles
-        during one unrecorded cycle
+        during one unrecorded cycle, for the last part of which, this long, a robot that can be placed takes part
     start_spread : the start posture is drawn this far about the comfort posture, in parts of each joint's range
     """
 
@@ -143,6 +143,32 @@ class Episode:
         """Yield the commands of the settling, each before it takes effect."""
         for hold in led.settling:
             yield from self._lead(hold)
+
+    def settle_placed(self, led: Plan, robot: PlaceableRobot, *, driven_ns: int) -> None:
+        """Settle as `settle` does, in less time: the teacher goes ahead alone, and the robot joins it for the end.
+
+        What the teacher commands does not depend on the robot, and the robot forgets where it was put: of the 10 mrad
+        that the servos lag behind at first, less than 1e-11 rad are left after 2 s.
+
+        Parameters
+        ----------
+        led : Plan
+            What is settled for.
+        robot : PlaceableRobot
+            The robot of this episode.
+        driven_ns : int
+            How long it is driven [ns]; at most, all of the settling.
+        """
+        period_ns = self._teacher.config.period_ns
+        targets = [hold.target for hold in led.settling for _ in range(hold.duration_ns // period_ns)]
+        alone = max(0, len(targets) - driven_ns // period_ns)
+        for target in targets[:alone]:
+            self._command = self._teacher.step(self._command, target)
+        robot.reset(self._command, time_ns=alone * period_ns)
+        for target in targets[alone:]:
+            self._command = self._teacher.step(self._command, target)
+            robot.advance(self._command, period_ns)
+        self._on_hold(robot.time_ns)
 
     def cycle(self, led: Plan) -> Iterator[Addressed]:
         """Yield one presentation: a tick at the start of every hold and one at the end, T + 1 in all, and commands."""

@@ -59,8 +59,9 @@ def explore(
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
     A closed motion goes round once to settle and once for the record; of an open one the first target is held to
-    settle. A tick is written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed
-    motion carries its first target again, that of an open motion its last.
+    settle. The robot takes part in the last `config.settle_ns` of it alone, see `Episode.settle_placed`. A tick is
+    written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed motion carries
+    its first target again, that of an open motion its last.
 
     Parameters
     ----------
@@ -87,7 +88,6 @@ def explore(
         check_reach(guide, motion)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
-    backend.reset(start)
     manifest = {
         **notes,
         "kind": "exploration",
@@ -102,8 +102,7 @@ def explore(
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
         total_ns = led.settling_ns + led.cycle_ns
         episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
-        for _ in episode.settle(led):
-            pass  # not for the record
+        episode.settle_placed(led, backend, driven_ns=config.settle_ns)  # not for the record
         _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(led))
     return Exploration(
         Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])

@@ -60,10 +60,8 @@ def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
     led = _plan(log, made, ticks=ticks)
     backend = Simulation(robot, made.simulation)
     start = start_posture(robot, seed=made.seed, spread=made.config.start_spread)
-    backend.reset(start)
     episode = Episode(backend, Teacher(Kinematics(robot), made.teacher), start=start)
-    for _ in episode.settle(led):
-        pass
+    episode.settle_placed(led, backend, driven_ns=made.config.settle_ns)
     for topic, message in episode.cycle(led):
         if topic != JOINT_COMMANDS:
             yield topic, message

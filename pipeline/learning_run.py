@@ -12,8 +12,9 @@ from pipeline.evaluation import hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
+from pipeline.presentation import Presentation
 from pipeline.robot import RobotConfig
-from pipeline.samples import CommandedPairs
+from pipeline.samples import HANDS, CommandedPairs
 from recorders.cdr import decode
 from recorders.errors import ControllerError, MessageError
 from recorders.messages import String
@@ -27,7 +28,6 @@ Floats = NDArray[np.float64]
 PIECE = 64
 """Steps per call of the kernel. The pieces do not enter the result; one call costs as much as a step."""
 
-_HANDS = 6  # inputs of the network: two hand positions
 _CM_PER_M = 100.0
 
 
@@ -118,7 +118,7 @@ class LearningRun:
         on_steps: Callable[[Steps], None] | None = None,
     ) -> None:
         output_centre = np.concatenate([robot.input_centre, robot.comfort])
-        config = replace(config, inputs=_HANDS, outputs=len(output_centre))
+        config = replace(config, inputs=HANDS, outputs=len(output_centre))
         self.robot = robot
         self.learner = Learner(config, input_centre=robot.input_centre, output_centre=output_centre)
         self.counts = _Counts()
@@ -129,7 +129,7 @@ class LearningRun:
         self._pairs = CommandedPairs(robot.joints)
         self._joiner = TickJoiner()
         self._phase: Phase | None = None
-        self._u = np.empty((PIECE, _HANDS))
+        self._u = np.empty((PIECE, HANDS))
         self._d = np.empty((PIECE, len(output_centre)))
         self._stamps_ns: list[int] = []  # of the targets of the steps not yet handed to the kernel
         self._filled = 0
@@ -197,6 +197,25 @@ class LearningRun:
             raise MessageError(f"{message.topic} #{message.sequence}: expected a phase marker before it, found none")
         for tick in self._joiner.feed(message):
             self._take(tick)
+
+    def present(self, marker: Stamped, presentation: Presentation) -> CycleReport | None:
+        """Follow a phase marker and take all that it announces: `begin_presentation`, and `feed` for every message.
+
+        Raises
+        ------
+        MessageError
+            As `begin_presentation` does.
+        """
+        report = self.begin_presentation(marker)
+        self._stream.extend(presentation.links)
+        self.counts.ticks += len(presentation.links)
+        targets_ns = presentation.stamps_ns[:-1]
+        for first in range(0, len(targets_ns), PIECE):
+            piece = slice(first, first + PIECE)
+            self._step(targets_ns[piece], presentation.u[piece], presentation.d[piece])
+        self._time_ns = presentation.stamps_ns[-1]
+        self._pairs.resume(presentation.pending)
+        return report
 
     def end(self) -> CycleReport | None:
         """End the stream; returns the report of the last cycle."""
@@ -281,18 +300,21 @@ class LearningRun:
                 self._flush()
 
     def _flush(self) -> None:
-        """Hand the steps that are complete to the kernel: predict, then update."""
-        if self._filled == 0 or self._phase is None:
-            return
-        u, d = self._u[: self._filled], self._d[: self._filled]
-        outputs = self.learner.step(u, d, learning=self._phase.phase == LEARN)
-        if self._phase.phase == EVALUATE:
-            self.counts.scored_m += hand_errors(self._kinematics, outputs[:, _HANDS:], u).tolist()
+        """Hand the steps that are complete to the kernel."""
+        if self._filled:
+            self._step(self._stamps_ns, self._u[: self._filled], self._d[: self._filled])
+            self._stamps_ns = []
+            self._filled = 0
+
+    def _step(self, stamps_ns: list[int], u: Floats, d: Floats) -> None:
+        """Predict, then update."""
+        phase = self._phase.phase if self._phase else ""
+        outputs = self.learner.step(u, d, learning=phase == LEARN)
+        if phase == EVALUATE:
+            self.counts.scored_m += hand_errors(self._kinematics, outputs[:, HANDS:], u).tolist()
         if self._on_steps is not None:
-            self._on_steps(Steps(self._stamps_ns, u, outputs))
-        self.counts.steps += self._filled
-        self._stamps_ns = []
-        self._filled = 0
+            self._on_steps(Steps(stamps_ns, u, outputs))
+        self.counts.steps += len(u)
 
 
 def _parse_marker(message: Stamped) -> Phase:

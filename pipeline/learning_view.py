@@ -13,6 +13,7 @@ from pipeline.learning_run import CycleReport, Steps
 from pipeline.live_view import LiveView
 from pipeline.network_view import NetworkView
 from pipeline.robot import RobotConfig, parse_robot
+from pipeline.samples import HANDS
 from pipeline.training import CheckpointConfig, Trainer
 from recorders.phase import EVALUATE
 from recorders.rerun_blueprint import EPOCHS, in_sight, learning_blueprint
@@ -31,7 +32,6 @@ _STRIDE = 7  # ticks from one epoch's posture to the next: the robot moves throu
 _PICTURE_EVERY, _ACTIVITY_EVERY = 3, 15  # epochs: numbers cost little, paths more, the activity most
 _LIVE_TICKS = 64  # between two pictures of a learner without epochs
 _CM_PER_M = 100.0
-_HANDS = 6  # of the outputs predict targets, the others are joints
 
 
 class LearningView:
@@ -82,7 +82,7 @@ class LearningView:
         if not self._steps:
             return
         u, outputs = (np.concatenate(parts) for parts in zip(*self._steps, strict=True))
-        joints = outputs[:, _HANDS:]
+        joints = outputs[:, HANDS:]
         self._kinematics = self._kinematics or Kinematics(parse_robot(controller.robot_toml, controller.robot_urdf))
         if hands_cm is None:
             left, right = (hand_errors(self._kinematics, joints, u).mean(axis=0) * _CM_PER_M).tolist()

@@ -14,6 +14,9 @@ from replay.engine import naming, read_robot
 
 Floats = NDArray[np.float64]
 
+HANDS = 6
+"""Inputs of the network: two hand positions."""
+
 
 class CommandedPairs:
     """Pairs each tick with the one before it: u(k) is held until t_{k+1}, so d(k) = (u(k+1); q(k)) is complete then.
@@ -29,7 +32,7 @@ class CommandedPairs:
 
     def __init__(self, joints: tuple[str, ...]) -> None:
         self._joints = JointMap(joints)
-        self._held: Floats = np.empty(6)
+        self._held: Floats = np.empty(HANDS)
         self._waiting = False
 
     @property
@@ -75,8 +78,8 @@ class CommandedPairs:
             u[:] = self._held
         self._held[:3] = tick.left
         self._held[3:] = tick.right
-        d[:6] = self._held
-        d[6:] = joints
+        d[:HANDS] = self._held
+        d[HANDS:] = joints
         self._waiting = True
         return complete
 
@@ -118,9 +121,9 @@ def read_samples(path: Path) -> Samples:
         )
     robot = parse_robot(texts["toml"], texts["urdf"])
     pairs = CommandedPairs(robot.joints)
-    u, d = np.empty(6), np.empty(6 + len(robot.joints))
+    u, d = np.empty(HANDS), np.empty(HANDS + len(robot.joints))
     with naming(path):
-        rows = [(u.copy(), d[6:].copy()) for tick in join_ticks(reader) if pairs.fill(tick, u, d)]
+        rows = [(u.copy(), d[HANDS:].copy()) for tick in join_ticks(reader) if pairs.fill(tick, u, d)]
     if not rows:
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
     return Samples(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), robot)

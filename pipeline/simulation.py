@@ -113,7 +113,7 @@ class Simulation:
 
     @property
     def time_ns(self) -> int:
-        """Simulated time since the reset [ns]."""
+        """Simulated time [ns]."""
         return self._time_ns
 
     @property
@@ -128,8 +128,8 @@ class Simulation:
         velocities: Floats = self._plant.GetVelocities(self._context)[self._velocities]
         return velocities
 
-    def reset(self, q: ArrayLike) -> None:
-        """Stand still at posture `q` (n,), at time 0.
+    def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
+        """Stand still at posture `q` (n,), at a time [ns].
 
         Raises
         ------
@@ -137,9 +137,9 @@ class Simulation:
             `q` has the wrong shape or is not finite.
         """
         posture = self._checked(q)
-        self._time_ns = 0
+        self._time_ns = time_ns
         self._set_point = posture
-        self._context.SetTime(0.0)
+        self._context.SetTime(time_ns / 1_000_000_000)
         positions = np.zeros(self._plant.num_positions())
         positions[self._positions] = posture
         self._plant.SetPositions(self._context, positions)

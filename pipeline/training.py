@@ -9,13 +9,14 @@ from typing import Any, NamedTuple
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport, LearningRun, Steps
+from pipeline.presentation import Presentation
 from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.phase import Phase
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
-from replay.engine import Replay
+from replay.engine import Episode, Replay, naming
 from replay.schedule import Schedule
 from replay.transport import InProcess, Source
 
@@ -186,6 +187,32 @@ class Trainer:
             self._busy = False
         return self.result()
 
+    def learn(self, replay: Replay) -> dict[str, Any]:
+        """Learn from logs that are in memory: what `consume` makes of the stream, but each log is joined only once.
+
+        Raises
+        ------
+        MessageError, JointError
+            If a message is not what it should be; it is named, and so is its log.
+        """
+        self.hello(replay.offer())
+        run = self._running()
+        presentations: dict[Episode, Presentation] = {}
+        for episode in replay.episodes:
+            with naming(episode.path):
+                presentations[episode] = Presentation.of(episode, run.robot.joints)
+        for marker, episode in replay.presentations():
+            self._report(run.present(marker, presentations[episode]))
+            self._next += 1 + episode.count
+            self._tell(run)
+        self._report(run.end())
+        return self.result()
+
+    @property
+    def keeps(self) -> bool:
+        """Whether it keeps checkpoints."""
+        return self._checkpoint is not None
+
     def result(self) -> dict[str, Any]:
         """Return what is to be said of the run so far, as JSON has it."""
         run = self._running()
@@ -329,7 +356,10 @@ def train_on(source: Source, trainer: Trainer) -> Trainer:
     ReenactError
         If a log, its robot or a message is not what it should be.
     """
-    InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
+    if isinstance(source, Replay) and source.kept and not trainer.keeps:
+        trainer.learn(source)
+    else:
+        InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
     return trainer
 
 

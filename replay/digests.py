@@ -16,6 +16,11 @@ def framed(record: Stamped) -> bytes:
     return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
 
 
+def link(records: Iterable[Stamped]) -> bytes:
+    """Return what one link of the stream digest hashes: a tick's records in canonical order, or one phase marker."""
+    return b"".join(map(framed, records))
+
+
 class StreamDigest:
     """Chained SHA-256 over completed ticks and phase markers.
 
@@ -33,7 +38,14 @@ class StreamDigest:
 
     def update(self, records: Iterable[Stamped]) -> None:
         """Add one link: the records of a completed tick, in canonical order, or one phase marker."""
-        self._value = hashlib.sha256(self._value + b"".join(map(framed, records))).digest()
+        self.extend((link(records),))
+
+    def extend(self, links: Iterable[bytes]) -> None:
+        """Add links that were joined beforehand, by `link`."""
+        value = self._value
+        for data in links:
+            value = hashlib.sha256(value + data).digest()
+        self._value = value
 
     @property
     def value(self) -> bytes:

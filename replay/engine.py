@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import islice
+from itertools import chain, count, islice
 from pathlib import Path
 
 from recorders.cdr import encode
@@ -65,6 +65,11 @@ class Episode:
     def __iter__(self) -> Iterator[Stamped]:
         """Yield the messages in log order."""
         return iter(self._cache) if self._cache is not None else self._read()
+
+    @property
+    def kept(self) -> bool:
+        """Whether the messages are in memory."""
+        return self._cache is not None
 
     def _read(self) -> Iterator[Stamped]:
         return renamed(self._reader, self._renames, _NEEDED)
@@ -172,6 +177,11 @@ class Replay:
         """Messages of the whole run, phase markers included."""
         return self.schedule.epochs * self.schedule.cycles * sum(1 + episode.count for episode in self.episodes)
 
+    @property
+    def kept(self) -> bool:
+        """Whether all the logs are in memory."""
+        return all(episode.kept for episode in self.episodes)
+
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
         return Offer(
@@ -185,22 +195,19 @@ class Replay:
     def stream(self, start: int = 0) -> Iterator[Stamped]:
         """Yield the messages of the run from index `start` on; presentations before it are not read."""
         index = 0
-        for number, (marker, episode) in enumerate(self._presentations()):
+        for marker, episode in self.presentations():
             end = index + 1 + episode.count
             if end > start:
-                yield from self._presentation(number, marker, episode, skip=max(0, start - index))
+                skip = max(0, start - index)
+                yield from islice(chain((marker,), episode), skip, None)
             index = end
 
-    def _presentations(self) -> Iterator[tuple[Phase, Episode]]:
+    def presentations(self) -> Iterator[tuple[Stamped, Episode]]:
+        """Yield the phase marker of every presentation, and the log that is presented under it."""
+        number = count()
         for epoch in range(self.schedule.epochs):
             for cycle, phase in self.schedule.epoch():
                 for episode in self.episodes:
-                    yield Phase(self.run, epoch, cycle, phase, episode.digest), episode
-
-    @staticmethod
-    def _presentation(number: int, marker: Phase, episode: Episode, *, skip: int) -> Iterator[Stamped]:
-        messages = iter(episode)
-        if skip == 0:
-            data = encode(marker.to_message())
-            yield Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, number, log_time_ns=0)
-        yield from islice(messages, max(0, skip - 1), None)
+                    data = encode(Phase(self.run, epoch, cycle, phase, episode.digest).to_message())
+                    marker = Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, next(number), log_time_ns=0)
+                    yield marker, episode

@@ -3,17 +3,20 @@
 import hashlib
 import subprocess
 import sys
+from collections import deque
 from pathlib import Path
 
 import numpy as np
 import pytest
 
+from pipeline.episode import Episode, plan
 from pipeline.exploration import Exploration, ExplorationConfig, explore, start_posture
 from pipeline.kinematics import Kinematics
 from pipeline.motions import Motion, circles, eight, read_motion_csv
 from pipeline.robot import load_robot, parse_robot
-from pipeline.simulation import SimulationConfig
-from pipeline.teacher import TeacherConfig
+from pipeline.simulation import Simulation, SimulationConfig
+from pipeline.teacher import Teacher, TeacherConfig
+from pipeline.telemetry import Addressed
 from recorders import topics
 from recorders.cdr import decode
 from recorders.errors import ConfigError, LogError, MotionError
@@ -21,6 +24,7 @@ from recorders.messages import Clock, JointState, PoseStamped, String, TFMessage
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.ticks import JointMap, Tick, join_ticks
+from recorders.topics import SAMPLE_JOINTS
 
 ROBOT = load_robot("asimo")
 KINEMATICS = Kinematics(ROBOT)
@@ -164,6 +168,28 @@ def test_another_seed_starts_elsewhere_and_ends_up_with_the_same_motion(log: Exp
     assert np.abs(np.subtract(start, other_start)).max() > 0.01
     mine, its = joints_of(ticks_of(log.path)), joints_of(ticks_of(other.path))
     np.testing.assert_allclose(its[2:], mine[2:], atol=2e-3)
+
+
+def test_a_robot_that_is_placed_is_where_one_that_was_led_all_the_way_is() -> None:
+    short = short_motion()
+    motion = Motion("slow", 2.0 * short.times_s, short.left, short.right, closed=True)
+    led = plan(motion, period_ns=TeacherConfig().period_ns, settle_ns=0)
+    ways: dict[str, list[Addressed]] = {}
+    for way in ("led", "placed"):
+        robot = Simulation(ROBOT)
+        robot.reset(ROBOT.comfort)
+        episode = Episode(robot, Teacher(KINEMATICS), start=ROBOT.comfort)
+        if way == "led":
+            deque(episode.settle(led), maxlen=0)
+        else:
+            episode.settle_placed(led, robot, driven_ns=ExplorationConfig().settle_ns)  # of 3.2 s
+        ways[way] = [(topic, message) for topic, message in episode.cycle(led) if topic == SAMPLE_JOINTS]
+    assert len(ways["led"]) == SAMPLES + 1
+    for (_, expected), (_, found) in zip(ways["led"], ways["placed"], strict=True):
+        assert isinstance(expected, JointState)
+        assert isinstance(found, JointState)
+        assert found.stamp_ns == expected.stamp_ns
+        np.testing.assert_allclose(found.position, expected.position, rtol=0, atol=1e-11)
 
 
 def test_start_postures_keep_within_the_limits() -> None:

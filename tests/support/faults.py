@@ -19,7 +19,7 @@ from recorders.messages import JointState
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.ticks import JointMap
-from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.writer import RESERVED, LogWriter
 from replay.engine import Replay
 from replay.schedule import Schedule
@@ -155,7 +155,7 @@ def permuted_joints(patch: Patch, folder: Path) -> None:
 
 
 def learning_during_washout(patch: Patch, folder: Path) -> None:
-    rewrite(patch, learning_run.LearningRun, "_flush", "self._phase.phase == LEARN", "self._phase.phase != EVALUATE")
+    rewrite(patch, learning_run.LearningRun, "_step", "phase == LEARN", "phase != EVALUATE")
 
 
 def washout_cycle_skipped(patch: Patch, folder: Path) -> None:
@@ -185,13 +185,16 @@ def trial_of_the_wrong_hand(patch: Patch, folder: Path) -> None:
 
 def _presenting(patch: Patch, change: Callable[[int, Stamped], Sequence[Stamped]]) -> None:
     """Change messages of the fourth presentation, by their place in it; the phase marker is at 0."""
-    right = Replay._presentation
+    right = Replay.stream
 
-    def presentation(number: int, *arguments: Any, **options: Any) -> Iterator[Stamped]:
-        for place, message in enumerate(right(number, *arguments, **options)):
-            yield from change(place, message) if number == 3 else [message]
+    def changed(replay: Replay) -> Iterator[Stamped]:
+        presentation, place = -1, 0
+        for message in right(replay):
+            begins = message.topic == SESSION_PHASE
+            presentation, place = presentation + begins, 0 if begins else place + 1
+            yield from change(place, message) if presentation == 3 else [message]
 
-    patch.setattr(Replay, "_presentation", staticmethod(presentation))
+    patch.setattr(Replay, "stream", lambda replay, start=0: islice(changed(replay), start, None))
 
 
 def message_dropped(patch: Patch, folder: Path) -> None:
