@@ -49,6 +49,9 @@ _HELD_S = 0.05
 _LOG_TIME = struct.Struct("<Q")  # the end of an attachment
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
+_Arrived = tuple[Callable[[zenoh.Sample, int], Stamped | None], zenoh.Sample, int]
+"""How to read a sample, the sample, and the time of its arrival [ns], for the log."""
+
 
 @dataclass(frozen=True)
 class ServeConfig:
@@ -171,7 +174,7 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
-        self._held: tuple[Callable[[zenoh.Sample, int, int], None], zenoh.Sample, int, int] | None = None
+        self._held: _Arrived | None = None
         self._attachment = _command_attachment(0)
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
@@ -220,7 +223,7 @@ class Node:
         over the last commands; `rate_hz` counts the commands of the last two seconds.
         """
         with self._lock:
-            self._take_held()
+            self._take(None, time.perf_counter_ns())
             status = self._served.status()
             recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
         return {
@@ -236,7 +239,7 @@ class Node:
     def controller(self) -> Controller:
         """Return the controller as it is now."""
         with self._lock:
-            self._take_held()
+            self._take(None, time.perf_counter_ns())
             return self._served.controller()
 
     def _handler(self, topic: str) -> Callable[[zenoh.Sample], None]:
@@ -247,15 +250,13 @@ class Node:
         """
         lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
 
-        def take(sample: zenoh.Sample, arrival: int, time_ns: int) -> None:
+        def read(sample: zenoh.Sample, time_ns: int) -> Stamped | None:
             payload = sample.payload
             if len(payload) > MAX_PAYLOAD:
                 served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
-                return
+                return None
             sequence = _sequence(topic, sample) if clerk.records else UNNUMBERED
-            command = served.take(Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns))
-            if command is not None:
-                self._publish(command, arrival)
+            return Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns)
 
         def on_sample(sample: zenoh.Sample) -> None:
             if sample.kind != zenoh.SampleKind.PUT:
@@ -264,24 +265,26 @@ class Node:
             time_ns = time.time_ns() if clerk.records else 0
             with lock:
                 if self._held is None and served.between_ticks:
-                    self._held = take, sample, arrival, time_ns
+                    self._held = read, sample, time_ns
                 else:
-                    self._take_held()
-                    self._try(take, sample, arrival, time_ns)
+                    self._take((read, sample, time_ns), arrival)
 
         return on_sample
 
-    def _take_held(self) -> None:
-        if self._held is not None:
-            held, self._held = self._held, None
-            self._try(*held)
-
-    def _try(self, take: Callable[[zenoh.Sample, int, int], None], *arguments: Any) -> None:
-        """Take a message; what goes wrong ends the node."""
+    def _take(self, arrived: _Arrived | None, arrival: int) -> None:
+        """Take what is held, and what has arrived after it; what goes wrong ends the node."""
+        held, self._held = self._held, None
         if self._failure is not None:
             return
         try:
-            take(*arguments)
+            first, second = _read(held), _read(arrived)
+            if first is not None and second is not None:
+                command = self._served.take_pair(first, second)
+            else:
+                record = first or second
+                command = None if record is None else self._served.take(record)
+            if command is not None:
+                self._publish(command, arrival)
         except Exception as error:
             self._failure = error
             self._stop.set()
@@ -300,7 +303,7 @@ class Node:
         """Take what is held although nothing follows it: it may be something to refuse."""
         while not self._stop.wait(_HELD_S):
             with self._lock:
-                self._take_held()
+                self._take(None, time.perf_counter_ns())
 
     def _publish(self, command: Command, arrival: int) -> None:
         """Send a command, then do all that the robot does not wait for."""
@@ -367,6 +370,13 @@ class _Types:
             self._name = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self._topic)
             self._encoding = encoding
         return self._name
+
+
+def _read(arrived: _Arrived | None) -> Stamped | None:
+    if arrived is None:
+        return None
+    read, sample, time_ns = arrived
+    return read(sample, time_ns)
 
 
 def _sequence(topic: str, sample: zenoh.Sample) -> int:

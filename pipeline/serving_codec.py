@@ -57,6 +57,7 @@ class PoseReader:
         frame = self._size - 12 - 7 * 8  # the bytes between the stamp and the seven numbers
         self._layout = struct.Struct(f"<4siI{frame}s3d")
         self._encapsulation, _, _, self._frame, *_ = self._layout.unpack_from(payload)
+        self._headed = struct.Struct(f"<{12 + frame}s3d")
 
     def read(self, data: bytes) -> tuple[int, Position]:
         """Return stamp [ns] and position [m] of a PoseStamped; raises MessageError if it is none."""
@@ -67,3 +68,16 @@ class PoseReader:
                 return seconds * _SECOND + nanoseconds, (x, y, z)
         pose = decode_as(PoseStamped, data)
         return pose.stamp_ns, tuple(pose.position.tolist())
+
+    def read_pair(self, left: bytes, right: bytes) -> tuple[int, Position] | None:
+        """Return the stamp [ns] and both positions [m], length 6, of two usual poses with one stamp; else None."""
+        if len(left) != self._size or len(right) != self._size:
+            return None
+        head, *one = self._headed.unpack_from(left)
+        other_head, *other = self._headed.unpack_from(right)
+        if head != other_head or head[:_STAMP_AT] != self._encapsulation or head[12:] != self._frame:
+            return None
+        seconds, nanoseconds = _STAMP.unpack_from(head, _STAMP_AT)
+        if seconds < 0 or nanoseconds >= _SECOND:
+            return None
+        return seconds * _SECOND + nanoseconds, (*one, *other)

@@ -7,6 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import write_episode
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from pipeline.controller import Controller
 from pipeline.evaluation import WASHOUT_STEPS, predicted_joints
@@ -107,6 +109,34 @@ def test_what_follows_a_command_is_done_by_the_next_message_if_not_before(contro
         settling.settle()
         assert prompt == late
     assert settling.status() == lazy.status()
+
+
+COORDINATES = st.sampled_from([0.0, 0.32, 0.2, -0.2, 0.76, 0.6, 9.0, 1e9, np.nan, np.inf])
+
+
+@st.composite
+def messages(draw: st.DrawFn) -> Stamped:
+    topic = draw(st.sampled_from([LEFT_TARGET, RIGHT_TARGET, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, JOINT_COMMANDS]))
+    hand = CENTRE[:3] if topic == LEFT_TARGET else CENTRE[3:]
+    place = draw(st.one_of(st.just(hand), st.tuples(COORDINATES, COORDINATES, COORDINATES)))
+    pose = encode(PoseStamped(draw(st.integers(0, 4)), np.array(place)))
+    kind = draw(st.sampled_from([PoseStamped.TYPE] * 5 + [JointState.TYPE]))
+    return Stamped(topic, kind, pose[: draw(st.sampled_from([len(pose)] * 6 + [len(pose) - 1, 3]))], 0, 0)
+
+
+@settings(max_examples=30, deadline=None)
+@given(pairs=st.lists(st.tuples(messages(), messages()), min_size=1, max_size=20), learn=st.booleans())
+def test_a_pair_is_taken_as_its_messages_are_one_after_the_other(
+    controller: Controller, pairs: list[tuple[Stamped, Stamped]], learn: bool
+) -> None:
+    at_once, singly = (ServedController(controller, config=ServingConfig(learn=learn)) for _ in range(2))
+    for first, second in pairs:
+        commands = feed(singly, [first, second])
+        if at_once.between_ticks:
+            assert at_once.take_pair(first, second) == (commands[0] if commands else None)
+        else:
+            assert feed(at_once, [first, second]) == commands
+    assert at_once.status() == singly.status()
 
 
 def test_joint_limits_are_kept_and_counted_by_joint(controller: Controller) -> None:
