@@ -2,8 +2,8 @@
 
 import json
 import time
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -101,10 +101,11 @@ def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_pr
         If a stage fails.
     """
     logs = {name: out / f"{name}.mcap" for name in (*PATTERNS, *drawings())}
-    _make_folders(out)
+    _make_folders(out, logs.values())
     with executors():
         pass  # a cluster that does not answer is better known now than after the exploration
-    first, seconds = _explore_and_learn_once(logs, config)
+    first, seconds = _explore_and_learn_once(logs[PATTERN_1], config)
+    _explore_all({name: log for name, log in logs.items() if name != PATTERN_1}, config)
     with console.progress("learn from other starts") as advance:
         runs = _runs(logs, config)[1:]
         others = compute_all(runs, executors, on_done=lambda done: advance(done / len(runs)))
@@ -134,23 +135,26 @@ def check_bounds(paper: Paper) -> None:
         raise CheckFailed(f"the paper is not reproduced: expected {'; expected '.join(failed)}")
 
 
-def _explore_and_learn_once(logs: Mapping[str, Path], config: PaperConfig) -> tuple[Outcome, float]:
-    """Explore all motions, pattern 1 here, and learn it once; return that outcome, and how long it took [s]."""
-    others = [name for name in logs if name != PATTERN_1]
+def _explore_and_learn_once(log: Path, config: PaperConfig) -> tuple[Outcome, float]:
+    """Explore pattern 1 and learn it once, with nothing beside it; return the outcome, and how long it took [s]."""
+    began_s = time.monotonic()
+    with console.progress("explore") as advance:
+        _explore(PATTERN_1, log, config, advance)
+    with console.progress("learn once"):
+        first = compute(_runs({PATTERN_1: log}, config)[0])
+    return first, round(time.monotonic() - began_s, 2)
+
+
+def _explore_all(logs: Mapping[str, Path], config: PaperConfig) -> None:
+    """Explore several motions side by side, in processes of this machine."""
     try:
-        with local_processes(1) as beside:
-            pending: list[Future[None]] = [beside.submit(_explore, name, logs[name], config) for name in others]
-            began_s = time.monotonic()
-            with console.progress("explore") as advance:
-                _explore(PATTERN_1, logs[PATTERN_1], config, advance)
-            with console.progress("learn once"):
-                first = compute(_runs(logs, config)[0])
-            seconds = time.monotonic() - began_s
-            for future in pending:
+        with console.progress("explore the other motions") as advance, local_processes() as pool:
+            explored = [pool.submit(_explore, name, log, config) for name, log in logs.items()]
+            for done, future in enumerate(as_completed(explored), 1):
                 future.result()
+                advance(done / len(explored))
     except BrokenProcessPool as error:
-        raise RunsError("the process that explores was killed: is there enough memory?") from error
-    return first, round(seconds, 2)
+        raise RunsError("a process that explores was killed: is there enough memory?") from error
 
 
 def _explore(
@@ -170,11 +174,12 @@ def _explore(
 
 
 def _runs(logs: Mapping[str, Path], config: PaperConfig) -> list[Run]:
-    """Return all trainings: pattern 1 from every initialisation, then pattern 2."""
+    """Return the trainings on the patterns among the logs: pattern 1 from every initialisation, then pattern 2."""
     return [
         Run((logs[pattern].resolve(),), Schedule(epochs=epochs), LearnerConfig(seed=seed))
         for pattern, epochs in zip(PATTERNS, config.epochs, strict=True)
         for seed in config.seeds
+        if pattern in logs
     ]
 
 
@@ -188,12 +193,15 @@ def _tested(outcomes: Sequence[Outcome], logs: Mapping[str, Path], config: Paper
     }
 
 
-def _make_folders(out: Path) -> None:
+def _make_folders(out: Path, logs: Iterable[Path]) -> None:
     """Make the folders, and take away what an earlier run left that a failed one would leave standing."""
     try:
         (out / CONTROLLERS).mkdir(parents=True, exist_ok=True)
-        for name in (SUMMARY, REPORT):
-            (out / name).unlink(missing_ok=True)
+        stale = [out / SUMMARY, out / REPORT, *out.glob("figure[456]*.png")]
+        stale += [path for pattern in PATTERNS for path in (out / CONTROLLERS).glob(f"{pattern}-*.npz")]
+        stale += [log.with_name(f"{log.name}.part") for log in logs]
+        for path in stale:
+            path.unlink(missing_ok=True)
     except OSError as error:
         raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
 

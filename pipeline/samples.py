@@ -1,5 +1,6 @@
 """From ticks to samples: what a step of the network is given and taught."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -9,7 +10,9 @@ from numpy.typing import NDArray
 from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import LogError
 from recorders.reader import LogReader
+from recorders.records import Stamped
 from recorders.ticks import JointMap, Tick, join_ticks
+from recorders.topics import SESSION_PHASE
 from replay.engine import naming, read_robot
 
 Floats = NDArray[np.float64]
@@ -103,27 +106,48 @@ class Samples:
     robot: RobotConfig
 
 
-def read_samples(path: Path) -> Samples:
-    """Read the samples of a log.
+def read_samples(path: Path, *, robot: RobotConfig | None = None) -> Samples:
+    """Read the samples of a log; of a recorded session, those of its first presentation.
+
+    Parameters
+    ----------
+    path : Path
+        A log.
+    robot : RobotConfig, optional
+        The robot, for a log that carries none.
 
     Raises
     ------
     LogError
-        If the log cannot be read or holds fewer than two ticks.
+        If the log cannot be read, holds fewer than two ticks, or carries no robot and none is given.
     MessageError, JointError, RobotError
         If its messages or its robot are not what they should be.
     """
     reader = LogReader(path)
     texts = read_robot(reader)
-    if not texts:
+    if texts:
+        robot = parse_robot(texts["toml"], texts["urdf"])
+    if robot is None:
         raise LogError(
             f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"
         )
-    robot = parse_robot(texts["toml"], texts["urdf"])
     pairs = CommandedPairs(robot.joints)
     u, d = np.empty(HANDS), np.empty(HANDS + len(robot.joints))
     with naming(path):
-        rows = [(u.copy(), d[HANDS:].copy()) for tick in join_ticks(reader) if pairs.fill(tick, u, d)]
+        ticks = join_ticks(_first_presentation(reader))
+        rows = [(u.copy(), d[HANDS:].copy()) for tick in ticks if pairs.fill(tick, u, d)]
     if not rows:
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
     return Samples(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), robot)
+
+
+def _first_presentation(reader: LogReader) -> Iterator[Stamped]:
+    """Yield all messages of an episode, and of a session those between its first two phase markers."""
+    under_way = not reader.counts.get(SESSION_PHASE)
+    for message in reader:
+        if message.topic == SESSION_PHASE:
+            if under_way:
+                return
+            under_way = True
+        elif under_way:
+            yield message

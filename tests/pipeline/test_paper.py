@@ -86,11 +86,13 @@ def test_an_earlier_result_does_not_stand_when_a_run_fails(tmp_path: Path) -> No
     def fail() -> NoReturn:
         raise WireError("no cluster")
 
-    for name in ("summary.json", "report.html"):
+    (tmp_path / "controllers").mkdir()
+    stale = ("summary.json", "report.html", "figure4a.png", "controllers/circles-9.npz", "eight.mcap.part")
+    for name in (*stale, "holiday.png"):
         (tmp_path / name).write_text("old")
     with pytest.raises(WireError):
         run_paper(tmp_path, config=QUICK, executors=fail)
-    assert not list(tmp_path.glob("*.*"))
+    assert [path.name for path in tmp_path.rglob("*.*")] == ["holiday.png"]
 
 
 def test_a_file_is_no_folder_to_write_to(tmp_path: Path) -> None:

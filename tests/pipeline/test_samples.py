@@ -15,6 +15,9 @@ from recorders.errors import JointError, LogError, MessageError
 from recorders.messages import JointState, Message, PoseStamped
 from recorders.reader import LogReader
 from recorders.ticks import join_ticks
+from recorders.writer import LogWriter
+from replay.engine import Replay
+from replay.schedule import Schedule
 
 
 def on_joints(edit: object) -> object:
@@ -85,3 +88,21 @@ def test_nan_is_refused_and_named(tmp_path: Path) -> None:
 def test_one_tick_is_no_sample(tmp_path: Path) -> None:
     with pytest.raises(LogError, match="at least two complete ticks"):
         read_samples(write_episode(tmp_path / "log.mcap", samples=0))
+
+
+def test_of_a_session_the_first_presentation_counts(log: Path, tmp_path: Path) -> None:
+    replay = Replay([log], Schedule(epochs=1))
+    with LogWriter(tmp_path / "session.mcap", manifest={}) as writer:
+        writer.copy(next(iter(LogReader(log))))  # of before the session
+        for message in replay.stream():
+            writer.copy(message)
+    session = read_samples(tmp_path / "session.mcap", robot=load_robot("asimo"))
+    assert np.array_equal(session.targets, read_samples(log).targets)
+    assert np.array_equal(session.joints, read_samples(log).joints)
+
+
+def test_a_log_without_a_robot_is_read_with_one_that_is_given(log: Path, tmp_path: Path) -> None:
+    bare = write_episode(tmp_path / "bare.mcap", samples=8, attachments={})
+    with pytest.raises(LogError, match="expected the robot's files"):
+        read_samples(bare)
+    assert np.array_equal(read_samples(bare, robot=load_robot("asimo")).joints, read_samples(log).joints)
