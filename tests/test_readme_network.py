@@ -77,6 +77,7 @@ def test_the_picture_is_what_its_script_draws(tmp_path: Path) -> None:
 def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
     """As it stands there, on a port of its own and with a shorter motion."""
     section = PAGES[0].read_text().partition(LIVE)[2].partition("\n## ")[0]
+    (tmp_path / "out").mkdir()  # as `make demo` does
     endpoint, motion = free_endpoint(), short_motion(tmp_path / "short.csv")
     replaced = {DEFAULT_ENDPOINT: endpoint, "eight": str(motion)}
     lines = [[replaced.get(word, word) for word in line] for line in commands(section)]

@@ -36,8 +36,18 @@ _ABOVE = (
     Process("serve", "learned controller", (_COMMANDS,), ("/hand/*/target", "/session/phase")),
 )
 _BELOW = (
-    Process("robot", "simulated with Drake", ("/joint_states", "/hand/*/measured", "/tf  /clock"), (_COMMANDS,)),
-    Process("learn", "online learner", ("/learner/error", "/learner/digest", "/learner/status", _ACKS), _TICKS),
+    Process(
+        "robot",
+        "simulated with Drake",
+        ("/joint_states", "/hand/*/measured", "/tf  /clock", "/robot_description"),
+        (_COMMANDS,),
+    ),
+    Process(
+        "learn",
+        "online learner",
+        ("/learner/output", "/learner/error", "/learner/digest", "/learner/status", _ACKS),
+        _TICKS,
+    ),
     Process("record", "any key, into MCAP", (_ACKS,), ("everything",)),
 )
 
