@@ -1,38 +1,74 @@
 """The command line, `reenact`: puts the verbs together and turns errors into one line and an exit status."""
 
+import importlib.metadata
 import signal
 import sys
 from types import FrameType
-from typing import Any
+from typing import Annotated, Any, NoReturn
 
 import typer
+from typer.core import TyperGroup
 
 from pipeline import console
 from pipeline.printable import printable
 from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving, viewing
+from pipeline.verbs.options import help_without_verb
+from pipeline.verbs.stopping import words
 from recorders.errors import ReenactError
+
+
+class _Verbs(TyperGroup):
+    """Ends with a line where a signal cut a verb short: click itself ends without a word after Ctrl-C."""
+
+    def invoke(self, ctx: Any) -> Any:
+        """Run what the command line asks for."""
+        try:
+            return super().invoke(ctx)
+        except (KeyboardInterrupt, SystemExit) as stop:
+            _fail(*words(stop))
+
 
 app = typer.Typer(
     name="reenact",
+    cls=_Verbs,
     help="Record a robot, replay the recording, learn from it, deploy what was learned, and prove it still works.",
-    no_args_is_help=True,
     add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
 
+
+@app.callback(invoke_without_command=True)
+def _reenact(
+    ctx: typer.Context, version: Annotated[bool, typer.Option("--version", help="Say the version.")] = False
+) -> None:
+    if version:
+        print(f"reenact {importlib.metadata.version('reenact')}")
+        raise typer.Exit
+    help_without_verb(ctx)
+
+
 app.command(epilog="Example: reenact demo --out out/demo")(offline.demo)
-app.command(epilog="Example: reenact explore --motion circles --robot asimo --seed 0 --out circles.mcap")(
-    exploring.explore
-)
+app.command(epilog="Example: reenact explore --motion circles --seed 0 --out circles.mcap")(exploring.explore)
 app.command(epilog="Example: reenact demonstrate right_hand_house --out house.mcap")(demonstrating.demonstrate)
-app.command(epilog="Example, then: reenact explore --connect tcp/127.0.0.1:7447 --motion eight")(exploring.robot)
-app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(recording.record)
+app.command(
+    epilog="Example: reenact robot\n\n"
+    "Then, in a second terminal: reenact explore --connect tcp/127.0.0.1:7447 --motion eight"
+)(exploring.robot)
+app.command(
+    epilog="Example: reenact record --out session.mcap --exclude /tf",
+)(recording.record)
 app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(offline.train)
-app.command(epilog="Example, in a second terminal: reenact replay circles.mcap --epochs 150")(network.learn)
-app.command(epilog="Example, in a second terminal: reenact learn --out controller.npz")(network.replay)
+app.command(
+    epilog="Example: reenact learn --out controller.npz\n\n"
+    "Then, in a second terminal: reenact replay circles.mcap --epochs 150"
+)(network.learn)
+app.command(
+    epilog="Example: reenact replay circles.mcap --epochs 150\n\n"
+    "Before, in a second terminal: reenact learn --out controller.npz"
+)(network.replay)
 app.command(epilog="Example: reenact serve controller.npz --record served.mcap")(serving.serve)
-app.command(epilog="Example: reenact evaluate controller.npz eight --json")(offline.evaluate)
+app.command(epilog="Example: reenact evaluate controller.npz eight --deploy")(offline.evaluate)
 app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(offline.diff)
 app.command(epilog="Example: reenact info session.mcap")(logs.info)
 app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(logs.recover)
@@ -50,8 +86,6 @@ def main(arguments: list[str] | None = None) -> None:
         status = app(arguments, standalone_mode=False)
     except ReenactError as error:
         _fail(str(error), error.exit_status)
-    except typer.Abort:
-        sys.exit(130)
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}", 2)
     except usage_error as error:
@@ -59,7 +93,7 @@ def main(arguments: list[str] | None = None) -> None:
     sys.exit(status if isinstance(status, int) else 0)
 
 
-def _fail(line: str, status: int) -> None:
+def _fail(line: str, status: int) -> NoReturn:
     console.say(f"reenact: {printable(' '.join(line.split()))}")
     sys.exit(status)
 

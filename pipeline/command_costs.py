@@ -1,4 +1,4 @@
-"""What a command costs: the learned controller answers at once, the teacher approaches step by step."""
+"""What a command costs: the learned controller answers in one step, the teacher in as many as one lets it take."""
 
 import statistics
 import time
@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.controller import Controller
-from pipeline.evaluation import WASHOUT_STEPS
+from pipeline.evaluation import WASHOUT_STEPS, HandErrors, hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.teacher import Teacher
 from pipeline.trials import Trial, robot_of
@@ -18,15 +18,18 @@ Floats = NDArray[np.float64]
 
 _REPETITIONS = 7  # the median of them counts
 
+_Step = Callable[[Floats], Floats]
+"""Takes a target [m], shape (6,), and returns the posture to command (n,)."""
+
 
 @dataclass(frozen=True)
 class CommandCost:
-    """How well and at what price a controller answers a target.
+    """How well and at what price a controller answers a target, by kinematics alone.
 
     Attributes
     ----------
     name : the controller
-    mean_cm : eq. (10) on the motion of the comparison [cm]
+    mean_cm : eq. (10) of the postures at the end of each target, on the motion of the comparison [cm]
     microseconds : time of one step, as called from Python [us]
     steps : how many steps it takes for each target
     """
@@ -36,57 +39,69 @@ class CommandCost:
     microseconds: float
     steps: int
 
-    @property
-    def iterates(self) -> bool:
-        """Whether a target is only approached, and reached after several steps."""
-        return self.steps > 1
 
+def command_costs(controller: Controller, trial: Trial, *, period_ns: int) -> tuple[CommandCost, ...]:
+    """Compare a learned controller with the teacher, for whom the number of steps is a choice.
 
-def command_costs(controller: Controller, trial: Trial, *, period_ns: int) -> tuple[CommandCost, CommandCost]:
-    """Compare a learned controller with the teacher on a motion that was recorded.
+    What is compared is the posture that each gives for a target, not what a robot makes of it.
 
     Parameters
     ----------
     controller : Controller
         What was learned.
     trial : Trial
-        It, tried on the motion, beside the teacher.
+        It, tried on a motion.
     period_ns : int
         How long a target of the motion holds [ns].
 
     Returns
     -------
     tuple of CommandCost
-        The learned controller, then the teacher.
+        The learned controller; the teacher with steps of the exploration's length; the teacher with one step a target.
     """
-    learner, teacher = controller.learner(), Teacher(Kinematics(robot_of(controller)))
-    learner.washout(trial.targets[0], steps=WASHOUT_STEPS)
-    posture = [teacher.kinematics.robot.comfort]
-
-    def learned(target: Floats) -> None:
-        learner.predict(target)
-
-    def taught(target: Floats) -> None:
-        posture[0] = teacher.step(posture[0], target)
-
-    teacher_cm = trial.teacher.mean_cm if trial.teacher else float("nan")
-    return (
-        CommandCost("learned", trial.errors.mean_cm, _microseconds(learned, trial.targets[:, np.newaxis]), 1),
-        CommandCost(
-            "teacher",
-            teacher_cm,
-            _microseconds(taught, trial.targets.reshape(-1, 2, 3)),
-            period_ns // teacher.config.period_ns,
-        ),
-    )
+    kinematics = Kinematics(robot_of(controller))
+    short_ns = Teacher(kinematics).config.period_ns
+    answer, targets = _learned(controller, trial.targets[0]), trial.targets
+    costs = [CommandCost("learned", trial.errors.mean_cm, _microseconds(answer, targets), 1)]
+    for step_ns in (short_ns, period_ns):
+        steps, taught = period_ns // step_ns, _taught(kinematics, step_ns / 1e9)
+        mean_cm = _mean_cm(kinematics, taught, targets, steps)
+        costs.append(
+            CommandCost(f"teacher, {step_ns / 1e6:g} ms a step", mean_cm, _microseconds(taught, targets), steps)
+        )
+    return tuple(costs)
 
 
-def _microseconds(answer: Callable[[Floats], None], targets: Floats) -> float:
-    """Time of one answer [us]: the median over repetitions of the motion."""
+def _learned(controller: Controller, first: Floats) -> _Step:
+    learner = controller.learner()
+    learner.washout(first, steps=WASHOUT_STEPS)
+    return lambda target: learner.predict(target[np.newaxis])[0]
+
+
+def _taught(kinematics: Kinematics, period_s: float) -> _Step:
+    teacher, posture = Teacher(kinematics), [kinematics.robot.comfort]
+
+    def step(target: Floats) -> Floats:
+        posture[0] = teacher.glide(posture[0], target.reshape(2, 3), period_s)
+        return posture[0]
+
+    return step
+
+
+def _mean_cm(kinematics: Kinematics, step: _Step, targets: Floats, steps: int) -> float:
+    """Error [cm] of a step taken so many times for each target, from where the first target brings it."""
+    for _ in range(steps):
+        step(targets[0])
+    postures = np.array([[step(target) for _ in range(steps)][-1] for target in targets])
+    return HandErrors.of(hand_errors(kinematics, postures, targets)).mean_cm
+
+
+def _microseconds(step: _Step, targets: Floats) -> float:
+    """Time of one step [us]: the median over repetitions of the motion."""
     times: list[float] = []
     for _ in range(_REPETITIONS):
         began = time.perf_counter()
         for target in targets:
-            answer(target)
+            step(target)
         times.append((time.perf_counter() - began) / len(targets) * 1e6)
     return statistics.median(times)

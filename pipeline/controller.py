@@ -225,13 +225,33 @@ def _read(path: Path) -> bytes:
 def check_writable(path: str | os.PathLike[str]) -> None:
     """Check that a controller can be saved as `path`, before the work that makes one; leaves nothing behind.
 
+    A controller may take the place of another one, or of an empty file; of nothing else.
+
     Raises
     ------
     ControllerError
-        If the folder is missing or cannot be written to, or `path` names something else than a file.
+        If the folder is missing or cannot be written to, or `path` names something else than a file, or a file that
+        is no controller.
     """
+    if not Path(path).parent.is_dir():
+        raise ControllerError(f"cannot write controller {path}: expected a folder {Path(path).parent}, found none")
     with _beside(Path(path)):
-        pass
+        if _holds_something_else(Path(path)):
+            raise ControllerError(
+                f"cannot write controller {path}: there is a file that is no controller, which stays as it is; "
+                "choose another name"
+            )
+
+
+def _holds_something_else(path: Path) -> bool:
+    """Whether there is a file whose loss would be one, as it is no controller."""
+    if not path.exists() or path.stat().st_size == 0:
+        return False
+    try:
+        _parse_header(npz.unpack(_read(path)).get("header"))
+    except ControllerError:
+        return True
+    return False
 
 
 def _write_atomically(path: Path, data: bytes) -> None:

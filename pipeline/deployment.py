@@ -106,6 +106,10 @@ class Deployment:
         """The same under the teacher [cm]."""
         return self.teacher.errors.mean_cm
 
+    def summary(self) -> dict[str, float]:
+        """Return both errors as plain JSON."""
+        return {"learned_cm": self.learned_cm, "teacher_cm": self.teacher_cm}
+
 
 def deploy(
     controller: Controller,

@@ -30,24 +30,30 @@ class Predictor(Protocol):
 class HandErrors:
     """Distances of both hands from their targets over a motion, in cm.
 
-    `mean_cm` is eq. (10) with the 1/T that its text states: the mean over time and both hands.
+    `mean_cm` is eq. (10) with the 1/T that its text states: the mean over time and both hands. `left_cm` and `right_cm`
+    are means over time, and what is called `max` is how far a hand, of both or of the one named, is off at most.
     """
 
     mean_cm: float
     max_cm: float
     left_cm: float
     right_cm: float
+    left_max_cm: float
+    right_max_cm: float
     samples: int
 
     @classmethod
     def of(cls, errors: Floats) -> "HandErrors":
         """Summarise errors [m], shape (T, 2), left then right."""
         left, right = (errors.mean(axis=0) * _CM_PER_M).tolist()
+        left_max, right_max = (errors.max(axis=0) * _CM_PER_M).tolist()
         return cls(
             mean_cm=float(errors.mean() * _CM_PER_M),
             max_cm=float(errors.max() * _CM_PER_M),
             left_cm=left,
             right_cm=right,
+            left_max_cm=left_max,
+            right_max_cm=right_max,
             samples=len(errors),
         )
 
@@ -93,18 +99,24 @@ def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) ->
     return predictor.predict(targets)[:, -joint_count:]
 
 
-def linear_joints(targets: Floats, joints: Floats) -> Floats:
-    """Return the postures of the baseline: plain linear least squares from targets to joints, on the same data.
+def linear_joints(targets: Floats, joints: Floats, *, asked: Floats) -> Floats:
+    """Return the postures of the baseline: plain linear least squares from targets to joints.
+
+    About the mean of the samples, and least in norm: it does not answer to a direction that they never show.
 
     Parameters
     ----------
     targets : ndarray, shape (T, 6)
+        Of the samples that it is fitted to [m].
     joints : ndarray, shape (T, n)
+        Of the same samples [rad or m].
+    asked : ndarray, shape (S, 6)
+        What it is to answer [m].
 
     Returns
     -------
-    ndarray, shape (T, n)
+    ndarray, shape (S, n)
     """
-    regressors = np.column_stack([targets, np.ones(len(targets))])  # (T, 7)
-    coefficients, *_ = np.linalg.lstsq(regressors, joints, rcond=None)
-    return np.asarray(regressors @ coefficients)
+    centre, comfort = targets.mean(axis=0), joints.mean(axis=0)
+    coefficients, *_ = np.linalg.lstsq(targets - centre, joints - comfort, rcond=None)  # (6, n)
+    return np.asarray((asked - centre) @ coefficients + comfort)

@@ -4,13 +4,12 @@ import multiprocessing
 import os
 import signal
 from collections.abc import Iterator
-from concurrent.futures import Executor, ProcessPoolExecutor
+from concurrent.futures import BrokenExecutor, CancelledError, Executor, ProcessPoolExecutor
 from contextlib import contextmanager
-from typing import Any
 
+from pipeline.many_runs import RunsError
 from recorders.errors import ConfigError, WireError
 
-_CONNECT_S = 10.0
 _RETRIES = 3  # of a run whose Dask worker went away
 
 
@@ -35,37 +34,52 @@ def local_processes(workers: int | None = None) -> Iterator[Executor]:
 
 
 @contextmanager
-def dask_cluster(address: str) -> Iterator[Executor]:
+def dask_cluster(address: str, *, worker_wait_s: float = 30.0) -> Iterator[Executor]:
     """Compute on the workers of a Dask cluster, which see the same files.
 
     Parameters
     ----------
     address : str
         Of its scheduler, such as `tcp://127.0.0.1:8786`.
+    worker_wait_s : float
+        How long to wait for a worker while there is none, at the start and later [s]. The work waits too: a worker
+        that comes in time goes on with it.
 
     Raises
     ------
     ConfigError
         If Dask is not installed, or the address is not one.
     WireError
-        If no scheduler answers there.
+        If no scheduler answers there, or its last worker is gone.
+    RunsError
+        If every worker that took a run up was killed.
+    BrokenExecutor
+        If the scheduler goes away; what was computed by then was handed over.
     """
     try:
-        from distributed import Client  # noqa: PLC0415  # an extra
+        from distributed import KilledWorker  # noqa: PLC0415  # an extra
+
+        from pipeline.dask_client import await_worker, connected, ended_without_workers  # noqa: PLC0415
     except ImportError:
         raise ConfigError("a cluster needs Dask: install reenact with the extra `dask`") from None
-    try:
-        client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
-    except OSError as error:
-        raise WireError(f"no Dask scheduler answers at {address}: start one, or leave --scheduler out") from error
-    except ValueError as error:
-        raise ConfigError(f"expected the address of a Dask scheduler, such as tcp://127.0.0.1:8786: {error}") from error
-    with client:
+    no_worker = WireError(
+        f"expected a worker of the Dask scheduler at {address}, found none for {worker_wait_s:g} s: "
+        f"start one (dask worker {address}), or leave --scheduler out"
+    )
+    with connected(address) as client:
+        if not await_worker(client, worker_wait_s):
+            raise no_worker
         pool = client.get_executor(pure=False, retries=_RETRIES)
-        try:
-            yield pool
-        finally:
-            pool.shutdown(wait=False)
+        with ended_without_workers(client, pool, worker_wait_s) as given_up:
+            try:
+                yield pool
+            except CancelledError:
+                raise no_worker if given_up.is_set() else BrokenExecutor(f"{address} is gone") from None
+            except KilledWorker as error:
+                tried = error.allowed_failures + 1
+                raise RunsError(f"a run killed its Dask worker {tried} times over: is there enough memory?") from error
+            finally:
+                pool.shutdown(wait=False)
 
 
 def _leave_signals_to_the_parent() -> None:

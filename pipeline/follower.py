@@ -144,7 +144,8 @@ class Follower:
         if stamp_ns != self._backend.time_ns:
             raise MessageError(
                 f"expected stamp {self._backend.time_ns} ns, the robot's time, or one of the last commands again, "
-                f"found stamp {stamp_ns} ns; is someone else driving it?"
+                f"found stamp {stamp_ns} ns; is someone else driving it? For a controller's "
+                "commands, with stamps of their own, start the robot with --real-time"
             )
 
     def _move(self, posture: Floats) -> None:

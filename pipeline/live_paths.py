@@ -6,14 +6,17 @@ from dataclasses import dataclass
 
 from pipeline.hand_paths import Shown, poses_sha256, shown
 from pipeline.pose_track import PoseTrack
-from recorders.errors import ConfigError, MessageError
+from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.records import Stamped
-from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace
+from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
 DEFAULT_SILENCE_S = 2.0
 """So long a tracker may lose sight of the hand."""
+
+DEFAULT_WAIT_S = 60.0
+"""So long somebody may take to start a tracker, and to stand before it."""
 
 _NAME = "demonstration"
 _POLL_S = 0.05
@@ -29,6 +32,8 @@ class ListenConfig:
         The demonstration is over when the stamps have come this far [s].
     silence_s : float
         It is over when no pose has come for this long after the first [s].
+    wait_s : float
+        How long the first pose may take to come [s].
     namespace : str
         First part of every key.
 
@@ -42,10 +47,11 @@ class ListenConfig:
 
     duration_s: float = float("inf")
     silence_s: float = DEFAULT_SILENCE_S
+    wait_s: float = DEFAULT_WAIT_S
     namespace: str = DEFAULT_NAMESPACE
 
     def __post_init__(self) -> None:
-        for name in ("duration_s", "silence_s"):
+        for name in ("duration_s", "silence_s", "wait_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name}: expected above 0 s, found {getattr(self, name):g}")
         check_namespace(self.namespace)
@@ -62,8 +68,8 @@ def hear_paths(
 ) -> Shown:
     """Listen to pose topics until the demonstration is over, or somebody stops it.
 
-    Poses may come with an attachment of ours or with none. Before the first there is no hurry. What is no pose is
-    left out with a line, what is a useless one (no number, stamped before the last) is left out and counted.
+    Poses may come with an attachment of ours or with none. What is no pose is left out with a line, what is a useless
+    one (no number, stamped before the last) is left out and counted.
 
     Parameters
     ----------
@@ -81,7 +87,7 @@ def hear_paths(
     Raises
     ------
     WireError
-        If no session can be opened.
+        If no session can be opened, or no pose comes within `config.wait_s`.
     MotionError
         A hand has fewer than two usable poses.
     """
@@ -92,6 +98,8 @@ def hear_paths(
         where = ", ".join(session.listen or session.connect)
         say(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
         _Listening(topics, renames, tracks, config, say).run(receiver, stopped)
+    if not any(track.seen for track in tracks.values()):
+        raise MotionError(f"live: no pose came on {' or '.join(_published(topics, renames))}")
     source = {"kind": "live", "name": "live", "sha256": poses_sha256(tracks)}
     return shown("live", tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
 
@@ -110,6 +118,7 @@ class _Listening:
         self._topics, self._renames, self._tracks = topics, renames, tracks
         self._config = config
         self._say = say
+        self._began_s = time.monotonic()
         self._last_s: float | None = None  # when the last pose came
         self._refused: set[str] = set()
 
@@ -142,9 +151,20 @@ class _Listening:
 
     def _is_over(self) -> bool:
         if self._last_s is None:
+            self._check_wait()
             return False
         far = max(track.span_s for track in self._tracks.values()) >= self._config.duration_s
         return far or time.monotonic() - self._last_s > self._config.silence_s
+
+    def _check_wait(self) -> None:
+        """Raise WireError if the first pose takes too long."""
+        if time.monotonic() - self._began_s > self._config.wait_s:
+            keys = [message_key(self._config.namespace, topic) for topic in _published(self._topics, self._renames)]
+            raise WireError(
+                f"expected a pose on {' or '.join(keys)} within {self._config.wait_s:g} s, found none that "
+                "can be used: does anybody publish there, and may this session read it? "
+                "See --topic, --namespace and --wait"
+            )
 
 
 def _published(topics: Mapping[str, str], renames: Mapping[str, str]) -> list[str]:

@@ -131,7 +131,7 @@ def _missing(topic: TopicSummary) -> str:
 
 def _lost(recovery: Recovery) -> str:
     if recovery.lost is None:
-        return "nothing tells how many messages"
+        return "unknown: nothing in the log tells"
     by_topic = ", ".join(f"{topic} {count}" for topic, count in recovery.lost.items())
     count = f"{'' if recovery.exact else 'at least '}{recovery.lost.total()} messages"
     return f"{count} ({by_topic})" if by_topic else count

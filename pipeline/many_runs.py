@@ -1,8 +1,7 @@
 """Many trainings of the same kind, such as the paper's ten initialisations; where they are computed changes no bit."""
 
 from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import Executor, Future, as_completed
-from concurrent.futures.process import BrokenProcessPool
+from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -74,7 +73,8 @@ def compute_all(
 ) -> list[Outcome]:
     """Compute many runs and return their outcomes in the order of the runs, whichever is finished first.
 
-    Runs whose process was killed are computed again in new ones.
+    Runs whose process was killed, or whose cluster was lost, are computed again on a new executor; those that were
+    finished are kept.
 
     Parameters
     ----------
@@ -87,7 +87,7 @@ def compute_all(
     Raises
     ------
     ReenactError
-        If a run fails, or its processes are killed again and again.
+        If a run fails, or its processes are killed or its cluster is lost again and again.
     """
     outcomes: dict[int, Outcome] = {}
     for _ in range(_ATTEMPTS):
@@ -97,9 +97,11 @@ def compute_all(
                     outcomes[index] = outcome
                     on_done(len(outcomes))
             return [outcomes[index] for index in range(len(runs))]
-        except BrokenProcessPool:
+        except BrokenExecutor:
             continue
-    raise RunsError(f"worker processes were killed {_ATTEMPTS} times over: is there enough memory?")
+    raise RunsError(
+        f"worker processes were killed, or their cluster lost, {_ATTEMPTS} times over: is there enough memory?"
+    )
 
 
 def _computed(executor: Executor, runs: Sequence[Run], known: dict[int, Outcome]) -> Iterator[tuple[int, Outcome]]:

@@ -16,6 +16,10 @@ Floats = NDArray[np.float64]
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
+MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken for seconds exceed it below 200 Hz
+
+_MAX_CLOCK_S = 1e10  # Unix time gets there in the year 2286
+_CLOCK_DIGITS = 6  # what a float64 keeps of Unix time: microseconds
 
 Choice: TypeAlias = Callable[[Sequence[str]], Sequence[str]]
 """Returns the columns wanted, `t` first, of those that a header has; raises MotionError if it lacks one."""
@@ -24,12 +28,13 @@ Choice: TypeAlias = Callable[[Sequence[str]], Sequence[str]]
 def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDINATE_M) -> Floats:
     """Read columns of numbers, the first of them strictly increasing times [s].
 
-    Other columns are left alone; empty lines and lines that start with # are skipped.
+    Other columns are left alone; empty lines and lines that start with # are skipped. Times beyond `MAX_TIME_S`, such
+    as Unix times, are counted from the first.
 
     Parameters
     ----------
     path : Path
-        A CSV file with a header, in UTF-8.
+        A CSV file with a header, in UTF-8 with or without a byte order mark.
     choose : callable
         Names the columns wanted.
     max_coordinate : float
@@ -43,22 +48,33 @@ def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDI
     ------
     MotionError
         The file cannot be read, lacks a column, holds something else than finite numbers of a plausible size, has fewer
-        than two rows, or its times do not increase; the message names line and column.
+        than two rows, or its times do not increase or leave a gap above `MAX_GAP_S`; the message names line and column.
     """
     rows = list(_read_rows(path, choose, max_coordinate))
     if len(rows) < 2:
         raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
-    for (_, before), (line, after) in pairwise(rows):
-        if after[0] <= before[0]:
-            where = f"motion '{path}', line {line}, column t"
-            raise MotionError(f"{where}: expected a time above {before[0]:g}, found {after[0]:g}")
-    return np.array([values for _, values in rows])
+    table = np.array([values for _, values in rows])
+    if np.abs(table[:, 0]).max() > MAX_TIME_S:
+        table[:, 0] = np.round(table[:, 0] - table[0, 0], _CLOCK_DIGITS)
+    for (line, _), (before, after) in zip(rows[1:], pairwise(table[:, 0].tolist()), strict=True):
+        _check_step(f"motion '{path}', line {line}, column t", before, after)
+    return table
+
+
+def _check_step(where: str, before: float, after: float) -> None:
+    if after <= before:
+        raise MotionError(f"{where}: expected a time above {before:g}, found {after:g}")
+    if after - before > MAX_GAP_S:
+        raise MotionError(
+            f"{where}: expected at most {MAX_GAP_S:g} s since the row before, found {after - before:g}; "
+            "are the times in seconds?"
+        )
 
 
 def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, list[float]]]:
     """Line number and the values of the columns wanted of each row."""
     try:
-        with path.open(encoding="utf-8", newline="") as file:
+        with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
             places: dict[str, int] | None = None
             for row in reader:
@@ -71,6 +87,8 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
                         reader.line_num,
                         _values(f"motion '{path}', line {reader.line_num}", row, places, max_coordinate),
                     )
+            if reader.line_num == 0:
+                raise MotionError(f"motion '{path}': expected CSV text, found an empty file")
     except OSError as error:
         raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
     except (UnicodeDecodeError, csv.Error) as error:
@@ -78,6 +96,9 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
 
 
 def _places(path: Path, header: list[str], choose: Choice) -> dict[str, int]:
+    if len(header) == 1 and ";" in header[0]:
+        found = f"found semicolons: {_brief(header[0])}"
+        raise MotionError(f"motion '{path}': expected commas between the columns and points in the numbers, {found}")
     try:
         return {column: header.index(column) for column in choose(header)}
     except MotionError as error:
@@ -91,7 +112,7 @@ def _brief(text: str) -> str:
 def _values(where: str, row: list[str], places: dict[str, int], max_coordinate: float) -> list[float]:
     values = []
     for column, place in places.items():
-        limit, unit = (MAX_TIME_S, "s") if column == "t" else (max_coordinate, "m")
+        limit, unit = (_MAX_CLOCK_S, "s") if column == "t" else (max_coordinate, "m")
         text = row[place] if place < len(row) else ""
         values.append(_value(f"{where}, column {column}", text, limit, unit))
     return values
@@ -105,5 +126,6 @@ def _value(where: str, text: str, limit: float, unit: str) -> float:
     if not math.isfinite(value):
         raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'")
     if abs(value) > limit:
-        raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}")
+        ask = "; are the times in seconds?" if unit == "s" else ""
+        raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}{ask}")
     return value

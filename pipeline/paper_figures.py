@@ -11,10 +11,11 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.demo import PAPER_CM
-from pipeline.paper_results import PATTERN_1, PATTERN_2, Networks, Paper
+from pipeline.paper_results import PATTERN_1, PATTERN_2, Networks, Paper, drawing_title
 from pipeline.report import (
     GREY,
     HAND_COLOURS,
+    KEY,
     STYLE,
     WIDTH_IN,
     MotionTest,
@@ -22,6 +23,7 @@ from pipeline.report import (
     draw_panel,
     plane_limits,
     save_figure,
+    write_key,
 )
 from pipeline.robot import RobotConfig
 from pipeline.robot_drawing import RobotDrawing, View
@@ -31,10 +33,16 @@ Floats = NDArray[np.float64]
 MOTION_TITLES = {PATTERN_1: "Pattern 1, circles", PATTERN_2: "Pattern 2, eight and circle"}
 
 _CURVE_IN = (WIDTH_IN, 3.0)
-_PANEL_TEXT_IN = 0.9  # title and labels of a row of panels
-_STRIP_IN = (WIDTH_IN, 6.8)
+_PANEL_TEXT_IN = 1.4  # key, title and labels of a row of panels
+_STRIP_IN = (WIDTH_IN, 7.2)
 _STRIP_VIEW = View(azimuth_deg=18.0, elevation_deg=8.0)
 _STRIP_STEP_CM = 62.0  # between two postures
+_STRIP_SCALE_CM = 20.0  # length of the bar
+_STRIP_KEY = (
+    "Seen from ahead, a little from the robot's left and from above: its left hand (blue) is on the right.\n"
+    "Rings: where each hand should be. All postures are drawn to one scale, without perspective."
+)
+_CURVE_KEY = "Black: mean over the networks. Blue band: one standard deviation to both sides."
 _STRIP_LOW_CM, _STRIP_HIGH_CM = -14.0, 132.0
 _STAGES = 7  # at 10 Hz and a second apart, pattern 2 has seven
 
@@ -48,11 +56,13 @@ class Picture:
     name : of its file, without folder
     figure : the paper's number of it
     says : what it shows, for those who read it and those who cannot see it
+    key : how it is to be read; it stands in the picture too
     """
 
     name: str
     figure: str
     says: str
+    key: str
 
 
 def draw_figures(paper: Paper, out: Path, *, on_picture: Callable[[float], None] = lambda share: None) -> list[Picture]:
@@ -80,15 +90,15 @@ def _figures_of(paper: Paper, number: str, pattern: str) -> list[tuple[Picture, 
     patterns = [_motion_test(paper, networks, name) for name in (PATTERN_1, PATTERN_2)]
     drawings = [_motion_test(paper, networks, name) for name in paper.demonstrations]
     many = f"{len(networks.seeds)} initialisations"
-    curve = f"Error of networks that learn {_short(pattern)}: mean and standard deviation over {many}."
+    curve = f"Error of networks that learn {_short(pattern)}, over {many}."
     return [
-        (Picture(f"figure{number}a.png", f"{number}a", curve), _curve_figure(networks)),
+        (Picture(f"figure{number}a.png", f"{number}a", curve, _CURVE_KEY), _curve_figure(networks)),
         (
-            Picture(f"figure{number}bc.png", f"{number}b–c", f"{of_one}: both patterns."),
+            Picture(f"figure{number}bc.png", f"{number}b–c", f"{of_one}: both patterns.", KEY),
             _panels_figure(patterns, _all_tests(paper, (PATTERN_1, PATTERN_2))),
         ),
         (
-            Picture(f"figure{number}de.png", f"{number}d–e", f"{of_one}: generated free-hand drawings."),
+            Picture(f"figure{number}de.png", f"{number}d–e", f"{of_one}: generated free-hand drawings.", KEY),
             _panels_figure(drawings, _all_tests(paper, paper.demonstrations)),
         ),
     ]
@@ -101,10 +111,10 @@ def _figure_6(paper: Paper) -> list[tuple[Picture, Figure]]:
         for title, run in (("Learned controller", deployed.learned), ("Teacher", deployed.teacher))
     ]
     paths = "Where the simulated robot's hands went at 10 Hz, commanded over Zenoh by the learned controller, and by "
-    strip = "Postures of the simulated robot a second apart, with where each hand should be."
+    strip = "Postures of the simulated robot, a second apart."
     return [
-        (Picture("figure6.png", "4c", f"{paths}the teacher."), _panels_figure(tests, tests)),
-        (Picture("figure6_postures.png", "6", strip), _strip_figure(paper)),
+        (Picture("figure6.png", "4c", f"{paths}the teacher.", KEY), _panels_figure(tests, tests)),
+        (Picture("figure6_postures.png", "6", strip, _STRIP_KEY), _strip_figure(paper)),
     ]
 
 
@@ -112,15 +122,18 @@ def _short(pattern: str) -> str:
     return MOTION_TITLES[pattern].split(",")[0].lower()
 
 
-def _title(name: str) -> str:
-    return MOTION_TITLES.get(name, name.replace("_", " ").capitalize())
+def _title(name: str, *, is_learned: bool) -> str:
+    """Return the title of a panel; that of a drawing has two lines, as three of them share the width."""
+    seen = "learned" if is_learned else "never seen"
+    if name in MOTION_TITLES:
+        return f"{MOTION_TITLES[name]} ({seen})"
+    return f"{drawing_title(name).capitalize()}\n{seen}"
 
 
 def _motion_test(paper: Paper, networks: Networks, name: str) -> MotionTest:
-    trial = networks.trials[name][0]
-    learned = " (learned)" if name == networks.pattern else " (never seen)"
-    lateral, up = paper.robot.lateral, paper.robot.up
-    return MotionTest(_title(name) + learned, trial.targets, trial.reached, trial.errors, lateral=lateral, up=up)
+    trial, lateral, up = networks.trials[name][0], paper.robot.lateral, paper.robot.up
+    title = _title(name, is_learned=name == networks.pattern)
+    return MotionTest(title, trial.targets, trial.reached, trial.errors, lateral=lateral, up=up)
 
 
 def _all_tests(paper: Paper, names: Sequence[str]) -> list[MotionTest]:
@@ -130,6 +143,7 @@ def _all_tests(paper: Paper, names: Sequence[str]) -> list[MotionTest]:
 
 def _curve_figure(networks: Networks) -> Figure:
     figure = Figure(_CURVE_IN, layout="constrained")
+    write_key(figure, _CURVE_KEY)
     trial = networks.trials[networks.pattern][0]
     levels = {
         "the paper": PAPER_CM[networks.pattern],
@@ -150,6 +164,7 @@ def _panels_figure(tests: Sequence[MotionTest], alike: Sequence[MotionTest]) -> 
     width, height = high - low
     height_in = (WIDTH_IN - 0.8) / len(tests) * height / width + _PANEL_TEXT_IN
     figure = Figure((WIDTH_IN, height_in), layout="constrained")
+    write_key(figure, KEY)
     panels = figure.subplots(1, len(tests), squeeze=False, sharex=True, sharey=True)[0]
     panels[0].set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), ylabel="height (cm)")
     for panel, test in zip(panels, tests, strict=True):
@@ -159,6 +174,7 @@ def _panels_figure(tests: Sequence[MotionTest], alike: Sequence[MotionTest]) -> 
 
 def _strip_figure(paper: Paper) -> Figure:
     figure = Figure(_STRIP_IN, layout="constrained")
+    write_key(figure, _STRIP_KEY)
     drawing, deployed = RobotDrawing(paper.robot), paper.deployed
     rows = (("Learned controller", deployed.learned), ("Teacher", deployed.teacher))
     for axes, (title, run) in zip(figure.subplots(2, 1), rows, strict=True):
@@ -180,6 +196,15 @@ def _draw_strip(
             x, y = 100.0 * float(target @ right) + offset, 100.0 * float(target @ up)
             axes.plot(x, y, "o", markersize=5, markerfacecolor="none", markeredgecolor=colour, markeredgewidth=1.4)
         axes.text(offset, _STRIP_LOW_CM, f"{stage * period_s:g} s", ha="center", va="top", color=GREY)
-    axes.set(xlim=(-0.55 * _STRIP_STEP_CM, (len(stages) - 0.45) * _STRIP_STEP_CM), ylim=(_STRIP_LOW_CM, _STRIP_HIGH_CM))
+    right_cm = (len(stages) - 0.45) * _STRIP_STEP_CM
+    _draw_scale(axes, right_cm=right_cm - 2.0)
+    axes.set(xlim=(-0.55 * _STRIP_STEP_CM, right_cm), ylim=(_STRIP_LOW_CM, _STRIP_HIGH_CM))
     axes.set_aspect("equal")
     axes.set_axis_off()
+
+
+def _draw_scale(axes: Axes, *, right_cm: float) -> None:
+    """Draw a bar of known length in the upper right corner, above the heads."""
+    left_cm, height_cm = right_cm - _STRIP_SCALE_CM, _STRIP_HIGH_CM - 3.0
+    axes.plot([left_cm, right_cm], [height_cm, height_cm], color=GREY, linewidth=2.0, solid_capstyle="butt")
+    axes.text(left_cm - 2.0, height_cm, f"{_STRIP_SCALE_CM:g} cm", ha="right", va="center", color=GREY)

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.evaluation import HandErrors, hand_errors
+from pipeline.evaluation import HandErrors, hand_errors, linear_joints
 from pipeline.kinematics import Kinematics
 from pipeline.many_runs import Outcome
 from pipeline.paper_results import Networks
@@ -58,13 +58,6 @@ def _from_recorded_cm(trial: Trial, recorded: Samples) -> float:
 
 
 def _linear_errors(learned: Samples, targets: Floats) -> HandErrors:
-    """Errors on a motion of the baseline, linear least squares fitted to what a network learned from.
-
-    About the centre of the patterns, and least in norm: it does not answer to a direction that it was never shown.
-    """
-    centre = learned.robot.input_centre
-    regressors, asked = (
-        np.column_stack([motion - centre, np.ones(len(motion))]) for motion in (learned.targets, targets)
-    )
-    coefficients, *_ = np.linalg.lstsq(regressors, learned.joints, rcond=None)  # (7, n)
-    return HandErrors.of(hand_errors(Kinematics(learned.robot), asked @ coefficients, targets))
+    """Errors on a motion of the baseline, linear least squares fitted to what a network learned from."""
+    answers = linear_joints(learned.targets, learned.joints, asked=targets)
+    return HandErrors.of(hand_errors(Kinematics(learned.robot), answers, targets))

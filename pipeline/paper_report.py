@@ -6,15 +6,20 @@ from html import escape
 from pathlib import Path
 
 from pipeline.command_costs import CommandCost
-from pipeline.paper_explanations import Depth, Direction, depths, directions, turning_point
+from pipeline.paper_explanations import APART, Depth, Direction, depths, directions, turning_point
 from pipeline.paper_figures import Picture, draw_figures
 from pipeline.paper_page import PAGE
-from pipeline.paper_results import PATTERN_1, PATTERN_2, REPORT, Networks, Paper
+from pipeline.paper_results import PATTERN_1, PATTERN_2, REPORT, Networks, Paper, drawing_title
 from pipeline.paper_table import Row, rows
 from recorders.errors import ConfigError
 
-_COLUMNS = ("quantity", "ours", "the paper", "teacher", "linear", "seeds", "command")
-_SHORT_RUN = "<p><strong>This was a short run to try everything out: its numbers say nothing.</strong></p>"
+_COLUMNS = ("quantity", "ours", "the paper", "teacher", "linear", "seeds", "commands", "printed as")
+_SHORT_RUN = (
+    "<p><strong>This was a short run to try everything out: its numbers say nothing.</strong> It explored coarsely, so "
+    "<code>reenact explore</code> gives other logs than those beside this page. All other commands use these logs, and "
+    "give the numbers of this page.</p>"
+)
+_BEYOND = 1.001  # so many times as far out as what was learned: by more than the rounding of targets
 
 
 def write_report(
@@ -39,6 +44,7 @@ def write_report(
         A file cannot be written.
     """
     pictures = draw_figures(paper, out, on_picture=progress)
+    far, ways = depths(paper, paper.networks[PATTERN_1]), directions(paper)
     page = PAGE.substitute(
         seed=paper.seed,
         checks=_checks(paper) if is_full else _SHORT_RUN,
@@ -48,8 +54,10 @@ def write_report(
         figures6=_figures(pictures, "figure6", out),
         turn4=_turn(paper.networks[PATTERN_1]),
         turn5=_turn(paper.networks[PATTERN_2]),
-        depths=_depths(depths(paper, paper.networks[PATTERN_1])),
-        directions=_directions(directions(paper)),
+        beyond=_beyond(far, paper),
+        depths=_depths(far, paper),
+        directions=_directions(ways),
+        **_failure(paper, next(way for way in ways if way.name == APART)),
         learned_cm=f"{paper.deployed.learned_cm:.2f}",
         teacher_cm=f"{paper.deployed.teacher_cm:.2f}",
         costs=_costs(paper.costs),
@@ -70,30 +78,67 @@ def _checks(paper: Paper) -> str:
 
 def _cells(row: Row) -> Sequence[str]:
     texts = (row.what, row.ours, row.papers, row.teacher, row.linear, row.seeds)
-    return (*map(escape, texts), f"<code>{escape(row.command)}</code>")
+    commands = "".join(f"<code>{escape(command)}</code>" for command in row.commands)
+    return (*map(escape, texts), commands, escape(row.printed))
+
+
+def _failure(paper: Paper, apart: Direction) -> dict[str, str]:
+    """Return the numbers that show why networks of pattern 2 fail on pattern 1."""
+    two = paper.networks[PATTERN_2]
+    numbers = {
+        "asked_cm": apart.pattern_1_cm,
+        "followed": apart.followed[PATTERN_2],
+        "missed_cm": apart.missed_cm[PATTERN_2],
+        "linear_cm": two.linear[PATTERN_1].mean_cm,
+        "networks_cm": float(two.errors_cm(PATTERN_1).mean()),
+    }
+    return {name: f"{value:.2f}" for name, value in numbers.items()}
 
 
 def _directions(found: Sequence[Direction]) -> str:
     columns = (
         "direction",
-        "spread of pattern 1",
-        "spread of pattern 2",
-        "error on pattern 1 of networks that learned pattern 1",
-        "error on pattern 1 of networks that learned pattern 2",
+        "spread of pattern 1 (cm)",
+        "spread of pattern 2 (cm)",
+        "error on pattern 1 of networks that learned pattern 1 (cm)",
+        "error on pattern 1 of networks that learned pattern 2 (cm)",
+        "part of pattern 1 that the former follow",
+        "part that the latter follow",
     )
     body = []
     for part in found:
-        values = (part.pattern_1_cm, part.pattern_2_cm, part.missed_cm[PATTERN_1], part.missed_cm[PATTERN_2])
+        answers = [by[pattern] for by in (part.missed_cm, part.followed) for pattern in (PATTERN_1, PATTERN_2)]
+        values = (part.pattern_1_cm, part.pattern_2_cm, *answers)
         body.append((escape(part.name), *(f"{value:.2f}" for value in values)))
     return _table(columns, body)
 
 
-def _depths(found: Sequence[Depth]) -> str:
-    columns = ("motion", "hand", "error in the plane (cm)", "error ahead or behind (cm)")
-    return _table(
-        columns,
-        [(escape(part.motion), part.hand, f"{part.in_plane_cm:.2f}", f"{part.off_plane_cm:.2f}") for part in found],
+def _beyond(found: Sequence[Depth], paper: Paper) -> str:
+    """Return a paragraph on the drawings that lead a hand farther out than what was learned."""
+    learned_cm = max(part.out_cm for part in found if part.motion == PATTERN_1)
+    says = [
+        f"in {escape(drawing_title(part.motion))}, up to {part.out_cm:.1f} cm out, the {part.hand} hand misses by "
+        f"{part.missed_cm:.2f} cm: {part.off_plane_cm:.2f} cm ahead or behind, {part.in_plane_cm:.2f} cm in the plane"
+        for part in found
+        if part.motion in paper.demonstrations and part.out_cm > _BEYOND * learned_cm
+    ]
+    if not says:
+        return ""
+    return (
+        f"<p>Nothing that the networks learned from is farther than {learned_cm:.1f} cm from the centre of a pattern. "
+        f"Drawings go beyond it, where networks extrapolate: {'; '.join(says)}. The pictures show the last of these "
+        "numbers alone: what lies on its targets there is ahead of them or behind by the number before.</p>"
     )
+
+
+def _depths(found: Sequence[Depth], paper: Paper) -> str:
+    columns = ("motion", "hand", "farthest target from the centre", "error", "in the plane", "ahead or behind")
+    body = []
+    for part in found:
+        motion = drawing_title(part.motion) if part.motion in paper.demonstrations else part.motion
+        values = (part.out_cm, part.missed_cm, part.in_plane_cm, part.off_plane_cm)
+        body.append((escape(motion), part.hand, *(f"{value:.2f}" for value in values)))
+    return _table(columns, body)
 
 
 def _turn(networks: Networks) -> str:
@@ -126,7 +171,7 @@ def _costs(costs: Iterable[CommandCost]) -> str:
             f"{cost.microseconds:.0f}",
             str(cost.steps),
             f"{cost.microseconds * cost.steps:.0f}",
-            "yes" if cost.iterates else "no",
+            "yes" if cost.steps > 1 else "no",
         )
         for cost in costs
     ]
@@ -141,7 +186,7 @@ def _table(columns: Sequence[str], body: Iterable[Sequence[str]]) -> str:
 
 
 def _opening(cell: str) -> str:
-    return '<td class="number">' if cell[:1].isdigit() else "<td>"
+    return '<td class="number">' if cell.lstrip("-")[:1].isdigit() else "<td>"
 
 
 def _figures(pictures: Iterable[Picture], prefix: str, out: Path) -> str:
@@ -151,6 +196,6 @@ def _figures(pictures: Iterable[Picture], prefix: str, out: Path) -> str:
 
 
 def _figure(picture: Picture, png: bytes) -> str:
-    data, says = base64.b64encode(png).decode("ascii"), escape(picture.says)
+    data, says = base64.b64encode(png).decode("ascii"), escape(f"{picture.says} {' '.join(picture.key.split())}")
     caption = f"<figcaption>As the paper's figure {escape(picture.figure)}. {says}</figcaption>"
     return f'<figure><img src="data:image/png;base64,{data}" alt="{says}">{caption}</figure>'

@@ -66,6 +66,11 @@ def spread(values: Floats) -> float:
     return float(values.std(ddof=1)) if values.size > 1 else 0.0
 
 
+def drawing_title(name: str) -> str:
+    """Return what to call a free-hand motion of the program; no person drew any of them."""
+    return f"{name.replace('_', ' ')} (generated)"
+
+
 class Check(NamedTuple):
     """A bound, what was found, and whether it holds."""
 
@@ -91,7 +96,7 @@ class Paper:
     deployed : Deployment
         The first network of pattern 1 on the simulated robot, drawing pattern 2.
     costs : tuple of CommandCost
-        The learned controller beside the teacher.
+        The learned controller beside the teacher, who takes many steps to a target, or one.
     seconds_explore_and_learn : float
         Exploration of pattern 1 and learning of one initialisation [s].
     """
@@ -120,7 +125,7 @@ class Paper:
                 for networks in self.networks.values()
                 for name in self.demonstrations
             ],
-            "deployed": {"learned_cm": self.deployed.learned_cm, "teacher_cm": self.deployed.teacher_cm},
+            "deployed": self.deployed.summary(),
             "seconds_explore_and_learn": self.seconds_explore_and_learn,
         }
 
@@ -137,7 +142,8 @@ class Paper:
         yield Check(claim, f"{factor:.2f} times", factor >= FAILURE_FACTOR)
         for name in self.demonstrations:
             worst_cm = float(one.errors_cm(name, "left_cm").max())
-            claim = f"{name}: left hand, held still, below {STILL_BOUND_CM:.2f} cm with every network of pattern 1"
+            kept = f"below {STILL_BOUND_CM:.2f} cm with every network of pattern 1"
+            claim = f"{drawing_title(name)}: left hand, held still, {kept}"
             yield Check(claim, f"{worst_cm:.2f} cm", worst_cm < STILL_BOUND_CM)
 
 

@@ -1,6 +1,6 @@
 """The report's table: our numbers beside the paper's, the teacher's and a linear baseline's, and their source."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -8,15 +8,21 @@ from numpy.typing import NDArray
 from rich.table import Table
 
 from pipeline.demo import PAPER_CM
-from pipeline.evaluation import HandErrors
-from pipeline.paper_results import PATTERN_1, PATTERN_2, STILL_BOUND_CM, Networks, Paper, spread
-from pipeline.trials import Trial
+from pipeline.paper_results import (
+    CONTROLLERS,
+    PATTERN_1,
+    PATTERN_2,
+    STILL_BOUND_CM,
+    Networks,
+    Paper,
+    drawing_title,
+    spread,
+)
 
 Floats = NDArray[np.float64]
 
 NONE = "–"
 _FAILS, _ACCURATE = "fails", "accurate"  # where it gives no number
-_Part = Callable[[HandErrors], float]
 
 
 @dataclass(frozen=True)
@@ -28,7 +34,8 @@ class Row:
     what : the quantity
     ours, papers, teacher, linear : its values
     seeds : of the networks, or of what else is drawn
-    command : that gives it, in the folder of the report
+    commands : that give it, in the folder of the report
+    printed : the name under which they print ours, for each seed
     """
 
     what: str
@@ -37,7 +44,8 @@ class Row:
     teacher: str
     linear: str
     seeds: str
-    command: str
+    commands: tuple[str, ...]
+    printed: str
 
 
 def rows(paper: Paper) -> Iterator[Row]:
@@ -49,7 +57,7 @@ def rows(paper: Paper) -> Iterator[Row]:
     yield _tested(two, PATTERN_1, "Pattern 1, by networks that learned pattern 2", _FAILS)
     for networks, number in ((one, "1"), (two, "2")):
         for name in paper.demonstrations:
-            yield from _demonstrated(networks, name, f"{name.replace('_', ' ')}, pattern {number} learned")
+            yield from _demonstrated(networks, name, f"{drawing_title(name)}, pattern {number} learned")
     yield _deployed(paper)
     yield _explored(paper)
 
@@ -65,60 +73,67 @@ def console_table(paper: Paper) -> Table:
     return table
 
 
-def _deployed(paper: Paper) -> Row:
-    deployed, seed = paper.deployed, paper.networks[PATTERN_1].seeds[0]
-    what = "Physical hands on pattern 2 at 10 Hz, pattern 1 learned"
-    serve = f"reenact serve controllers/{PATTERN_1}-{seed}.npz, and reenact robot"
-    return Row(what, _cm(deployed.learned_cm), _ACCURATE, _cm(deployed.teacher_cm), NONE, str(seed), serve)
-
-
-def _explored(paper: Paper) -> Row:
-    ours, command = f"{paper.seconds_explore_and_learn:.0f} s", _explore_command(PATTERN_1, paper.seed)
-    what = "Time to explore pattern 1 and to learn it once"
-    return Row(what, ours, "less than 120 s", NONE, NONE, str(paper.seed), f"{command}, then train as above")
-
-
 def _trained(networks: Networks, what: str) -> Row:
     pattern, epochs = networks.pattern, networks.curves_cm.shape[1]
-    command = f"reenact train {pattern}.mcap --epochs {epochs} --seed SEED --out controllers/{pattern}-SEED.npz"
+    again, kept = f"again-{pattern}-SEED.npz", _controller(pattern)
+    commands = (
+        f"reenact train {pattern}.mcap --epochs {epochs} --seed SEED --out {again}",
+        f"reenact diff {again} {kept}",
+        _evaluate(networks, pattern),
+    )
+    beside = _beside(networks, pattern, "mean_cm")
     papers = _cm(PAPER_CM[pattern])
-    return _row(networks, pattern, what, networks.trained_cm, papers, lambda errors: errors.mean_cm, command)
+    return Row(what, _spread(networks.trained_cm), papers, *beside, _seeds(networks), commands, "train_cm")
 
 
-def _tested(networks: Networks, motion: str, what: str, papers: str) -> Row:
-    errors_cm, command = networks.errors_cm(motion), _evaluate_command(networks, motion)
-    return _row(networks, motion, what, errors_cm, papers, lambda errors: errors.mean_cm, command)
+def _tested(networks: Networks, motion: str, what: str, papers: str, part: str = "mean_cm") -> Row:
+    """Return the row of a part of the `HandErrors` on a motion."""
+    ours, commands = _spread(networks.errors_cm(motion, part)), (_evaluate(networks, motion),)
+    return Row(what, ours, papers, *_beside(networks, motion, part), _seeds(networks), commands, part)
 
 
 def _demonstrated(networks: Networks, name: str, what: str) -> Iterator[Row]:
-    command, is_first = _evaluate_command(networks, name), networks.pattern == PATTERN_1
-    papers = _ACCURATE if is_first else _FAILS
-    right_cm, left_cm = networks.errors_cm(name, "right_cm"), networks.errors_cm(name, "left_cm")
-    yield _row(networks, name, f"{what}: right hand", right_cm, papers, lambda errors: errors.right_cm, command)
-    papers = f"below {STILL_BOUND_CM:g}" if is_first else _FAILS
-    yield _row(
-        networks, name, f"{what}: left hand, held still", left_cm, papers, lambda errors: errors.left_cm, command
+    is_first = networks.pattern == PATTERN_1
+    still = f"below {STILL_BOUND_CM:g}" if is_first else _FAILS
+    yield _tested(networks, name, f"{what}: right hand", _ACCURATE if is_first else _FAILS, "right_cm")
+    yield _tested(networks, name, f"{what}: left, held still", still, "left_cm")
+    yield _tested(networks, name, f"{what}: left, farthest", still, "left_max_cm")
+
+
+def _deployed(paper: Paper) -> Row:
+    deployed, seed = paper.deployed, paper.networks[PATTERN_1].seeds[0]
+    what = "Physical hands on pattern 2 at 10 Hz, pattern 1 learned"
+    command = f"reenact evaluate {_controller(PATTERN_1, str(seed))} {deployed.motion} --deploy"
+    learned_cm, teacher_cm = _cm(deployed.learned_cm), _cm(deployed.teacher_cm)
+    return Row(what, learned_cm, _ACCURATE, teacher_cm, NONE, str(seed), (command,), "learned_cm")
+
+
+def _explored(paper: Paper) -> Row:
+    seed, epochs = paper.seed, paper.networks[PATTERN_1].curves_cm.shape[1]
+    again = f"again-{PATTERN_1}"
+    commands = (
+        f"reenact explore --motion {PATTERN_1} --seed {seed} --out {again}.mcap --overwrite",
+        f"reenact train {again}.mcap --epochs {epochs} --seed {seed} --out {again}.npz",
     )
-    farthest_cm = np.array([_left_farthest_cm(trial) for trial in networks.trials[name]])
-    yield Row(f"{what}: left hand at its farthest", _spread(farthest_cm), papers, NONE, NONE, _seeds(networks), command)
+    what, ours = "Time to explore pattern 1 and to learn it once", f"{paper.seconds_explore_and_learn:.0f} s"
+    return Row(what, ours, "< 120 s", NONE, NONE, str(seed), commands, NONE)
 
 
-def _left_farthest_cm(trial: Trial) -> float:
-    return 100.0 * float(np.linalg.norm(trial.reached[:, 0] - trial.targets[:, :3], axis=1).max())
-
-
-def _row(networks: Networks, motion: str, what: str, errors_cm: Floats, papers: str, part: _Part, command: str) -> Row:
+def _beside(networks: Networks, motion: str, part: str) -> tuple[str, str]:
+    """Return the same part of the teacher's errors and of the baseline's; `evaluate` prints no farthest of theirs."""
     taught = networks.trials[motion][0].teacher
-    teacher = NONE if taught is None else _cm(part(taught))
-    return Row(what, _spread(errors_cm), papers, teacher, _cm(part(networks.linear[motion])), _seeds(networks), command)
+    if part == "left_max_cm":
+        return NONE, NONE
+    return NONE if taught is None else _cm(getattr(taught, part)), _cm(getattr(networks.linear[motion], part))
 
 
-def _explore_command(name: str, seed: int) -> str:
-    return f"reenact explore --motion {name} --seed {seed} --out {name}.mcap"
+def _evaluate(networks: Networks, motion: str) -> str:
+    learned = networks.pattern
+    return f"reenact evaluate {_controller(learned)} {motion}.mcap --linear-from {learned}.mcap"
 
 
-def _evaluate_command(networks: Networks, motion: str) -> str:
-    return f"reenact evaluate controllers/{networks.pattern}-SEED.npz {motion}.mcap"
+def _controller(pattern: str, seed: str = "SEED") -> str:
+    return f"{CONTROLLERS}/{pattern}-{seed}.npz"
 
 
 def _seeds(networks: Networks) -> str:

@@ -1,13 +1,13 @@
 """The path of a hand, gathered pose by pose; what is of no use is left out and counted."""
 
 import hashlib
-import math
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.motion_csv import MAX_GAP_S
 from recorders.cdr import decode_as
 from recorders.errors import MessageError, MotionError
 from recorders.messages import PoseStamped
@@ -41,8 +41,9 @@ class PoseTrack:
 
     Parameters
     ----------
-    max_gap_s : float
-        A stamp farther ahead of the last than this is not believed [s].
+    max_gap_s : float, optional
+        A pose stamped farther ahead of the last than this is left out [s]: a live tracker's clock may leap. Without it,
+        one farther ahead than `pipeline.motion_csv.MAX_GAP_S` is an error: the times of the whole file are in doubt.
 
     Attributes
     ----------
@@ -52,7 +53,7 @@ class PoseTrack:
         Poses left out, by reason.
     """
 
-    def __init__(self, *, max_gap_s: float = math.inf) -> None:
+    def __init__(self, *, max_gap_s: float | None = None) -> None:
         self._max_gap_s = max_gap_s
         self._poses: list[PoseStamped] = []
         self.seen = 0
@@ -77,7 +78,7 @@ class PoseTrack:
         Raises
         ------
         MessageError
-            If it is no PoseStamped.
+            If it is no PoseStamped, or is stamped too far ahead where that is an error.
         MotionError
             If there are too many.
         """
@@ -90,6 +91,8 @@ class PoseTrack:
             return False
         if len(self) >= MAX_POSES:
             raise MotionError(f"{record.topic}: expected at most {MAX_POSES} poses, found more")
+        if self._max_gap_s is None:
+            self._check_gap(record.topic, pose)
         self._poses.append(pose)
         return True
 
@@ -103,12 +106,24 @@ class PoseTrack:
         digest.update(np.array([pose.stamp_ns for pose in self._poses], dtype="<i8").tobytes())
         digest.update(np.array([pose.position for pose in self._poses], dtype="<f8").tobytes())
 
+    def _check_gap(self, topic: str, pose: PoseStamped) -> None:
+        gap_s = self._ahead_s(pose)
+        if gap_s > MAX_GAP_S:
+            raise MessageError(
+                f"{topic}, pose {self.seen}: expected a stamp at most {MAX_GAP_S:g} s after the last, found {gap_s:g}; "
+                "are the stamps in seconds and nanoseconds?"
+            )
+
+    def _ahead_s(self, pose: PoseStamped) -> float:
+        """How far a pose is stamped after the last [s]; 0 for the first."""
+        return (pose.stamp_ns - self._poses[-1].stamp_ns) / 1e9 if self._poses else 0.0
+
     def _objection(self, pose: PoseStamped) -> str:
         """Why a pose is of no use; the empty string if it is."""
         if not all(abs(value) <= MAX_COORDINATE for value in pose.position.tolist()):  # nor is NaN
             return "not a position"
         if self._poses and pose.stamp_ns <= self._poses[-1].stamp_ns:
             return "stamp not after the last"
-        if self._poses and pose.stamp_ns - self._poses[-1].stamp_ns > 1e9 * self._max_gap_s:
+        if self._max_gap_s is not None and self._ahead_s(pose) > self._max_gap_s:
             return "stamp far ahead"
         return ""

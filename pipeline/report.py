@@ -8,8 +8,8 @@ from pathlib import Path
 import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
-from matplotlib.ticker import FixedLocator, NullFormatter, StrMethodFormatter
+from matplotlib.figure import Figure, FigureBase
+from matplotlib.ticker import FixedLocator, MaxNLocator, NullFormatter, StrMethodFormatter
 from numpy.typing import ArrayLike, NDArray
 
 from pipeline.evaluation import HandErrors
@@ -19,7 +19,10 @@ Floats = NDArray[np.float64]
 
 HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision tell them apart
 BLACK, GREY, _TARGET_GREY, _BAND = "#000000", "#6B6B6B", "#BDBDBD", "#B8D4E8"
-_KEY = "Seen from behind the robot. Grey: targets, from the dot on. Colour: where the hands went, with the mean error."
+KEY = (
+    "Seen from behind the robot, its left on the left. Grey: targets, from the dot on. Colour: where the hands went.\n"
+    "Numbers: mean distance from the targets, what is ahead of this plane or behind it included."
+)
 STYLE = {
     "font.size": 9.0,
     "axes.spines.top": False,
@@ -32,7 +35,7 @@ STYLE = {
 WIDTH_IN = 9.5
 _TITLE_CHARACTERS = 88  # what the width holds
 _CURVE_HEIGHT_IN = 2.5
-_TEXT_HEIGHT_IN = 1.8  # titles, tick labels and axis labels of all rows
+_TEXT_HEIGHT_IN = 1.9  # titles, tick labels and axis labels of all rows
 _DPI = 200
 _MARGIN_CM = 2.0
 _CM_PER_M = 100.0
@@ -163,13 +166,18 @@ def _figure(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float]
     figure.suptitle(textwrap.fill(title, _TITLE_CHARACTERS), x=0.01, ha="left", fontsize=12, fontweight="bold")
     heights = [panel_height_in + 0.5 * _TEXT_HEIGHT_IN, _CURVE_HEIGHT_IN]
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
-    above.suptitle(_KEY, x=0.01, ha="left", fontsize=9, color=GREY)
+    write_key(above, KEY)
     panels = above.subplots(1, len(tests), squeeze=False, sharex=True, sharey=True)[0]
     panels[0].set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), ylabel="height (cm)")  # left on the left
     for panel, test in zip(panels, tests, strict=True):
         draw_panel(panel, test)
     draw_errors(below.subplots(), curve, levels)
     return figure
+
+
+def write_key(figure: FigureBase, key: str) -> None:
+    """Write above the panels of a figure how they are to be read."""
+    figure.suptitle(key, x=0.01, ha="left", fontsize=9, color=GREY)
 
 
 def plane_limits(tests: Sequence[MotionTest]) -> tuple[Floats, Floats]:
@@ -191,7 +199,7 @@ def draw_panel(panel: Axes, test: MotionTest) -> None:
         label = f"{name} hand: {error_cm:.2f} cm"
         panel.text(x, 1.03, label, color=HAND_COLOURS[name], ha=name, transform=panel.transAxes)
     panel.set_aspect("equal")
-    panel.set_xlabel("to the left (cm)")
+    panel.set_xlabel("left of the robot's middle (cm)")
 
 
 def draw_errors(
@@ -212,6 +220,7 @@ def draw_errors(
         values = np.concatenate([values, below, curve + spread])
     axes.set(xlim=(1, max(2, curve.size)), xlabel="epoch", yscale="log", ylim=(0.85 * values.min(), 1.1 * values.max()))
     axes.set_title("Mean error of both hands (cm) while learning", loc="left", fontweight="bold", fontsize=9)
+    axes.xaxis.set_major_locator(MaxNLocator("auto", steps=(1, 2, 2.5, 5, 10), integer=True))
     axes.yaxis.set_major_locator(FixedLocator(_TICKS_CM))
     axes.yaxis.set_major_formatter(StrMethodFormatter("{x:g}"))
     axes.yaxis.set_minor_formatter(NullFormatter())
@@ -226,5 +235,5 @@ def _label_lines(axes: Axes, values: dict[str, float], *, bold: str) -> None:
         above = max(place, above + _LABEL_GAP)
         axes.plot([1.006, 1.018], [place, above], color=GREY, linewidth=0.6, transform=axes.transAxes, clip_on=False)
         weight, colour = ("bold", BLACK) if name == bold else ("normal", GREY)
-        label = f"{name} {value:.2f}"
+        label = f"{name}: {value:.2f}"
         axes.text(1.022, above, label, color=colour, fontweight=weight, va="center", transform=axes.transAxes)

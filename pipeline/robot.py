@@ -2,7 +2,8 @@
 
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -100,21 +101,36 @@ def load_robot(name_or_directory: str | Path) -> RobotConfig:
         raise RobotError(f"unknown robot '{name_or_directory}': expected one of {', '.join(names)}, or a directory")
     toml_text = read_text(directory / TOML_FILE)
     if (directory / IMPORT_FILE).exists():
-        return parse_robot(toml_text, _imported(toml_text, directory))
-    return parse_robot(toml_text, read_text(directory / URDF_FILE))
+        urdf_text = _imported(toml_text, directory)
+    else:
+        urdf_text = read_text(directory / URDF_FILE)
+    with _naming(directory):
+        return parse_robot(toml_text, urdf_text)
 
 
 def _imported(toml_text: str, directory: Path) -> str:
     """Return the URDF text that the directory's `import.toml` makes."""
-    parts = _parse_config(toml_text)
-    source = parse_source(read_text(directory / IMPORT_FILE))
-    return import_urdf(
-        read_source(source, directory),
-        source,
-        name=parts["name"],
-        joints=parts["joints"],
-        frames=(parts["left_hand"], parts["right_hand"], parts["gaze_frame"]),
-    )
+    import_text = read_text(directory / IMPORT_FILE)
+    with _naming(directory):
+        parts, source = _parse_config(toml_text), parse_source(import_text)
+    model_text = read_source(source, directory)
+    with _naming(directory):
+        return import_urdf(
+            model_text,
+            source,
+            name=parts["name"],
+            joints=parts["joints"],
+            frames=(parts["left_hand"], parts["right_hand"], parts["gaze_frame"]),
+        )
+
+
+@contextmanager
+def _naming(directory: Path) -> Iterator[None]:
+    """Say of which robot's files an error speaks."""
+    try:
+        yield
+    except RobotError as error:
+        raise RobotError(f"robot '{directory}': {error}") from error
 
 
 def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:

@@ -1,6 +1,7 @@
 """`import.toml`: which model of others a robot is made from, and what is taken from it, added and left out."""
 
 import importlib.metadata
+import sys
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -134,7 +135,7 @@ def read_source(source: RobotSource, directory: Path) -> str:
     except importlib.metadata.PackageNotFoundError:
         raise RobotError(
             f"the robot's model comes with the package '{source.package}', which is not installed: "
-            f"pip install {source.package}"
+            f"{sys.executable} -m pip install {source.package}"
         ) from None
     for file in files:
         if file.as_posix() == source.urdf:

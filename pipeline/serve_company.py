@@ -37,12 +37,15 @@ def refuse_company(session: zenoh.Session, name: str, *, namespace: str, beside_
     replies = session.liveliness().get(controller_key(namespace, "*", "alive"), timeout=_ANSWER_S)
     others = sorted(str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None)
     if name in others:
-        raise WireError(f"a controller '{name}' serves in namespace '{namespace}' already: end it, or choose a --name")
-    if others and not beside_others:
-        raise WireError(
-            f"controller '{others[0]}' serves in namespace '{namespace}' already: end it, choose a --namespace, "
-            "or allow both with --beside-others"
-        )
+        both = "choose another --name" if beside_others else "allow both with --beside-others and another --name"
+    elif others and not beside_others:
+        both = "allow both with --beside-others"
+    else:
+        return
+    raise WireError(
+        f"controller '{name if name in others else others[0]}' serves in namespace '{namespace}' already: end it, "
+        f"choose a --namespace, or {both}"
+    )
 
 
 def note_lockstep(session: zenoh.Session, *, namespace: str, say: Callable[[str], None]) -> None:

@@ -101,6 +101,11 @@ class Simulation:
         self._motors = [motors[name].name() for name in self._robot.joints]
         inertias = Kinematics(self._robot).inertia_diagonal(self._robot.comfort)
         for name, inertia in zip(self._robot.joints, inertias, strict=True):
+            if not inertia > 0.0:  # of a gain below 0 Drake ends the process
+                raise RobotError(
+                    f"robot '{self._robot.name}': joint {name} moves an inertia of {inertia:g}, expected one above 0: "
+                    "give the links beyond it masses and moments"
+                )
             stiffness, damping = inertia * self._config.bandwidth**2, 2.0 * inertia * self._config.bandwidth
             motors[name].set_controller_gains(PdControllerGains(p=stiffness, d=damping))
         plant.Finalize()

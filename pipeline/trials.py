@@ -1,7 +1,8 @@
 """A controller tried on a motion, beside the teacher and the linear baseline."""
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,8 +29,9 @@ class Trial:
     joints : postures answered [rad or m], shape (T, n)
     reached : hand positions of these postures [m], shape (T, 2, 3)
     errors : eq. (10) and its parts
-    teacher, linear : the same for the teacher's own postures and for linear least squares on the same data; None where
-        the motion was not recorded
+    teacher : the same for the teacher's own postures; None where the motion was not recorded
+    linear : the same for linear least squares, fitted to this motion as recorded, or to the recording that was named;
+        None where there is neither
     """
 
     name: str
@@ -40,37 +42,72 @@ class Trial:
     teacher: HandErrors | None = None
     linear: HandErrors | None = None
 
+    def summary(self) -> dict[str, Any]:
+        """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
+        result = asdict(self.errors)
+        for name, errors in (("teacher", self.teacher), ("linear", self.linear)):
+            if errors is not None:
+                result[f"{name}_cm"] = errors.mean_cm
+                result |= {f"{name}_left_cm": errors.left_cm, f"{name}_right_cm": errors.right_cm}
+        return result
+
 
 def robot_of(controller: Controller) -> RobotConfig:
     """Return the robot that a controller was made for; the controller carries it."""
     return parse_robot(controller.robot_toml, controller.robot_urdf)
 
 
-def try_motion(controller: Controller, motion: str | Path) -> Trial:
+def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path | None = None) -> Trial:
     """Try a controller on a log (`.mcap`), a CSV file or a motion known by name.
+
+    Parameters
+    ----------
+    controller : Controller
+        What was learned.
+    motion : str or Path
+        What is asked for.
+    linear_from : Path, optional
+        The log that the linear baseline is fitted to; by default the motion's own, where it is one.
 
     Raises
     ------
     ReenactError
-        If the log or motion cannot be read, or was recorded with a robot of other joints.
+        If a log or the motion cannot be read, or was recorded with a robot of other joints.
     """
+    robot = robot_of(controller)
+    fitted = None if linear_from is None else read_samples(linear_from, robot=robot)
+    if fitted is not None:
+        _check_joints(controller, fitted, name=str(linear_from))
     if Path(motion).suffix == ".mcap":
-        return try_samples(controller, read_samples(Path(motion)), name=Path(motion).stem)
-    loaded = load_motion(motion, robot_of(controller))
-    return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name)
+        samples = read_samples(Path(motion), robot=robot)
+        return try_samples(controller, samples, name=Path(motion).stem, fitted=fitted)
+    loaded = load_motion(motion, robot)
+    return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)
 
 
-def try_samples(controller: Controller, samples: Samples, *, name: str) -> Trial:
-    """Try a controller on recorded samples, beside the teacher and the linear baseline."""
+def try_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:
+    """Try a controller on recorded samples, beside the teacher and the linear baseline, `fitted` to these or others.
+
+    Raises
+    ------
+    ControllerError
+        If the samples were recorded with a robot of other joints.
+    """
+    _check_joints(controller, samples, name=name)
+    return _try(controller, samples.targets, name=name, taught=samples.joints, fitted=fitted or samples)
+
+
+def _check_joints(controller: Controller, samples: Samples, *, name: str) -> None:
     if samples.robot.joints != controller.joints:
         raise ControllerError(
             f"the controller moves {', '.join(controller.joints)}; {name} was recorded with {samples.robot.name}, "
             f"which has {', '.join(samples.robot.joints)}"
         )
-    return _try(controller, samples.targets, name=name, taught=samples.joints)
 
 
-def _try(controller: Controller, targets: Floats, *, name: str, taught: Floats | None = None) -> Trial:
+def _try(
+    controller: Controller, targets: Floats, *, name: str, taught: Floats | None = None, fitted: Samples | None = None
+) -> Trial:
     kinematics = Kinematics(robot_of(controller))
     joints = predicted_joints(controller.learner(), targets, len(controller.joints))
 
@@ -84,5 +121,5 @@ def _try(controller: Controller, targets: Floats, *, name: str, taught: Floats |
         reached=kinematics.hands_along(joints),
         errors=errors(joints),
         teacher=None if taught is None else errors(taught),
-        linear=None if taught is None else errors(linear_joints(targets, taught)),
+        linear=None if fitted is None else errors(linear_joints(fitted.targets, fitted.joints, asked=targets)),
     )

@@ -92,9 +92,11 @@ def parse_urdf(urdf_text: str) -> ElementTree.Element:
     ------
     RobotError
         The text is not a URDF, is too large or nested too deeply, a name or number in it is missing or malformed,
-        or its links do not make one tree.
+        a mass cannot be one, or its links do not make one tree.
     """
     check_text(urdf_text, "robot description", most=MAX_BYTES)
+    if not urdf_text.strip():
+        raise RobotError("robot description: expected the text of a URDF, found none")
     try:
         root = ElementTree.fromstring(urdf_text, ElementTree.XMLParser(target=_Builder()))  # noqa: S314 - expat itself bounds the expansion of entities
     except ElementTree.ParseError as error:
@@ -108,6 +110,7 @@ def parse_urdf(urdf_text: str) -> ElementTree.Element:
     _check_tree(links, joints)
     for part in (*links.values(), *joints.values(), *root.iterfind("material")):
         _check_numbers(part)
+    _check_masses(links, joints)
     return root
 
 
@@ -260,6 +263,21 @@ def _check_numbers(part: ElementTree.Element) -> None:
             if text is not None and not _holds_numbers(text, count):
                 found = f"{count} finite number{'s' * (count > 1)}, found {shown(text)}"
                 raise RobotError(f"{where}: expected <{element.tag} {attribute}=...> to hold {found}")
+
+
+def _check_masses(links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]) -> None:
+    """Check the masses of links; a link that has none is a frame, and may stand anywhere."""
+    moved = {_attribute(joint, "child", "link") for joint in joints.values() if joint.get("type") != "fixed"}
+    for name, link in links.items():
+        for mass in link.iterfind("inertial/mass"):
+            value = float(mass.get("value", ""))
+            if value == 0.0 and name in moved:
+                raise RobotError(
+                    f"link {name} of the URDF: expected a mass above 0, as a joint moves it, found 0; "
+                    "a mere frame has no <inertial>"
+                )
+            if value < 0.0:
+                raise RobotError(f"link {name} of the URDF: expected a mass above 0, found {value:g}")
 
 
 def _holds_numbers(text: str, count: int) -> bool:

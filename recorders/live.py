@@ -7,7 +7,8 @@ from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from types import TracebackType
+from typing import Any, Self
 
 from recorders.cdr import decode
 from recorders.errors import ConfigError, LogError, MessageError, WireError
@@ -21,6 +22,7 @@ from recorders.writer import LogWriter
 _POLL_S = 0.2
 _MAX_BROKEN = 100  # anyone may offer a stream and break it off
 _STOPPED = "the recorder was stopped"
+_FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,7 @@ class Recording:
     opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
     refused : messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting
     broken : why the latest of the streams that awaited this and never came to their end did not
+    left_out : how many messages were on topics that are not to be recorded
     """
 
     paths: list[Path] = field(default_factory=list)
@@ -74,6 +77,7 @@ class Recording:
     opaque: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
     broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
+    left_out: int = 0
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recording for JSON."""
@@ -85,11 +89,14 @@ class Recording:
             "opaque": dict(self.opaque),
             "refused": dict(self.refused),
             "broken": list(self.broken),
+            "left_out": self.left_out,
         }
 
 
 class LiveRecorder:
     """Writes what a receiver hears; as an awaited consumer it also acknowledges, and so misses nothing.
+
+    The file is there from the beginning; a `with` block that an exception ends before anything was recorded removes it.
 
     Parameters
     ----------
@@ -121,6 +128,7 @@ class LiveRecorder:
         self._overwrite = overwrite
         self._on_progress = on_progress
         self._streaming = False  # in the middle of a stream that awaits this
+        self._ended = False  # one has come to its end, or broken off, and no other has begun
         self._last: dict[str, int] = {}
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
@@ -130,12 +138,21 @@ class LiveRecorder:
         self._first_s: float | None = None  # when the file's first message came
         self._writer = self._open()
 
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.__exit__(kind, error, trace)
+
     def run(
         self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
     ) -> Recording:
         """Record until it is stopped, or to the end of a stream, and finish the file.
 
-        What had arrived when it was stopped is recorded too, and the sender of a stream under way is told.
+        What had arrived when it was stopped is recorded too, and the sender of a stream under way is told. The end of
+        a stream is when all whom its sender awaits are through, so that what they say of its end is recorded.
 
         Parameters
         ----------
@@ -156,18 +173,20 @@ class LiveRecorder:
         self.recording.refused = receiver.refused
         try:
             with receiver.reporting_failure():
-                while not stopped():
-                    if self._take(receiver, _next(receiver)) and until_end:
-                        break
+                while not (stopped() or (self._is_over(receiver) and until_end)):
+                    self._take(receiver, _next(receiver))
                     self._writer.check()
                     self._on_progress(self.recording)
-                else:
-                    self._take_leave(receiver)
+                self._take_leave(receiver)
         finally:
             self._writer.close()
         if until_end and self.recording.broken:
             raise WireError(f"{self._out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
+
+    def _is_over(self, receiver: Receiver) -> bool:
+        """Whether a stream has ended, and its sender needs no more from here; one that is gone is left."""
+        return self._ended and receiver.is_released()
 
     def _take_leave(self, receiver: Receiver) -> None:
         """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
@@ -180,41 +199,39 @@ class LiveRecorder:
         if self._streaming:
             self._break_off(_STOPPED)
             receiver.fail(_STOPPED)
+        else:
+            receiver.is_released(_FAREWELL_WAIT_S)
 
-    def _take(self, receiver: Receiver, event: Event | WireError | None) -> bool:
-        """Take what came; True if it ended a stream."""
+    def _take(self, receiver: Receiver, event: Event | WireError | None) -> None:
         if isinstance(event, WireError):
-            return self._leave(receiver, str(event))
-        if isinstance(event, Live):
+            self._leave(receiver, str(event))
+        elif isinstance(event, Live):
             self._write(event.record, numbered=event.numbered)
         elif isinstance(event, Offered):
             self._note(event)
-            self._streaming = True
+            self._streaming, self._ended = True, False
             receiver.accept(event, 0)
         elif isinstance(event, Frame):
-            return self._take_frame(receiver, event)
-        return False
+            self._take_frame(receiver, event)
 
-    def _take_frame(self, receiver: Receiver, frame: Frame) -> bool:
-        if frame.kind is Kind.END:
-            self._streaming = False
-            receiver.finish(self.recording.to_dict())
-            return True
-        if frame.kind is Kind.ABORT:
-            return self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
+    def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
         for record in frame.messages:
             self._write(record, numbered=True)
-        receiver.consumed(frame)
-        return False
+        if frame.kind is Kind.END:
+            self._streaming, self._ended = False, True
+            receiver.report(self.recording.to_dict())
+        elif frame.kind is Kind.ABORT:
+            self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
+        else:
+            receiver.consumed(frame)
 
-    def _leave(self, receiver: Receiver, reason: str) -> bool:
+    def _leave(self, receiver: Receiver, reason: str) -> None:
         """Leave a stream whose sender is gone: what it sent is recorded, and others may follow."""
         receiver.give_up(reason)
         self._break_off(reason)
-        return True
 
     def _break_off(self, reason: str) -> None:
-        self._streaming = False
+        self._streaming, self._ended = False, True
         self.recording.broken.append(reason)
         self._notes["broken"] = list(self.recording.broken)
         self._writer.note(self._notes)
@@ -232,6 +249,7 @@ class LiveRecorder:
 
     def _write(self, record: Stamped, *, numbered: bool) -> None:
         if not self._config.wants(record.topic):
+            self.recording.left_out += 1
             return
         if numbered:
             self._count_gap(record)
@@ -283,7 +301,7 @@ class LiveRecorder:
         name = re.compile(re.escape(self._out.stem) + r"_\d+\.mcap(\.part)?")
         taken = sorted(path for path in self._out.parent.glob("*") if name.fullmatch(path.name))
         if taken and self._splits and not self._overwrite:
-            raise LogError(f"{taken[0]} exists: choose another name, or allow it to be overwritten")
+            raise LogError(f"{taken[0]} exists: choose another name, or --overwrite")
 
     def _open(self) -> LogWriter:
         path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if self._splits else self._out

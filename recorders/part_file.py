@@ -39,12 +39,10 @@ class PartFile:
 
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.path = path
-        if not path.name:
-            raise self._no_file()
+        check_place(path, overwrite=overwrite)
         self.part = path.with_name(path.name + ".part")
         self._overwrite = overwrite
         try:
-            self._refuse_existing()
             descriptor = self._claim()
         except (OSError, ValueError) as error:  # ValueError: a name that no system can have
             raise self.error(error) from error
@@ -117,13 +115,6 @@ class PartFile:
         with suppress(OSError):
             self.stream.close()
 
-    def _refuse_existing(self) -> None:
-        found = os.path.lexists(self.path)
-        if found and not self.path.is_file():
-            raise self._no_file()
-        if found and not self._overwrite:
-            raise self._taken()
-
     def _claim(self) -> int:
         """Open the file and lock it; what another recording left there is set aside."""
         once = 0 if self._overwrite else os.O_EXCL
@@ -138,7 +129,7 @@ class PartFile:
         except FileExistsError:
             raise LogError(
                 f"{self.part} is left from an unfinished recording, or another writes it: `reenact recover` saves what "
-                "is in it; move it away, or allow overwriting, which sets it aside"
+                "is in it; move it away, or give --overwrite, which sets it aside"
             ) from None
         _sync_folder(self.part.parent)
         return descriptor
@@ -170,11 +161,35 @@ class PartFile:
         except FileExistsError:
             raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
 
-    def _taken(self) -> LogError:
-        return LogError(f"{self.path} exists: choose another name, or allow it to be overwritten")
 
-    def _no_file(self) -> LogError:
-        return LogError(f"cannot write {self.path}: expected the name of a file, found something else")
+def check_place(path: Path, *, overwrite: bool) -> None:
+    """Check that a log can be written as `path`, before the work that fills it; leaves nothing behind.
+
+    Raises
+    ------
+    LogError
+        If the folder is missing, `path` names something else than a file, or a file that may not be replaced.
+    """
+    try:
+        if not path.name:
+            raise _no_file(path)
+        if not path.parent.is_dir():
+            raise LogError(f"cannot write {path}: expected a folder {path.parent}, found none")
+        _refuse_taken(path, overwrite=overwrite)
+    except (OSError, ValueError) as error:  # ValueError: a name that no system can have
+        raise LogError(f"cannot write {path}: {getattr(error, 'strerror', None) or error}") from error
+
+
+def _refuse_taken(path: Path, *, overwrite: bool) -> None:
+    found = os.path.lexists(path)
+    if found and not path.is_file():
+        raise _no_file(path)
+    if found and not overwrite:
+        raise LogError(f"{path} exists: choose another name, or replace it with --overwrite")
+
+
+def _no_file(path: Path) -> LogError:
+    return LogError(f"cannot write {path}: expected the name of a file, found something else")
 
 
 def _lock(descriptor: int) -> None:

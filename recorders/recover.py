@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from recorders.declared import Declared
 from recorders.errors import CheckFailed, LogError
 from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, to_metadata
-from recorders.part_file import PartFile
+from recorders.part_file import PartFile, check_place
 from recorders.salvage import Damage, Salvaged, Survey
 from recorders.survey import survey
 from recorders.tally import Tally
@@ -119,8 +119,10 @@ def recover(
         If there is nothing in the source that can be believed.
     """
     source, out = Path(source), Path(out)
+    _refuse_source(out, source)
+    check_place(out, overwrite=overwrite)
     found = survey(source, on_progress=lambda fraction: on_progress(fraction / 2))
-    with _new_file(out, source, overwrite=overwrite) as file:
+    with _new_file(out, overwrite=overwrite) as file:
         return _Copy(found, file).run(out, lambda fraction: on_progress((1 + fraction) / 2))
 
 
@@ -231,11 +233,8 @@ class _Copy:
 
 
 @contextmanager
-def _new_file(out: Path, source: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
+def _new_file(out: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
     """Open a file that gets its name when the block ends, and goes away if it fails."""
-    for path in (out, out.with_name(out.name + ".part")):
-        if path.exists() and path.samefile(source):
-            raise LogError(f"cannot write {out}: {path} is the damaged log, which stays as it is; choose another name")
     file = _claimed(out, overwrite=overwrite)
     try:
         yield file.stream
@@ -244,6 +243,15 @@ def _new_file(out: Path, source: Path, *, overwrite: bool) -> Iterator[BinaryIO]
         raise file.error(error) from error
     finally:
         file.close(keep=False)
+
+
+def _refuse_source(out: Path, source: Path) -> None:
+    part = Path(f"{out}.part")
+    for path, used in ((out, ""), (part, f"until it is whole it is called {part.name}, and ")):
+        if path.exists() and source.exists() and path.samefile(source):
+            raise LogError(
+                f"cannot write {out}: {used}{path} is the damaged log, which stays as it is; choose another name"
+            )
 
 
 def _claimed(out: Path, *, overwrite: bool) -> PartFile:

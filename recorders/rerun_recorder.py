@@ -22,6 +22,9 @@ from recorders.rerun_track import Track
 APPLICATION_ID = "reenact"
 
 _FLUSH_S = 5.0  # how long a viewer that stalls may hold up the end
+_FOOTER, _FOOTER_BYTES = b"FOOT", 12  # what stands in the last bytes of a whole recording: RRF2FOOT, and a count
+_PROBE_BYTES = 65536  # more than a file's last block may still have room for
+_MAGIC = b"RRF"  # then a digit, of the format: what every recording of Rerun's begins with
 
 
 @dataclass(frozen=True)
@@ -31,7 +34,7 @@ class Destination:
     Parameters
     ----------
     path : Path, optional
-        File (`.rrd`) to write; replaced if it exists.
+        File (`.rrd`) to write; another recording there is replaced, a file of any other kind is not.
     url : str, optional
         A viewer that runs, such as `rerun+http://127.0.0.1:9876/proxy`.
     """
@@ -44,7 +47,7 @@ class Destination:
 def open_recording(
     destination: Destination, *, recording_id: str | None, title: str, blueprint: rrb.Blueprint, kind: str = ""
 ) -> Iterator[rr.RecordingStream]:
-    """Open a recording, which is complete at the end of the block.
+    """Open a recording, which is complete at the end of the block; if the block fails, no file is left.
 
     Parameters
     ----------
@@ -62,7 +65,7 @@ def open_recording(
     Raises
     ------
     LogError
-        The file cannot be written.
+        The file cannot be written, or would take the place of one that is no recording.
     """
     if destination.path is not None:
         _open_for_writing(destination.path)
@@ -70,15 +73,17 @@ def open_recording(
     recording = rr.RecordingStream(application, recording_id=recording_id, send_properties=False)
     recording.set_log_time_enabled(False)  # the clock of the machine has no place in a result
     recording.set_log_tick_enabled(False)
-    try:
-        recording.set_sinks(*_sinks(destination), default_blueprint=blueprint)
-        recording.send_recording_name(title)
-        yield recording
-        recording.flush(timeout_sec=_FLUSH_S)
-        recording.disconnect()  # writes the footer and closes the file
-    except RuntimeError as error:  # what Rerun raises when the disk is full, or the viewer gone
-        where = f"'{destination.path}'" if destination.path is not None else f"to {destination.url}"
-        raise LogError(f"cannot write the recording {where}: {' '.join(str(error).split())}") from error
+    with _whole_or_none(destination.path):
+        try:
+            recording.set_sinks(*_sinks(destination), default_blueprint=blueprint)
+            recording.send_recording_name(title)
+            yield recording
+            recording.flush(timeout_sec=_FLUSH_S)
+            recording.disconnect()  # writes the footer and closes the file
+        except RuntimeError as error:  # what Rerun raises when the disk is full, or the viewer gone
+            raise LogError(_complaint(destination, " ".join(str(error).split()))) from error
+        if destination.path is not None and not _has_footer(destination.path):  # of its last bytes Rerun tells nothing
+            raise LogError(_complaint(destination, "it ended early"))
 
 
 def record_motion(
@@ -101,7 +106,7 @@ def record_motion(
     Parameters
     ----------
     path : Path
-        File to write; replaced if it exists.
+        File to write; another recording there is replaced, a file of any other kind is not.
     urdf_text : str
         The robot; its root link is taken for the world frame.
     joint_names : sequence of str
@@ -126,7 +131,7 @@ def record_motion(
     MotionError
         Times or positions are of the wrong shape, or a number is not finite.
     LogError
-        The file cannot be written.
+        The file cannot be written, or would take the place of one that is no recording.
     """
     track = Track.checked(
         joint_count=len(joint_names), times_s=times_s, joints=joints, targets=targets, reached=reached
@@ -172,6 +177,34 @@ def send_motion(
         more(recording)
 
 
+@contextmanager
+def _whole_or_none(path: Path | None) -> Iterator[None]:
+    """Take the file away if the block does not come to its end."""
+    try:
+        yield
+    except BaseException:
+        if path is not None:
+            path.unlink(missing_ok=True)
+        raise
+
+
+def _complaint(destination: Destination, reason: str) -> str:
+    if destination.path is None:
+        return f"cannot write the recording to {destination.url}: {reason}"
+    try:
+        with destination.path.open("ab") as file:
+            file.write(bytes(_PROBE_BYTES))
+    except OSError as met:  # Rerun itself does not say what its writer met
+        reason = met.strerror or reason
+    return f"cannot write the recording '{destination.path}': {reason}"
+
+
+def _has_footer(path: Path) -> bool:
+    with path.open("rb") as file:
+        file.seek(max(0, path.stat().st_size - _FOOTER_BYTES))
+        return _FOOTER in file.read()
+
+
 def _sinks(destination: Destination) -> Iterator[rr.FileSink | rr.GrpcSink]:
     if destination.path is not None:
         yield rr.FileSink(destination.path)
@@ -179,8 +212,41 @@ def _sinks(destination: Destination) -> Iterator[rr.FileSink | rr.GrpcSink]:
         yield rr.GrpcSink(destination.url)
 
 
+def check_place(path: Path) -> None:
+    """Check that a recording can be written as `path`, before the work that makes it.
+
+    A recording may take the place of another one, or of an empty file; of nothing else.
+
+    Raises
+    ------
+    LogError
+        If the folder is missing, or `path` names something else than a file, or a file that is no recording.
+    """
+    try:
+        _check_replaceable(path)
+    except (OSError, ValueError) as error:  # ValueError: a name that no system can have
+        raise LogError(f"cannot write the recording '{path}': {getattr(error, 'strerror', None) or error}") from error
+
+
+def _check_replaceable(path: Path) -> None:
+    if not path.parent.is_dir():
+        raise LogError(f"cannot write the recording '{path}': expected a folder '{path.parent}', found none")
+    if not path.exists():
+        return
+    if not path.is_file():
+        raise LogError(f"cannot write the recording '{path}': expected the name of a file, found something else")
+    with path.open("rb") as file:
+        begin = file.read(len(_MAGIC))
+    if begin not in (b"", _MAGIC):
+        raise LogError(
+            f"cannot write the recording '{path}': there is a file that is no recording of Rerun's, which stays as it "
+            "is; choose another name"
+        )
+
+
 def _open_for_writing(path: Path) -> None:
     """Fail early and in one line, where Rerun would add a warning of its own on the terminal."""
+    check_place(path)
     try:
         path.open("wb").close()
     except OSError as error:

@@ -1,6 +1,7 @@
 """Rerun's viewer, started so that it listens on loopback only and sends nothing to anyone."""
 
 import importlib.util
+import ipaddress
 import json
 import os
 import socket
@@ -98,41 +99,58 @@ def open_viewer() -> str:
 
 
 def check_url(url: str) -> str:
-    """Return the URL of a viewer that runs on this machine.
+    """Return the URL of a viewer that runs on this machine, in its plain form.
 
     Raises
     ------
     ConfigError
-        It is not such a URL.
+        It is not such a URL, or of another machine.
     WireError
         Nothing takes recordings there.
     """
-    parts = urlsplit(url)
-    if parts.scheme != "rerun+http" or parts.path != "/proxy" or _port(url) is None:
+    host, port = _address(url)
+    # Rerun reads a URL in its own way: what else may stand in one, such as a user, is not let through.
+    plain = f"rerun+http://{f'[{host}]' if ':' in host else host}:{port}/proxy"
+    if not port or url.lower() != plain:
         raise ConfigError(f"expected the URL of a viewer, such as rerun+http://{HOST}:9876/proxy, found {url!r:.100}")
-    if not is_reachable(url):
-        raise WireError(f"expected a viewer at {url}, found none; start one with `rerun --bind {HOST}`")
-    return url
+    if not _is_loopback(host):
+        raise ConfigError(f"expected a viewer on this machine, at localhost, {HOST} or [::1], found {url!r:.100}")
+    if not is_reachable(plain):
+        raise WireError(f"expected a viewer at {plain}, found none; start one with `rerun --bind {HOST}`")
+    return plain
 
 
 def is_reachable(url: str) -> bool:
     """Whether something listens at the URL."""
     try:
-        with socket.create_connection((urlsplit(url).hostname or "", _port(url) or 0), timeout=_REACH_S):
+        with socket.create_connection(_address(url), timeout=_REACH_S):
             return True
     except OSError:
         return False
 
 
-def _port(url: str) -> int | None:
+def _address(url: str) -> tuple[str, int]:
+    """Host and port of a URL; empty and 0 where it has none."""
     try:
-        return urlsplit(url).port
+        parts = urlsplit(url)
+        return parts.hostname or "", parts.port or 0
     except ValueError:
-        return None
+        return "", 0
+
+
+def _is_loopback(host: str) -> bool:
+    try:
+        return host in ("localhost", "::1") or ipaddress.IPv4Address(host).is_loopback
+    except ValueError:  # another name
+        return False
 
 
 def _no_window(why: str) -> str:
-    return f"cannot open a window: {why}; write the recording with --save FILE.rrd, and look at it elsewhere"
+    """Say so, and what every verb leaves a way to do: some have no --save of their own."""
+    return (
+        f"cannot open a window: {why}; `reenact view LOG|CONTROLLER --save FILE.rrd` writes a recording to look at "
+        "elsewhere"
+    )
 
 
 def _free_port() -> int:

@@ -35,10 +35,13 @@ class Episode:
     path : Path
         A log.
     renames : mapping of str to str
-        Our topic names for those that the log uses, so that a log recorded by others trains.
+        Our topic names for those that the log uses, so that a log recorded by others trains; those of topics that it
+        does not have count for nothing.
 
     Attributes
     ----------
+    topics : tuple of str
+        All topics of the log, by its own names.
     count : int
         How many messages a presentation has.
     digest : str
@@ -57,7 +60,8 @@ class Episode:
     def __init__(self, path: Path, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
         self.path = path
         self._reader = LogReader(path)
-        self._renames = dict(renames)
+        self.topics = tuple(self._reader.topics)
+        self._renames = {foreign: ours for foreign, ours in renames.items() if foreign in self.topics}
         self.robot = read_robot(self._reader)
         self._cache: list[Stamped] | None = []
         self._survey()
@@ -106,14 +110,34 @@ class Episode:
 
 
 def renamed(reader: LogReader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
-    """Yield the messages of a log on some topics, by our names for them."""
+    """Yield the messages of a log on some topics, by our names for them.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, or has no topic of a name that is to be replaced.
+    """
     if not renames:
         yield from reader.records(topics=topics)
         return
+    check_renames(renames, reader.topics, where=str(reader.path))
     for record in reader.records():
         topic = renames.get(record.topic, record.topic)
         if topic in topics:
             yield record._replace(topic=topic)
+
+
+def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where: str) -> None:
+    """Check that there is a topic for every name that is to be replaced: a slip of the pen would else change nothing.
+
+    Raises
+    ------
+    LogError
+        If there is none; the line names those that there are, and the log or logs, `where`.
+    """
+    if unknown := sorted(renames.keys() - set(topics)):
+        found = ", ".join(sorted(set(topics))) or "none"
+        raise LogError(f"{where}: --map: expected a topic {', '.join(unknown)}, found none; there are: {found}")
 
 
 def read_robot(reader: LogReader) -> dict[str, str]:
@@ -156,7 +180,8 @@ class Replay:
     Raises
     ------
     LogError
-        If there is no log, one cannot be read, or the logs are of different robots.
+        If there is no log, one cannot be read, the logs are of different robots, or none of them has a topic that is to
+        be renamed.
     MessageError
         If a message is not what it should be.
     """
@@ -170,6 +195,8 @@ class Replay:
         for episode in self.episodes[1:]:
             if episode.robot != self.robot:
                 raise LogError(f"{episode.path}: recorded with another robot than {self.episodes[0].path}")
+        topics = {topic for episode in self.episodes for topic in episode.topics}
+        check_renames(renames, topics, where=", ".join(str(path) for path in paths))
         digests = [episode.digest for episode in self.episodes]
         self.run = hashlib.sha256(json.dumps([schedule.to_dict(), digests]).encode()).hexdigest()[:32]
 

@@ -187,7 +187,7 @@ class _Delivery:
                 except _Rewind as rewind:
                     index = rewind.index
         except BaseException as error:
-            self._abort(str(error) if isinstance(error, ReenactError) else f"stopped by {type(error).__name__}")
+            self._abort(_why(error))
             raise
         results = {name: progress.result or {} for name, progress in self._progress.items()}
         for name in self._config.consumers:
@@ -383,6 +383,15 @@ class _Watch:
 def _matches(publisher: zenoh.Publisher) -> bool:
     status: Any = publisher.matching_status  # typed as a bool, which it is not
     return bool(status.matching)
+
+
+def _why(error: BaseException) -> str:
+    """Say in words why a stream is given up: who reads them knows nothing of this program's insides."""
+    if isinstance(error, ReenactError):
+        return str(error)
+    if isinstance(error, KeyboardInterrupt):
+        return "interrupted"
+    return "terminated" if isinstance(error, SystemExit) else "it failed, and says why itself"
 
 
 def _is_final(progress: Progress) -> bool:

@@ -3,6 +3,7 @@
 import json
 import re
 import shlex
+import shutil
 import signal
 import subprocess
 import sys
@@ -18,13 +19,13 @@ import typer.main
 import zenoh
 from episodes import write_episode
 from processes import reenact, start, wait_for_line
+from short_motion import write_short_motion
 
 import pipeline
 from pipeline import cli
-from pipeline.robot import load_robot
 from recorders.messages import JointState, PoseStamped, String
 from recorders.reader import LogReader
-from recorders.topics import LEARNER_TOPICS
+from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEARNER_TOPICS
 from recorders.wire.frames import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, open_session
@@ -78,7 +79,7 @@ def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
     """As it stands there, on a port of its own and with a shorter motion."""
     section = PAGES[0].read_text().partition(LIVE)[2].partition("\n## ")[0]
     (tmp_path / "out").mkdir()  # as `make demo` does
-    endpoint, motion = free_endpoint(), short_motion(tmp_path / "short.csv")
+    endpoint, motion = free_endpoint(), write_short_motion(tmp_path / "short.csv")
     replaced = {DEFAULT_ENDPOINT: endpoint, "eight": str(motion)}
     lines = [[replaced.get(word, word) for word in line] for line in commands(section)]
     lines = [
@@ -96,6 +97,30 @@ def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
     digest = re.compile(r"^digest +([0-9a-f]{64})$", re.MULTILINE)
     assert digest.findall(learned) == digest.findall(trained.stdout) != []
     assert (compared.returncode, compared.stdout) == (0, "no divergence\n")
+
+
+def test_the_spectators_example_records_what_the_learner_says_and_nothing_else(tmp_path: Path) -> None:
+    """As it stands there, on a port of its own and with a shorter log."""
+    endpoint, log = free_endpoint(), tmp_path / "out" / "demo" / "circles.mcap"
+    log.parent.mkdir(parents=True)
+    write_episode(log)
+    shutil.copytree(ROOT / "data" / "zenoh", tmp_path / "data" / "zenoh")
+    section = PAGES[1].read_text().partition("\nAccess control, ")[2].partition("\nKeys ")[0]
+    lines = [[endpoint if word == DEFAULT_ENDPOINT else word for word in line] for line in commands(section)]
+    assert [verb for verb, *_ in lines] == ["learn", "record", "replay"]
+    with ExitStack() as stack:
+        learner, spectator = (stack.enter_context(start(*line, cwd=tmp_path)) for line in lines[:2])
+        for process in (learner, spectator):
+            stack.callback(process.kill)
+        wait_for_line(spectator, "records reenact/**")
+        replayed = reenact(*lines[2], "--epochs", 20, cwd=tmp_path)
+        assert replayed.returncode == 0, replayed.stderr
+        learner.communicate(timeout=30)
+        spectator.send_signal(signal.SIGINT)
+        _, complaints = spectator.communicate(timeout=30)
+    assert spectator.returncode == 0, complaints
+    recorded = LogReader(tmp_path / "learner.mcap").counts
+    assert set(recorded) == {LEARNER_OUTPUT, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR}
 
 
 def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) -> None:
@@ -134,15 +159,3 @@ def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) 
 def put(session: zenoh.Session, topic: str, payload: bytes) -> None:
     key = message_key("reenact", topic)
     session.put(key, payload, congestion_control=zenoh.CongestionControl.BLOCK)
-
-
-def short_motion(path: Path) -> Path:
-    """Write a motion of three samples at 10 Hz: both hands move a little to and fro."""
-    robot = load_robot("asimo")
-    rows = ["t,lx,ly,lz,rx,ry,rz"]
-    for sample, lift in enumerate((0.0, 0.02, 0.0)):
-        up = np.array([0.0, 0.0, lift])
-        hands = np.concatenate([robot.left_centre + up, robot.right_centre + up]).tolist()
-        rows.append(",".join(map(repr, [0.1 * sample, *hands])))
-    path.write_text("\n".join(rows))
-    return path

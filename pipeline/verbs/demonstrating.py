@@ -8,9 +8,9 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import (
-    Connect,
+    ConnectInstead,
     Json,
-    Listen,
+    ListenFirst,
     Namespace,
     Overwrite,
     Renames,
@@ -20,6 +20,7 @@ from pipeline.verbs.options import (
     renames,
     session_config,
 )
+from pipeline.verbs.stopping import leaving_log
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -37,75 +38,91 @@ def demonstrate(
             metavar="MOTION.csv|LOG.mcap|live",
         ),
     ],
-    out: Annotated[Path, typer.Option(help="Log to write.")],
-    hand: Annotated[str | None, typer.Option(help="The hand that is shown: left or right.")] = None,
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    hand: Annotated[str | None, typer.Option(help="The hand that is shown: left or right.", metavar="HAND")] = None,
     topic: Annotated[
-        str | None, typer.Option(help="PoseStamped topic of that hand; both hands' targets if left out.")
+        str | None,
+        typer.Option(help="PoseStamped topic of that hand; both hands' targets if left out.", metavar="TOPIC"),
     ] = None,
     map_: Renames = None,
-    hz: Annotated[float, typer.Option(help="Samples a second.")] = 10.0,
-    place: Annotated[str, typer.Option(help="Middle of each path: at the `centre` of the workspace, or `as-is`.")] = (
-        "centre"
-    ),
-    scale: Annotated[float, typer.Option(help="Enlarge the paths, or bring another unit to metres.")] = 1.0,
+    hz: Annotated[float, typer.Option(help="Samples a second.", metavar="HZ")] = 10.0,
+    place: Annotated[
+        str,
+        typer.Option(help="Middle of each path: at the `centre` of the workspace, or `as-is`.", metavar="PLACE"),
+    ] = "centre",
+    scale: Annotated[
+        float, typer.Option(help="Enlarge the paths, or bring another unit to metres.", metavar="FACTOR")
+    ] = 1.0,
     plane: Annotated[
-        str | None, typer.Option(help="Source axes to the robot's left and up, such as --plane=-x,y for a screen.")
+        str | None,
+        typer.Option(
+            help="Source axes to the robot's left and up, such as --plane=-x,y for a screen.", metavar="AXIS,AXIS"
+        ),
     ] = None,
     flat: Annotated[bool, typer.Option("--flat", help="Flatten the paths into the plane in which the robot draws.")] = (
         False
     ),
     unreachable: Annotated[
-        str, typer.Option(help="Samples out of reach: refuse, clip to the nearest point, skip, or keep.")
+        str,
+        typer.Option(help="Samples out of reach: refuse, clip to the nearest point, skip, or keep.", metavar="CHOICE"),
     ] = "refuse",
     duration: Annotated[
-        float | None, typer.Option(help="With live: seconds, by the stamps, after which it is over.")
+        float | None,
+        typer.Option(help="With live: how long it lasts, by the stamps, from the first pose on.", metavar="SECONDS"),
     ] = None,
     silence: Annotated[
-        float | None, typer.Option(help="With live: seconds without a pose after which it is over; 2 if left out.")
+        float | None,
+        typer.Option(
+            help="With live: it is over after so long without a pose, once the first has come; 2 if left out.",
+            metavar="SECONDS",
+        ),
+    ] = None,
+    wait: Annotated[
+        float | None,
+        typer.Option(help="With live: how long the first pose may take to come; 60 if left out.", metavar="SECONDS"),
     ] = None,
     robot: Robot = "asimo",
     seed: Seed = 0,
     overwrite: Overwrite = False,
-    listen: Listen = None,
-    connect: Connect = None,
+    listen: ListenFirst = None,
+    connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
     as_json: Json = False,
 ) -> None:
-    """Let teacher and simulated robot follow what somebody showed, and write the episode; Ctrl-C ends a live one."""
+    """Make an episode of what somebody showed.
+
+    Teacher and simulated robot follow it, and the log is written; Ctrl-C ends what is shown live.
+    """
     from pipeline.demonstration import DemonstrationConfig
     from pipeline.demonstration import demonstrate as run
-    from pipeline.live_paths import DEFAULT_SILENCE_S, ListenConfig
+    from pipeline.live_paths import DEFAULT_SILENCE_S, DEFAULT_WAIT_S, ListenConfig
     from pipeline.robot import load_robot
+    from recorders.part_file import check_place
 
     if hand not in (None, "left", "right"):
         raise ConfigError(f"--hand: expected left or right, found {hand!r:.40}")
     config = DemonstrationConfig(hz, place, scale, _axes(plane), flat, unreachable)
     follower = load_robot(robot)
-    _check_out(out, overwrite=overwrite)
+    check_place(out, overwrite=overwrite)
     if source == LIVE:
         listening = ListenConfig(
-            math.inf if duration is None else duration, DEFAULT_SILENCE_S if silence is None else silence, namespace
+            duration_s=math.inf if duration is None else duration,
+            silence_s=DEFAULT_SILENCE_S if silence is None else silence,
+            wait_s=DEFAULT_WAIT_S if wait is None else wait,
+            namespace=namespace,
         )
         shown = _hear(listening, hand, topic, map_, listen, connect, zenoh_config)
     else:
-        if listen or connect or zenoh_config or duration is not None or silence is not None:
+        if listen or connect or zenoh_config or any(each is not None for each in (duration, silence, wait)):
             raise ConfigError(
-                f"--listen, --connect, --zenoh-config, --duration and --silence: expected the source {LIVE} "
+                f"--listen, --connect, --zenoh-config, --duration, --silence and --wait: expected the source {LIVE} "
                 f"beside them, found {source!r:.80}"
             )
         shown = _read(source, hand, topic, map_)
-    with console.progress(f"demonstrate {shown.name}") as advance:
+    with leaving_log(out), console.progress(f"demonstrate {shown.name}") as advance:
         result = run(follower, shown, config=config, seed=seed, out=out, overwrite=overwrite, progress=advance)
     console.show(result.to_dict(), as_json=as_json)
-
-
-def _check_out(out: Path, *, overwrite: bool) -> None:
-    """Check where the log goes, before anybody shows anything."""
-    if not out.absolute().parent.is_dir():
-        raise ConfigError(f"--out: expected a folder {out.parent}, found none")
-    if out.exists() and not overwrite:
-        raise ConfigError(f"{out} exists: choose another --out, or replace it with --overwrite")
 
 
 def _axes(plane: str | None) -> tuple[str, str] | None:

@@ -9,9 +9,9 @@ import typer
 from pipeline import console
 from pipeline.verbs.options import (
     Await,
-    Connect,
+    ConnectInstead,
     Json,
-    Listen,
+    ListenFirst,
     Namespace,
     Overwrite,
     Robot,
@@ -20,6 +20,7 @@ from pipeline.verbs.options import (
     ZenohConfig,
     session_config,
 )
+from pipeline.verbs.stopping import leaving_log
 from pipeline.verbs.viewing import View, Viewer, robot_shown
 from recorders.errors import ConfigError
 
@@ -27,16 +28,22 @@ _ROBOT, _NAMESPACE, _WAIT_S = "asimo", "reenact", 10.0
 
 
 def explore(
-    motion: Annotated[str, typer.Option(help="circles, eight, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].")],
-    out: Annotated[Path | None, typer.Option(help="Log to write, unless a running robot is driven.")] = None,
+    motion: Annotated[
+        str,
+        typer.Option(help="circles, eight, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].", metavar="MOTION"),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Log to write, unless a running robot is driven.", metavar="LOG.mcap")
+    ] = None,
     robot: Robot = _ROBOT,
     seed: Seed = 0,
     overwrite: Overwrite = False,
     connect: Annotated[
-        list[str] | None, typer.Option(help="Drive the robot that runs there, in place of one of our own.")
+        list[str] | None,
+        typer.Option(help="Drive the robot that runs there, in place of one of our own.", metavar="ENDPOINT"),
     ] = None,
     awaited: Await = None,
-    epochs: Annotated[int, typer.Option(help="With --connect: epochs of the live session.", min=1)] = 1,
+    epochs: Annotated[int, typer.Option(help="With --connect: epochs of the live session.", min=1, metavar="N")] = 1,
     wait: Wait = _WAIT_S,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = _NAMESPACE,
@@ -44,7 +51,10 @@ def explore(
     viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
-    """Let the teacher and a robot follow a motion: a simulated one into a log, or a running one, live."""
+    """Let the teacher lead a robot through a motion.
+
+    A simulated robot makes a log; one that runs already is driven live.
+    """
     if connect or zenoh_config:
         if view or viewer is not None:
             raise ConfigError("--view: a robot that runs is shown by `reenact learn --view`; leave --view away")
@@ -62,9 +72,12 @@ def explore(
     from pipeline.exploration import explore as run
     from pipeline.motions import load_motion
     from pipeline.robot import load_robot
+    from recorders.part_file import check_place
 
+    check_place(out, overwrite=overwrite)
     config = load_robot(robot)
     with (
+        leaving_log(out),
         console.progress(f"explore {Path(motion).stem}") as advance,
         robot_shown(view, viewer, config, title=f"explore {Path(motion).stem}") as on_message,
     ):
@@ -81,17 +94,20 @@ def explore(
 
 
 def robot(
-    robot: Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.")] = "asimo",
-    rate: Annotated[float, typer.Option(help="How often it says its state, in its own time [Hz].")] = 50.0,
+    robot: Robot = _ROBOT,
+    rate: Annotated[float, typer.Option(help="How often it says its state, in its own time.", metavar="HZ")] = 50.0,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Run with the clock on the wall, not as fast as the driver goes.")
     ] = False,
-    listen: Listen = None,
-    connect: Connect = None,
+    listen: ListenFirst = None,
+    connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
 ) -> None:
-    """Simulate a robot that follows joint commands over Zenoh, until it is stopped."""
+    """Simulate a robot that follows joint commands over Zenoh.
+
+    It stands there until it is stopped, with Ctrl-C or SIGTERM.
+    """
     from pipeline.follower import FollowerConfig
     from pipeline.robot import load_robot
     from pipeline.robot_node import run_robot

@@ -7,35 +7,46 @@ import typer
 
 from pipeline import console
 from pipeline.resources import data_path
-from pipeline.verbs.options import Json
-from recorders.errors import CheckFailed
+from pipeline.verbs.options import Json, help_without_verb
+from recorders.errors import CheckFailed, ConfigError
 
-app = typer.Typer(name="golden", help="Golden-log regression.", no_args_is_help=True, rich_markup_mode=None)
+app = typer.Typer(name="golden", help="Golden-log regression: make cases, check them.", rich_markup_mode=None)
+
+
+@app.callback(invoke_without_command=True)
+def _golden(ctx: typer.Context) -> None:
+    help_without_verb(ctx)
 
 
 @app.command(epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --dir golden --physics")
 def add(
-    name: Annotated[str, typer.Option(help="Name of the case.")],
+    name: Annotated[str, typer.Option(help="Name of the case.", metavar="NAME")],
     logs: Annotated[
-        list[Path] | None, typer.Argument(help="Logs, presented in this order.", metavar="[LOG.mcap...]")
+        list[Path] | None, typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")
     ] = None,
-    config: Annotated[Path | None, typer.Option(help="Settings of the learner, seed included (TOML).")] = None,
-    dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.")] = Path("golden"),
-    epochs: Annotated[int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1)] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Settings of the learner, seed included (TOML).", metavar="FILE")
+    ] = None,
+    dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.", metavar="DIR")] = Path("golden"),
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1, metavar="N")
+    ] = None,
     as_recorded: Annotated[
         bool | None,
         typer.Option("--as-recorded/--not-as-recorded", help="Follow the phase markers of a recorded session."),
     ] = None,
     resume_after: Annotated[
-        int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1)
+        int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1, metavar="N")
     ] = None,
     physics: Annotated[
         bool | None, typer.Option("--physics/--no-physics", help="Check teacher and simulation, too.")
     ] = None,
-    reason: Annotated[str | None, typer.Option(help="Why an existing case changes; kept in its history.")] = None,
+    reason: Annotated[
+        str | None, typer.Option(help="Why an existing case changes; kept in its history.", metavar="TEXT")
+    ] = None,
     as_json: Json = False,
 ) -> None:
-    """Make a golden case of logs and a learner, or accept a change to one.
+    """Make a golden case of logs and a learner, or accept a change.
 
     An existing case keeps whatever is not said anew: its logs, settings, epochs, tolerances and what is checked.
     """
@@ -45,6 +56,9 @@ def add(
     from replay.golden_folder import restore
 
     folder = dir_ / check_name(name)
+    for path in (dir_, folder):
+        if path.exists() and not path.is_dir():
+            raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
     restore(folder)
     old = load_case(folder).recipe if folder.exists() else None
     asked = {"epochs": epochs, "resume_after": resume_after}
@@ -63,7 +77,10 @@ def check(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Check golden cases against the present program; exit status 1 if one does not hold."""
+    """Check golden cases against the present program.
+
+    Exit status 1 if one does not hold.
+    """
     from pipeline.golden_runner import GoldenRunner
     from replay.golden import check_all, summary
 

@@ -13,7 +13,10 @@ from recorders.errors import CheckFailed
 def info(
     log: Annotated[Path, typer.Argument(help="A log, finished or not.", metavar="LOG.mcap")], as_json: Json = False
 ) -> None:
-    """Say what is in a log, and whether it is whole: exit status 1 if it is damaged or cut off."""
+    """Say what is in a log, and whether it is whole.
+
+    Exit status 1 if it is damaged or cut off.
+    """
     from pipeline.log_report import damage_table, overview, topics_table
     from recorders.summary import summarise
 
@@ -33,11 +36,14 @@ def info(
 
 def recover(
     damaged: Annotated[Path, typer.Argument(help="A damaged or cut-off log; only read.", metavar="DAMAGED")],
-    out: Annotated[Path, typer.Option(help="Log to write.")],
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
-    """Write what is whole in a damaged or cut-off log to another one, and say what was kept and what was lost."""
+    """Write what is whole in a damaged log to another one.
+
+    The log may be damaged or cut off; what was kept and what was lost is said.
+    """
     from pipeline.log_report import damage_table, recovered
     from recorders.recover import recover as run
 

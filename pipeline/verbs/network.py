@@ -9,8 +9,10 @@ from pipeline import console
 from pipeline.verbs.options import (
     AsRecorded,
     Connect,
+    ConnectInstead,
     Json,
     Listen,
+    ListenFirst,
     Logs,
     Namespace,
     Overwrite,
@@ -22,6 +24,7 @@ from pipeline.verbs.options import (
     renames,
     session_config,
 )
+from pipeline.verbs.stopping import leaving
 from pipeline.verbs.viewing import View, Viewer, learner_shown
 from recorders.errors import ConfigError
 
@@ -32,26 +35,31 @@ _SPECTATORS = "nobody is awaited: whoever listens may lose messages"
 
 
 def learn(
-    out: Annotated[Path, typer.Option(help="Controller to write when the stream ends.")],
-    name: Annotated[str, typer.Option(help="Name by which a replay awaits this learner.")] = "learner",
+    out: Annotated[Path, typer.Option(help="Controller to write when the stream ends.", metavar="CONTROLLER.npz")],
+    name: Annotated[str, typer.Option(help="Name by which a replay awaits this learner.", metavar="NAME")] = "learner",
     robot: StreamsRobot = None,
     seed: Seed = 0,
     checkpoint: Annotated[
-        Path | None, typer.Option(help="File to keep the learner in on the way, and to go on from.")
+        Path | None,
+        typer.Option(help="File to keep the learner in on the way, and to go on from.", metavar="CHECKPOINT.npz"),
     ] = None,
-    every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1)] = 10_000,
+    every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1, metavar="N")] = 10_000,
     live: Annotated[
         bool, typer.Option("--live", help="Learn from whoever publishes targets and joints, until Ctrl-C.")
     ] = False,
-    ticks: Annotated[int | None, typer.Option(help="With --live: end after so many.", min=1)] = None,
+    ticks: Annotated[int | None, typer.Option(help="With --live: end after so many.", min=1, metavar="N")] = None,
     epochs: Annotated[
-        int | None, typer.Option(help="With --live: epochs that phase markers may name; 1 if left out.", min=1)
+        int | None,
+        typer.Option(help="With --live: epochs that phase markers may name; 1 if left out.", min=1, metavar="N"),
     ] = None,
     record: Annotated[
-        Path | None, typer.Option(help="With --live: log to write, of what is learned from; train it --as-recorded.")
+        Path | None,
+        typer.Option(
+            help="With --live: log to write, of what is learned from; train it --as-recorded.", metavar="LOG.mcap"
+        ),
     ] = None,
-    listen: Listen = None,
-    connect: Connect = None,
+    listen: ListenFirst = None,
+    connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
     overwrite: Overwrite = False,
@@ -59,10 +67,11 @@ def learn(
     viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
-    """Learn online over Zenoh: from a session or replay that awaits this, to its end, or --live from anyone.
+    """Learn online over Zenoh, from a replay or a live session.
 
-    With --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also ends
-    with a stream that awaits it by name.
+    The learner hears a session or replay that awaits it by name, to its end, or with --live whoever publishes. With
+    --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
+    ends with a stream that awaits it by name.
     """
     from pipeline.controller import check_writable
     from pipeline.learner_config import LearnerConfig
@@ -73,6 +82,7 @@ def learn(
     from pipeline.nodes import learn as run
     from pipeline.robot import load_robot
     from pipeline.training import CheckpointConfig
+    from recorders.part_file import check_place
     from recorders.wire.receiver import ReceiverConfig
 
     if not live and (ticks is not None or epochs is not None or record is not None or overwrite):
@@ -80,10 +90,16 @@ def learn(
     check_writable(out)
     if checkpoint is not None:
         check_writable(checkpoint)
+    if record is not None:
+        check_place(record, overwrite=overwrite)
     receiver = ReceiverConfig(name=name, namespace=namespace, live=live, own_topics=OWN_TOPICS)
     config = None if robot is None else load_robot(robot)
     session = session_config(listen, connect, zenoh_config, listens=True)
-    with learning_progress("learn") as show, learner_shown(view, viewer, live=live) as make_trainer:
+    with (
+        leaving(lambda: _kept(checkpoint)),
+        learning_progress("learn") as show,
+        learner_shown(view, viewer, live=live) as make_trainer,
+    ):
         trainer = make_trainer(
             LearnerConfig(seed=seed),
             robot=config,
@@ -101,28 +117,51 @@ def learn(
     console.show(result | {"controller": str(out)}, as_json=as_json)
 
 
+def _kept(checkpoint: Path | None) -> str:
+    if checkpoint is None or not checkpoint.exists():
+        return "no controller was written"
+    return f"no controller was written; {checkpoint} keeps the learner, for the same command to go on from"
+
+
 def replay(
     logs: Logs,
     awaited: Annotated[
         list[str] | None,
-        typer.Option("--await", help="Consumer to feed and wait for; learner, unless --play plays to whoever listens."),
+        typer.Option(
+            "--await",
+            help="Consumer to feed and wait for; learner, unless --play plays to whoever listens.",
+            metavar="NAME",
+        ),
     ] = None,
     epochs: Annotated[
-        int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1)
+        int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1, metavar="N")
     ] = None,
     as_recorded: AsRecorded = False,
-    rate: Annotated[float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.")] = None,
+    rate: Annotated[
+        float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
+    ] = None,
     play: Annotated[
         bool, typer.Option("--play", help="Play every topic once, in place of a training schedule.")
     ] = False,
-    loop: Annotated[int, typer.Option(help="With --play: how often; 0 for ever.", min=0)] = 1,
-    start: Annotated[float, typer.Option(help="With --play: seconds after the first message to start at.")] = 0.0,
-    end: Annotated[float, typer.Option(help="With --play: seconds after the first message to end at.")] = float("inf"),
-    topic: Annotated[list[str] | None, typer.Option(help="With --play: topic to play; all if left out.")] = None,
+    loop: Annotated[int, typer.Option(help="With --play: how often; 0 for ever.", min=0, metavar="N")] = 1,
+    start: Annotated[
+        float, typer.Option(help="With --play: start so long after the first message.", metavar="SECONDS")
+    ] = 0.0,
+    end: Annotated[
+        float, typer.Option(help="With --play: end so long after the first message.", metavar="SECONDS")
+    ] = float("inf"),
+    topic: Annotated[
+        list[str] | None, typer.Option(help="With --play: topic to play; all if left out.", metavar="TOPIC")
+    ] = None,
     map_: Renames = None,
-    against: Annotated[Path | None, typer.Option(help="Recorded run to compare with; stops where they part.")] = None,
-    window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1)] = 1024,
-    batch: Annotated[int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1)] = None,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Recorded run to compare with; stops where they part.", metavar="LOG.mcap"),
+    ] = None,
+    window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1, metavar="N")] = 1024,
+    batch: Annotated[
+        int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
+    ] = None,
     wait: Wait = 10.0,
     listen: Listen = None,
     connect: Connect = None,
@@ -130,9 +169,10 @@ def replay(
     namespace: Namespace = "reenact",
     as_json: Json = False,
 ) -> None:
-    """Replay logs over Zenoh: into learners as fast as they acknowledge, or paced, on the original keys.
+    """Replay logs over Zenoh, into learners or to whoever listens.
 
-    On a terminal, the space bar stops and starts a paced replay, and a full stop lets one message pass.
+    Learners get them as fast as they acknowledge; a paced replay goes out on the original keys. On a terminal, the
+    space bar stops and starts a paced replay, and a full stop lets one message pass.
     """
     from pipeline.nodes import replay as run
     from pipeline.playing import Guarded, keyboard

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -19,19 +19,28 @@ from pipeline.verbs.options import (
     StreamsRobot,
     renames,
 )
+from pipeline.verbs.stopping import leaving
 from pipeline.verbs.viewing import View, Viewer, live_view
 from recorders.errors import CheckFailed, ConfigError
 
+if TYPE_CHECKING:
+    from pipeline.controller import Controller as Learned
+
 
 def demo(
-    out: Annotated[Path, typer.Option(help="Folder for logs, controller, report and summary.")] = Path("out/demo"),
+    out: Annotated[Path, typer.Option(help="Folder for logs, controller, report and summary.", metavar="DIR")] = Path(
+        "out/demo"
+    ),
     seed: Seed = 0,
     epochs: Epochs = 150,
     view: View = False,
     viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
-    """Explore, record, replay over Zenoh, learn, check and report: the main job, end to end."""
+    """Run the main job end to end.
+
+    Explore, record, replay over Zenoh, learn, check and report.
+    """
     from pipeline.demo import REPORT, results_table, run_demo
 
     with live_view(view, viewer) as found:
@@ -46,16 +55,21 @@ def demo(
 
 def train(
     logs: Logs,
-    out: Annotated[Path, typer.Option(help="Controller to write.")],
+    out: Annotated[Path, typer.Option(help="Controller to write.", metavar="CONTROLLER.npz")],
     seed: Seed = 0,
-    epochs: Annotated[int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1)] = None,
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1, metavar="N")
+    ] = None,
     as_recorded: AsRecorded = False,
     as_live: AsLive = False,
     robot: StreamsRobot = None,
     map_: Renames = None,
     as_json: Json = False,
 ) -> None:
-    """Train the learner straight from logs; the digest is that of the same logs replayed over Zenoh."""
+    """Train the learner straight from logs.
+
+    The digest is that of the same logs replayed over Zenoh.
+    """
     from pipeline.controller import check_writable
     from pipeline.learner_config import LearnerConfig
     from pipeline.plausible import heard_live
@@ -78,7 +92,7 @@ def train(
         source = heard_live(heard, robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
     else:
         source = Replay(logs, Schedule(epochs=epochs or 150), renames=renames(map_))
-    with console.progress("train") as advance:
+    with leaving(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             LearnerConfig(seed=seed),
             robot=config,
@@ -97,17 +111,27 @@ def evaluate(
             help="A log, a CSV file, circles or eight; samples are taken in order.", metavar="MOTION.csv|LOG.mcap"
         ),
     ],
+    linear_from: Annotated[
+        Path | None,
+        typer.Option(help="Log that linear least squares is fitted to; by default the one tried.", metavar="LOG.mcap"),
+    ] = None,
+    deploy: Annotated[
+        bool,
+        typer.Option("--deploy", help="Let it move the simulated robot, through serve, at 10 Hz; then the teacher."),
+    ] = False,
     as_json: Json = False,
 ) -> None:
-    """Try a controller on a motion or a recording: distances of both hands from their targets."""
+    """Try a controller on a motion or a recording.
+
+    The result is the distances of both hands from their targets.
+    """
     from pipeline.controller import Controller as Loaded
     from pipeline.trials import try_motion
 
-    trial = try_motion(Loaded.load(controller), motion)
-    result: dict[str, Any] = asdict(trial.errors)
-    for name, errors in (("teacher_cm", trial.teacher), ("linear_cm", trial.linear)):
-        if errors is not None:
-            result[name] = errors.mean_cm
+    if deploy and linear_from is not None:
+        raise ConfigError("expected one of --deploy and --linear-from, found both")
+    loaded = Loaded.load(controller)
+    result = _deployed(loaded, motion) if deploy else try_motion(loaded, motion, linear_from=linear_from).summary()
     console.show(result, as_json=as_json)
 
 
@@ -116,7 +140,10 @@ def diff(
     b: Annotated[Path, typer.Argument(help="Another of the same kind.", metavar="B")],
     as_json: Json = False,
 ) -> None:
-    """Name the first divergence of two logs or two controllers; exit status 1 if there is one."""
+    """Name the first divergence of two logs or two controllers.
+
+    Exit status 1 if there is one.
+    """
     from pipeline.diffing import diff as run
 
     found = run(a, b)
@@ -126,6 +153,18 @@ def diff(
         print("no divergence" if found is None else found)
     if found is not None:
         raise typer.Exit(CheckFailed.exit_status)
+
+
+def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
+    """Let the controller, and then the teacher, lead the simulated robot; return how far its hands are off."""
+    from pipeline.deployment import deploy
+    from pipeline.motions import load_motion
+    from pipeline.trials import robot_of
+
+    if Path(motion).suffix == ".mcap":
+        raise ConfigError(f"--deploy: expected circles, eight or a CSV file, found the log {motion}")
+    with console.progress("deploy") as advance:
+        return deploy(controller, load_motion(motion, robot_of(controller)), progress=advance).summary()
 
 
 def _only(logs: list[Path], option: str) -> Path:

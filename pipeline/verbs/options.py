@@ -11,26 +11,61 @@ if TYPE_CHECKING:
     from recorders.wire.session import SessionConfig
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
-Seed = Annotated[int, typer.Option(help="Seed of every random draw.", min=0)]
-Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1)]
-Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap...")]
+Seed = Annotated[int, typer.Option(help="Seed of every random draw.", min=0, metavar="N")]
+Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
+Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")]
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
-Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.")]
-StreamsRobot = Annotated[str | None, typer.Option(help="Robot; by default the one that the stream or log names.")]
+Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.", metavar="ROBOT")]
+StreamsRobot = Annotated[
+    str | None, typer.Option(help="Robot; by default the one that the stream or log names.", metavar="ROBOT")
+]
 Overwrite = Annotated[bool, typer.Option("--overwrite", help="Replace the file; a crash's .part is set aside.")]
 AsRecorded = Annotated[bool, typer.Option("--as-recorded", help="Follow the phase markers of a recorded session.")]
 AsLive = Annotated[bool, typer.Option("--as-live", help="Take the messages as `learn --live` would have taken them.")]
 Renames = Annotated[
     list[str] | None, typer.Option("--map", help="FOREIGN=OURS: rename a topic.", metavar="FOREIGN=OURS")
 ]
-Listen = Annotated[list[str] | None, typer.Option(help="Endpoint to listen on, such as tcp/127.0.0.1:7447.")]
-Connect = Annotated[list[str] | None, typer.Option(help="Endpoint to connect to, such as tcp/127.0.0.1:7447.")]
-Namespace = Annotated[str, typer.Option(help="First part of every Zenoh key.")]
-ZenohConfig = Annotated[
-    Path | None, typer.Option(help="Zenoh configuration (JSON5): credentials, TLS, access control.")
+# Of a verb that connects, unless it is told to listen; its default is `recorders.wire.session.DEFAULT_ENDPOINT`.
+Listen = Annotated[
+    list[str] | None,
+    typer.Option(help="Endpoint to listen on, in place of connecting; may be repeated.", metavar="ENDPOINT"),
 ]
-Await = Annotated[list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.")]
-Wait = Annotated[float, typer.Option(help="Seconds to wait for the other end to appear.", min=0)]
+Connect = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="Endpoint to connect to; tcp/127.0.0.1:7447 unless --listen is given. May be repeated.", metavar="ENDPOINT"
+    ),
+]
+# Of a verb that listens, unless it is told to connect.
+ListenFirst = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--listen",
+        help="Endpoint to listen on; tcp/127.0.0.1:7447 unless --connect is given. May be repeated.",
+        metavar="ENDPOINT",
+    ),
+]
+ConnectInstead = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--connect", help="Endpoint to connect to, in place of listening; may be repeated.", metavar="ENDPOINT"
+    ),
+]
+Namespace = Annotated[str, typer.Option(help="First part of every Zenoh key.", metavar="KEY")]
+ZenohConfig = Annotated[
+    Path | None, typer.Option(help="Zenoh configuration (JSON5): credentials, TLS, access control.", metavar="FILE")
+]
+Await = Annotated[
+    list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.", metavar="NAME")
+]
+Wait = Annotated[float, typer.Option(help="How long to wait for the other end to appear.", min=0, metavar="SECONDS")]
+
+
+def help_without_verb(ctx: typer.Context) -> None:
+    """Print the help, and end with status 2, where the command line names no verb."""
+    if ctx.invoked_subcommand is None:
+        print(ctx.get_help())
+        raise typer.Exit(2)
 
 
 def session_config(

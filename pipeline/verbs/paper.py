@@ -11,9 +11,9 @@ from pipeline.verbs.options import Json, Seed
 
 
 def paper(
-    out: Annotated[Path, typer.Option(help="Folder for logs, controllers, figures, report and summary.")] = Path(
-        "out/paper"
-    ),
+    out: Annotated[
+        Path, typer.Option(help="Folder for logs, controllers, figures, report and summary.", metavar="DIR")
+    ] = Path("out/paper"),
     seed: Seed = 0,
     quick: Annotated[
         bool, typer.Option("--quick", help="A short run through everything; its numbers say nothing.")
@@ -24,7 +24,10 @@ def paper(
     ] = None,
     as_json: Json = False,
 ) -> None:
-    """Rerun every figure and number of the paper, beside ours; exit status 1 if a bound does not hold."""
+    """Rerun every figure and number of the paper, beside ours.
+
+    Exit status 1 if a bound does not hold.
+    """
     from pipeline.executors import dask_cluster, local_processes
     from pipeline.paper import PaperConfig, check_bounds, run_paper
     from pipeline.paper_report import write_report

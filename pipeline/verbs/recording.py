@@ -2,7 +2,7 @@
 
 import re
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,20 +10,30 @@ from pipeline import console
 from pipeline.verbs.options import Connect, Json, Listen, Namespace, Overwrite, ZenohConfig, session_config
 from recorders.errors import ConfigError
 
+if TYPE_CHECKING:
+    from recorders.live import Recording
+
 _UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "KB": 1e3, "MB": 1e6, "GB": 1e9}
 
 
 def record(
-    out: Annotated[Path, typer.Option(help="Log to write.")],
-    include: Annotated[list[str] | None, typer.Option(help="Pattern of topics to record, such as '/hand/*'.")] = None,
-    exclude: Annotated[list[str] | None, typer.Option(help="Pattern of topics to leave out.")] = None,
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    include: Annotated[
+        list[str] | None, typer.Option(help="Pattern of topics to record, such as '/hand/*'.", metavar="PATTERN")
+    ] = None,
+    exclude: Annotated[
+        list[str] | None, typer.Option(help="Pattern of topics to leave out.", metavar="PATTERN")
+    ] = None,
     split: Annotated[
-        str | None, typer.Option(help="Begin another file after a size or a time, such as 100MB or 10min.")
+        str | None,
+        typer.Option(help="Begin another file after a size or a time, such as 100MB or 10min.", metavar="SIZE|TIME"),
     ] = None,
     until_end: Annotated[
-        bool, typer.Option("--until-end", help="Stop at the end of a stream that awaits this.")
+        bool, typer.Option("--until-end", help="Stop when a stream that awaits this, and all it awaits, are through.")
     ] = False,
-    name: Annotated[str, typer.Option(help="Name by which a stream awaits this recorder.")] = "recorder",
+    name: Annotated[
+        str, typer.Option(help="Name by which a stream awaits this recorder.", metavar="NAME")
+    ] = "recorder",
     overwrite: Overwrite = False,
     listen: Listen = None,
     connect: Connect = None,
@@ -31,28 +41,44 @@ def record(
     namespace: Namespace = "reenact",
     as_json: Json = False,
 ) -> None:
-    """Record what is published over Zenoh, by whomever, until Ctrl-C."""
+    """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from pipeline.signals import until_stopped
     from recorders.live import LiveRecorder, RecordConfig
+    from recorders.topics import ROBOT_DESCRIPTION
     from recorders.wire.receiver import Receiver, ReceiverConfig
     from recorders.wire.session import open_session
 
     split_bytes, split_s = _parse_split(split)
     config = RecordConfig(tuple(include or ()), tuple(exclude or ()), split_bytes, split_s)
-    receiving = ReceiverConfig(name=name, namespace=namespace, live=True)
+    kept = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
+    receiving = ReceiverConfig(name=name, namespace=namespace, live=True, kept=kept)
     session = session_config(listen, connect, zenoh_config, listens=False)
     with (
+        console.counter("record") as show,
+        LiveRecorder(
+            out, config=config, overwrite=overwrite, on_progress=lambda so_far: show(so_far.messages, so_far.size)
+        ) as recorder,  # first, as it refuses a name that is taken
         open_session(session) as opened,
         Receiver(opened, config=receiving, say=console.say) as receiver,
-        console.counter("record") as show,
         until_stopped() as stopped,
     ):
-        recorder = LiveRecorder(
-            out, config=config, overwrite=overwrite, on_progress=lambda so_far: show(so_far.messages, so_far.size)
-        )
-        console.say(f"{name} records {namespace}/** to {out}; Ctrl-C ends it")
+        where = ", ".join(session.listen or session.connect)
+        console.say(f"{name} records {namespace}/** at {where} to {out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, until_end=until_end)
+    if not recorder.recording.messages:
+        console.say(_why_empty(recorder.recording, f"{namespace}/**"))
     console.show(recorder.recording.to_dict(), as_json=as_json)
+
+
+def _why_empty(recording: "Recording", key: str) -> str:
+    if recording.left_out:
+        return f"nothing is recorded: no message that came on {key} ({recording.left_out}) is on a topic to record"
+    if recording.refused:
+        return f"nothing is recorded: what came on {key} was refused"
+    return (
+        f"nothing is recorded: nobody published on {key}, or this session may not read it; "
+        "look at --namespace, the endpoint, and access control where the other end has it"
+    )
 
 
 def _parse_split(text: str | None) -> tuple[int | None, float | None]:

@@ -7,15 +7,16 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import (
-    Connect,
+    ConnectInstead,
     Controller,
     Json,
-    Listen,
+    ListenFirst,
     Namespace,
     Overwrite,
     ZenohConfig,
     session_config,
 )
+from pipeline.verbs.stopping import words
 from pipeline.verbs.viewing import View, Viewer, answers_shown
 
 if TYPE_CHECKING:
@@ -24,15 +25,21 @@ if TYPE_CHECKING:
 
 def serve(
     controller: Controller,
-    name: Annotated[str, typer.Option(help="Name in the keys of liveliness token and status.")] = "controller",
+    name: Annotated[
+        str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")
+    ] = "controller",
     learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False,
-    out: Annotated[Path | None, typer.Option(help="Controller to write at the end, as it is then.")] = None,
-    record: Annotated[Path | None, typer.Option(help="Log to write: answered targets, and commands.")] = None,
+    out: Annotated[
+        Path | None, typer.Option(help="Controller to write at the end, as it is then.", metavar="CONTROLLER.npz")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
+    ] = None,
     beside_others: Annotated[
         bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
     ] = False,
-    listen: Listen = None,
-    connect: Connect = None,
+    listen: ListenFirst = None,
+    connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
     overwrite: Overwrite = False,
@@ -40,17 +47,24 @@ def serve(
     viewer: Viewer = None,
     as_json: Json = False,
 ) -> None:
-    """Answer hand targets with joint commands over Zenoh, until Ctrl-C or SIGTERM; then print the last status."""
+    """Answer hand targets with joint commands over Zenoh.
+
+    Ctrl-C or SIGTERM ends it; then the last status is printed.
+    """
     from pipeline.controller import Controller as Learned
     from pipeline.controller import check_writable
     from pipeline.serve_node import ServeConfig
     from pipeline.serve_node import serve as run
     from pipeline.serving import ServingConfig
 
+    told = False
+
     def end(status: dict[str, Any], served: "Learned") -> None:
+        nonlocal told
         if out is not None:
             served.save(out)
         console.show(status, as_json=as_json)
+        told = True
 
     if out is not None:
         check_writable(out)
@@ -64,5 +78,10 @@ def serve(
     )
     session = session_config(listen, connect, zenoh_config, listens=True)
     loaded = Learned.load(controller)
-    with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
-        run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
+    try:
+        with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
+            run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
+    except (KeyboardInterrupt, SystemExit) as stop:
+        if not told:
+            raise
+        raise typer.Exit(words(stop)[1]) from stop  # its status says it all

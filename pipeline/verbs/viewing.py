@@ -21,6 +21,9 @@ if TYPE_CHECKING:
     from recorders.messages import Message
     from recorders.records import Stamped
 
+# Read when Rerun is loaded, which is after the verbs are: where one fails, it would add many lines to the one of ours.
+os.environ.setdefault("RUST_LOG", "off")
+
 View = Annotated[bool, typer.Option("--view", help="Show in Rerun's viewer what happens.")]
 Viewer = Annotated[
     str | None,
@@ -31,21 +34,32 @@ Viewer = Annotated[
 def view(
     shown: Annotated[Path, typer.Argument(help="A log or a controller.", metavar="LOG.mcap|CONTROLLER.npz")],
     save: Annotated[
-        Path | None, typer.Option(help="Recording (.rrd) to write, in place of opening a window; replaced if there.")
+        Path | None,
+        typer.Option(
+            help="Recording to write, in place of opening a window; another one there is replaced.", metavar="FILE.rrd"
+        ),
     ] = None,
     viewer: Annotated[
         str | None, typer.Option(help="Viewer that runs: rerun+http://127.0.0.1:9876/proxy.", metavar="URL")
     ] = None,
     motion: Annotated[
-        str | None, typer.Option(help="For a controller: circles, eight, a CSV file or a log; circles if left out.")
+        str | None,
+        typer.Option(
+            help="For a controller: circles, eight, a CSV file or a log; circles if left out.", metavar="MOTION"
+        ),
     ] = None,
-    robot: Annotated[str | None, typer.Option(help="For a log that carries no robot: its name or folder.")] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="For a log that carries no robot: its name or folder.", metavar="ROBOT")
+    ] = None,
     map_: Renames = None,
     as_json: Json = False,
 ) -> None:
-    """Look at a log or a controller in Rerun's viewer: robot, hands, joints, errors, network; nothing leaves."""
+    """Look at a log or a controller in Rerun's viewer.
+
+    It shows robot, hands, joints, errors and network; nothing leaves the machine.
+    """
     from pipeline.view import view_controller, view_log
-    from recorders.rerun_recorder import Destination
+    from recorders.rerun_recorder import Destination, check_place
     from recorders.rerun_viewer import check_url, open_viewer
 
     if save is not None and viewer is not None:
@@ -58,7 +72,9 @@ def view(
     if not shown.is_file():
         raise ConfigError(f"{shown}: expected a log or a controller (.npz), found no such file")
     url = None
-    if save is None:
+    if save is not None:
+        check_place(save)
+    else:
         url = check_url(viewer) if viewer is not None else open_viewer()
     to = Destination(path=save, url=url)
     if is_controller:
@@ -75,7 +91,6 @@ def live_view(wanted: bool, url: str | None) -> "Iterator[LiveView | None]":
     if not wanted and url is None:
         yield None
         return
-    os.environ.setdefault("RUST_LOG", "off")  # before Rerun is loaded: it would add many lines to the one of ours
     from pipeline.live_view import viewer
 
     with viewer(wanted, url, console.say) as view:

@@ -25,9 +25,11 @@ from recorders.wire.frames import (
     check_name,
     check_namespace,
     control_key,
+    message_key,
     unpack,
 )
 from recorders.wire.inbox import Inbox
+from recorders.wire.kept import Kept
 
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
@@ -63,6 +65,8 @@ class ReceiverConfig:
     waiting_bytes : int
         How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
+    kept : frozenset of str
+        Topics of which the last message from before this came is handed over too, if its publisher keeps it.
     """
 
     name: str = "learner"
@@ -71,6 +75,7 @@ class ReceiverConfig:
     own_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
     waiting_bytes: int = 256 << 20
+    kept: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -152,9 +157,11 @@ class Receiver:
         enter = self._stack.enter_context
         enter(self._session.liveliness().declare_token(control_key(namespace, name, "alive")))
         self._hearing = self._stack.enter_context(ExitStack())
+        kept = Kept(self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample)
         self._hearing.enter_context(
-            self._session.declare_subscriber(f"{namespace}/**", self._on_sample, allowed_origin=zenoh.Locality.REMOTE)
+            self._session.declare_subscriber(f"{namespace}/**", kept.hear, allowed_origin=zenoh.Locality.REMOTE)
         )
+        self._hearing.enter_context(kept)
         self._ack = enter(
             self._session.declare_publisher(
                 control_key(namespace, name, "ack"), congestion_control=zenoh.CongestionControl.BLOCK
@@ -235,10 +242,25 @@ class Receiver:
 
     def finish(self, result: dict[str, Any]) -> None:
         """Report the result of the stream, which is through, and wait until the sender has it or has gone."""
-        self._update(result=result)
-        self._ack.put(self._progress.to_json())
+        self.report(result)
         if not self._released.wait(_FAREWELL_WAIT_S):
             self.give_up()
+
+    def report(self, result: dict[str, Any]) -> None:
+        """Report the result of the stream, which is through; `is_released` tells when the sender needs no more."""
+        self._last_heard_s = time.monotonic()
+        self._update(result=result)
+        self._ack.put(self._progress.to_json())
+
+    def is_released(self, timeout_s: float = 0.0) -> bool:
+        """Whether no sender waits for word from here, now or within the time [s].
+
+        Once the result is reported, that is when the sender has the results of all whom it awaits, so that they have
+        said all that they had to say of the stream; or when it has gone, or was silent for too long.
+        """
+        if not self._released.wait(timeout_s) and time.monotonic() - self._last_heard_s > _FAREWELL_WAIT_S:
+            self.give_up()
+        return self._released.is_set()
 
     def reporting_failure(self) -> "_ReportingFailure":
         """Return a context that tells the sender why it was left with an exception."""
@@ -389,6 +411,9 @@ class Receiver:
     def _queue_in_order(self, frame: Frame) -> None:
         """Queue what is new of a frame; what came before is a repeat, what comes after a gap is sent again."""
         received = self._progress.received
+        if frame.kind is Kind.ABORT and self._progress.result is not None:
+            self.give_up()  # all of it is here; somebody else who was awaited has failed
+            return
         if frame.kind is Kind.ABORT:
             self._events.put(frame._replace(reason=_printable(frame.reason)), len(frame.reason))
             return

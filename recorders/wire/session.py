@@ -202,7 +202,8 @@ def _unreached(connect: Sequence[str], config: SessionConfig) -> str:
             )
     return (
         f"nothing listens at {', '.join(connect)} within {config.wait_s:g} s; "
-        f"start the other end there, such as `reenact learn --listen {connect[0]}`, or give another --connect"
+        f"start the other end there, such as `reenact robot --listen {connect[0]}` or "
+        f"`reenact learn --listen {connect[0]}`, or give another --connect"
     )
 
 

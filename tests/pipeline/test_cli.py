@@ -77,6 +77,10 @@ BAD_INPUT = [
     ("evaluate controller.npz spiral", "unknown motion 'spiral'"),
     ("evaluate controller.npz nan.csv", "nan.csv', line 3, column lx"),
     ("evaluate controller.npz columns.csv", "columns.csv"),
+    ("evaluate controller.npz eight --linear-from nowhere.mcap", "nowhere.mcap: no such file"),
+    ("evaluate controller.npz eight --deploy --linear-from log.mcap", "expected one of --deploy and --linear-from"),
+    ("evaluate controller.npz log.mcap --deploy", "--deploy: expected circles, eight or a CSV file, found the log"),
+    ("evaluate controller.npz spiral --deploy", "unknown motion 'spiral'"),
     ("explore --motion spiral --out e.mcap", "unknown motion 'spiral': expected one of circles, eight"),
     ("explore --motion far.csv --out e.mcap", "reach"),
     ("explore --motion nan.csv --out e.mcap", "nan.csv', line 3, column lx"),
@@ -135,10 +139,12 @@ def test_evaluate_gives_the_agreed_keys(
     files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(files)
-    agreed = {"mean_cm", "max_cm", "left_cm", "right_cm", "samples"}
-    for motion, more in (("log.mcap", {"teacher_cm", "linear_cm"}), ("eight", set())):
+    agreed = {"mean_cm", "max_cm", "left_cm", "right_cm", "left_max_cm", "right_max_cm", "samples"}
+    linear = {"linear_cm", "linear_left_cm", "linear_right_cm"}
+    teacher = {"teacher_cm", "teacher_left_cm", "teacher_right_cm"}
+    for line, more in (("log.mcap", teacher | linear), ("eight", set()), ("eight --linear-from log.mcap", linear)):
         with pytest.raises(SystemExit) as end:
-            cli.main(["evaluate", "controller.npz", motion, "--json"])
+            cli.main(["evaluate", "controller.npz", *line.split(), "--json"])
         assert end.value.code == 0
         result = json.loads(capsys.readouterr().out)
         assert result.keys() == agreed | more

@@ -120,11 +120,23 @@ def test_a_place_that_cannot_be_written_is_one_error(tmp_path):
 
 
 def test_a_place_is_checked_without_a_trace(tmp_path):
-    (tmp_path / "old.npz").write_bytes(b"old")
-    check_writable(tmp_path / "new.npz")
-    check_writable(tmp_path / "old.npz")
-    assert [file.name for file in tmp_path.iterdir()] == ["old.npz"]
-    assert (tmp_path / "old.npz").read_bytes() == b"old"
+    controller().save(tmp_path / "old.npz")
+    (tmp_path / "empty.npz").touch()
+    before = (tmp_path / "old.npz").read_bytes()
+    for name in ("new.npz", "old.npz", "empty.npz"):
+        check_writable(tmp_path / name)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["empty.npz", "old.npz"]
+    assert (tmp_path / "old.npz").read_bytes() == before
+
+
+def test_a_file_that_is_no_controller_is_not_to_be_replaced(tmp_path):
+    controller().save(tmp_path / "cut.npz")
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "cut.npz").read_bytes()[:-100])
+    (tmp_path / "text").write_text("somebody's work")
+    np.savez(tmp_path / "arrays.npz", weights=np.zeros(3))
+    for name in ("cut.npz", "text", "arrays.npz"):
+        with pytest.raises(ControllerError, match=f"{name}: there is a file that is no controller, which stays"):
+            check_writable(tmp_path / name)
 
 
 def test_a_saved_controller_has_the_permissions_of_any_new_file(tmp_path):

@@ -57,15 +57,16 @@ def test_a_drawing_out_of_reach_is_one_clear_line(tmp_path: Path) -> None:
     ("source", "options", "message"),
     [
         ("line.csv", {"topic": "/a"}, "--topic and --map: expected a log or the source live, found 'line.csv'"),
-        ("line.csv", {"duration": 1.0}, "--duration and --silence: expected the source live beside them"),
+        ("line.csv", {"duration": 1.0}, "--silence and --wait: expected the source live beside them"),
+        ("line.csv", {"wait": 1.0}, "--silence and --wait: expected the source live beside them"),
         ("line.csv", {"hand": "third"}, "--hand: expected left or right, found 'third'"),
         ("line.csv", {"plane": "y"}, "--plane: expected two axes, such as --plane=-x,y, found 'y'"),
         ("line.csv", {"hand": "left"}, "the header lacks columns"),
         ("waltz", {}, "cannot read motion 'waltz': No such file"),
         ("track.mcap", {}, f"no message on {topics.LEFT_TARGET} or {topics.RIGHT_TARGET}"),
         ("live", {"silence": 0.0}, "silence_s: expected above 0 s, found 0"),
-        ("live", {"out": Path("no/such/folder.mcap")}, "--out: expected a folder no/such, found none"),
-        ("line.csv", {"out": Path("line.csv")}, "line.csv exists: choose another --out"),
+        ("live", {"out": Path("no/such/folder.mcap")}, "expected a folder no/such, found none"),
+        ("line.csv", {"out": Path("line.csv")}, "line.csv exists: choose another name, or replace it with --overwrite"),
     ],
 )
 def test_bad_usage_and_input_are_refused(
@@ -141,7 +142,18 @@ def test_silence_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: Path) 
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("parameters", [{"silence_s": 0.0}, {"duration_s": -1.0}])
+def test_nobody_who_shows_anything_is_waited_for_so_long_and_no_longer(tmp_path: Path) -> None:
+    with listening(tmp_path, "--topic", TRACKER, "--wait", 1.5) as (session, process):
+        session.put(message_key("reenact", "/camera"), bytes(100))
+        _, said = process.communicate(timeout=60)
+    assert process.returncode == 2
+    assert said.splitlines()[-1].startswith(
+        f"reenact: expected a pose on reenact{TRACKER} within 1.5 s, found none that can be used: does anybody publish"
+    )
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize("parameters", [{"silence_s": 0.0}, {"duration_s": -1.0}, {"wait_s": 0.0}])
 def test_times_out_of_range_are_refused(parameters: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="expected above 0 s"):
         ListenConfig(**parameters)

@@ -19,7 +19,7 @@ def test_errors_are_distances_of_each_hand() -> None:
     summary = HandErrors.of(errors)
     assert summary.mean_cm == pytest.approx((5.0 + 1.0) / 4)  # over time and both hands
     assert (summary.left_cm, summary.right_cm) == pytest.approx((2.5, 0.5))
-    assert summary.max_cm == pytest.approx(5.0)
+    assert (summary.max_cm, summary.left_max_cm, summary.right_max_cm) == pytest.approx((5.0, 5.0, 1.0))
     assert summary.samples == 2
 
 
@@ -45,4 +45,13 @@ def test_the_baseline_finds_an_affine_map() -> None:
     generator = np.random.default_rng(1)
     targets = generator.uniform(size=(40, 6))
     joints = targets @ generator.uniform(size=(6, 4)) + 0.7
-    assert linear_joints(targets, joints) == pytest.approx(joints, abs=1e-10)
+    assert linear_joints(targets[:20], joints[:20], asked=targets) == pytest.approx(joints, abs=1e-10)
+
+
+def test_the_baseline_does_not_answer_to_what_it_was_never_shown() -> None:
+    generator = np.random.default_rng(2)
+    targets, joints = generator.uniform(size=(40, 6)), generator.uniform(size=(40, 4))
+    targets[:, 1] = targets[:, 4] - 0.4  # both hands always move alike sideways
+    apart = targets + np.array([0.0, 0.1, 0.0, 0.0, -0.1, 0.0])
+    shown = linear_joints(targets, joints, asked=targets)
+    assert linear_joints(targets, joints, asked=apart) == pytest.approx(shown, abs=1e-10)

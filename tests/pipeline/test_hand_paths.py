@@ -99,3 +99,22 @@ def test_stamps_that_stand_still_are_no_demonstration(tmp_path: Path) -> None:
     path = write_log(tmp_path / "track.mcap", {TRACKER: [PoseStamped(0, RIGHT)] * 7})
     with pytest.raises(MotionError, match=r"two poses of the right hand, found 1; left out: 6 with stamp not after"):
         read_log_paths(path, pose_topics(TRACKER, hand="right"))
+
+
+def test_a_gap_that_no_hand_makes_is_refused_with_its_pose(tmp_path: Path) -> None:
+    near, far = (poses_of(np.array([0.0, 0.1, 0.2, 0.2 + gap_s])) for gap_s in (5.0, 5.001))
+    shown = read_log_paths(write_log(tmp_path / "near.mcap", {TRACKER: near}), pose_topics(TRACKER, hand=None))
+    assert len(shown.paths["right"].times_s) == 4
+    path = write_log(tmp_path / "far.mcap", {TRACKER: far})
+    with pytest.raises(
+        MessageError, match=rf"far\.mcap: {TRACKER}, pose 4: .* at most 5 s after .*, found 5\.001; are"
+    ):
+        read_log_paths(path, pose_topics(TRACKER, hand=None))
+
+
+def test_milliseconds_taken_for_seconds_are_refused(tmp_path: Path) -> None:
+    path = write_csv(
+        tmp_path / "shown.csv", "t,rx,ry,rz", *np.column_stack([100.0 * np.arange(50), np.zeros((50, 3))]).T
+    )
+    with pytest.raises(MotionError, match=r"line 3, column t: .* found 100; are the times in seconds\?"):
+        read_csv_paths(path)

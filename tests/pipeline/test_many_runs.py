@@ -6,6 +6,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from functools import partial
 from pathlib import Path
@@ -17,9 +18,8 @@ from sockets import listening
 
 from pipeline.executors import dask_cluster, local_processes
 from pipeline.learner_config import LearnerConfig
-from pipeline.many_runs import Outcome, Run, compute, compute_all
-from recorders.errors import ConfigError, LogError, WireError
-from recorders.wire.loopback import free_endpoint
+from pipeline.many_runs import Outcome, Run, RunsError, compute, compute_all
+from recorders.errors import LogError
 from replay.schedule import Schedule
 
 SEEDS = 3
@@ -122,10 +122,13 @@ def test_a_run_that_fails_ends_all_with_its_own_error(runs: list[Run], tmp_path:
     assert set(children()) <= others
 
 
-def test_no_cluster_is_one_clear_line(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("pipeline.executors._CONNECT_S", 1.0)
-    address = free_endpoint().replace("tcp/", "tcp://")
-    with pytest.raises(WireError, match=f"no Dask scheduler answers at {address}"):
-        compute_all([], partial(dask_cluster, address))
-    with pytest.raises(ConfigError, match="expected the address of a Dask scheduler"):
-        compute_all([], partial(dask_cluster, "nonsense://1"))
+def test_executors_that_break_again_and_again_end_with_one_line(runs: list[Run]) -> None:
+    opened: list[ThreadPoolExecutor] = []
+
+    def breaking() -> ThreadPoolExecutor:
+        opened.append(ThreadPoolExecutor(1, initializer=os.stat, initargs=("",)))
+        return opened[-1]
+
+    with pytest.raises(RunsError, match="killed, or their cluster lost, 3 times over: is there enough memory"):
+        compute_all(runs, breaking)
+    assert len(opened) == 3

@@ -143,7 +143,17 @@ def test_comments_empty_lines_and_other_columns_are_left_alone(tmp_path: Path) -
             r"line 3, column lz: expected at most 100 m from zero, found 1e\+300",
         ),
         ([HEADER, ROWS[0], "0.1,1,2,3,4,5,-101"], "line 3, column rz: expected at most 100 m from zero, found -101"),
-        ([HEADER, "-1e300,1,2,3,4,5,6", ROWS[1]], r"line 2, column t: expected at most 1e\+06 s from zero, found -1e"),
+        ([HEADER, "-1e300,1,2,3,4,5,6", ROWS[1]], r"line 2, column t: expected at most 1e\+10 s from zero, found -1e"),
+        (
+            [HEADER, ROWS[0], "100,1,2,3,4,5,6"],
+            "line 3, column t: expected at most 5 s since the row before, found 100",
+        ),
+        ([HEADER, "1.7e12,1,2,3,4,5,6", ROWS[0]], r"found 1\.7e\+12; are the times in seconds\?$"),
+        (
+            [HEADER, "1700000000000e-3,1,2,3,4,5,6", "1700000005100e-3,1,2,3,4,5,6"],
+            "line 3, .* found 5.1; are the times",
+        ),
+        ([HEADER.replace(",", ";"), "0,0;1;2;3;4;5;6"], "expected commas .* found semicolons: t;lx;ly;lz;rx;ry;rz$"),
         ([HEADER, ROWS[0], "0.1,1,2,3," + "9" * 5000 + ",5,6"], r"column rx: expected a finite number, found '9{80}'$"),
         (["x" * 5000, *ROWS], "found x{80}$"),
         ([HEADER, "# note", ROWS[1], ROWS[0]], "line 4, column t: expected a time above 0.1, found 0"),
@@ -164,6 +174,26 @@ def test_a_file_that_is_not_text_or_not_there_is_refused(tmp_path: Path) -> None
         read_motion_csv(tmp_path / "m.csv")
     with pytest.raises(MotionError, match="cannot read motion"):
         read_motion_csv(tmp_path / "absent.csv")
+
+
+def test_a_file_without_a_byte_is_said_to_be_empty(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").touch()
+    with pytest.raises(MotionError, match="expected CSV text, found an empty file"):
+        read_motion_csv(tmp_path / "m.csv")
+
+
+def test_a_byte_order_mark_is_no_part_of_the_first_column(tmp_path: Path) -> None:
+    (tmp_path / "m.csv").write_text("\r\n".join([HEADER, *ROWS]), encoding="utf-8-sig")
+    assert len(read_motion_csv(tmp_path / "m.csv")) == 2
+
+
+def test_unix_times_are_counted_from_the_first_and_others_are_kept(tmp_path: Path) -> None:
+    clock = [f"{1_700_000_000 + k // 10}.{k % 10},1,2,3,4,5,6" for k in range(25)]
+    np.testing.assert_array_equal(
+        read_motion_csv(write(tmp_path / "m.csv", HEADER, *clock)).times_s, np.round(0.1 * np.arange(25), 6)
+    )
+    late = read_motion_csv(write(tmp_path / "m.csv", HEADER, "999999.0,1,2,3,4,5,6", "1e6,1,2,3,4,5,6"))
+    np.testing.assert_array_equal(late.times_s, [999_999.0, 1e6])
 
 
 @pytest.mark.parametrize(

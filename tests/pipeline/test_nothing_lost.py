@@ -21,7 +21,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.training import train
 from recorders.reader import LogReader
 from recorders.records import Stamped
-from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.topics import LEARNER_OUTPUT, LEARNER_TOPICS, SESSION_PHASE
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.compare import first_divergence
@@ -130,8 +130,9 @@ def test_a_replay_whose_connection_is_cut_loses_nothing_for_learner_and_recorder
             recorded, _ = recorder.communicate(timeout=60)
     result = json.loads(replayed)
     assert result["consumers"]["learner"] == expected
-    assert json.loads(recorded)["gaps"] == {}
-    assert json.loads(recorded)["broken"] == []
+    counted = json.loads(recorded)
+    assert counted["gaps"].keys() <= {LEARNER_OUTPUT}  # said to whoever listens; the learner waits for nobody
+    assert counted["broken"] == []
     assert_recorded(log, tmp_path / "run.mcap")
 
 
@@ -226,7 +227,7 @@ def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(l
     line = complaint(subprocess.CompletedProcess([], recorder.returncode, out, err.splitlines()[-1]))
     assert "run.mcap: the stream is not all there: the sender gave up at message" in line
     (reason,) = LogReader(tmp_path / "run.mcap").manifest["broken"]
-    assert "stopped by SystemExit" in reason
+    assert reason.endswith(": terminated")
 
 
 def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(log: Path) -> None:

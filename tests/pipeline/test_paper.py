@@ -1,13 +1,18 @@
 """The paper, rerun by its verb in a process: the short run through everything, and the full one as a campaign."""
 
+import html
 import json
+import re
+import shlex
 from pathlib import Path
 from typing import Any, NoReturn
 
+import numpy as np
 import pytest
 from clusters import local_cluster
 from processes import reenact
 
+from pipeline import cli
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.paper import PaperConfig, drawings, run_paper
@@ -69,6 +74,60 @@ def test_the_command_of_the_report_gives_the_same_network(
     assert saved.provenance["errors_cm"] == trainer.errors_cm
 
 
+def rows_of(page: Path) -> list[list[str]]:
+    """The cells of the page's table of numbers, commands a line each."""
+    text = page.read_text(encoding="utf-8").replace("</code><code>", "\n")
+    table = re.sub("</?code>", "", text.partition("<h2>Every number</h2>")[2].partition("</table>")[0])
+    rows = re.findall(r"<tr>(<td.*?)</tr>", table, flags=re.DOTALL)
+    return [[html.unescape(cell) for cell in re.findall(r"<td[^>]*>(.*?)</td>", row, flags=re.DOTALL)] for row in rows]
+
+
+class _Runner:
+    """Runs commands of a page in this process, each once, and keeps what it printed."""
+
+    def __init__(self, capsys: pytest.CaptureFixture[str]) -> None:
+        self._capsys = capsys
+        self._printed: dict[str, dict[str, Any]] = {}
+
+    def run(self, command: str) -> dict[str, Any]:
+        if command not in self._printed:
+            name, *arguments = shlex.split(command)
+            assert name == "reenact"
+            with pytest.raises(SystemExit) as end:
+                cli.main([*arguments, "--json"])
+            assert end.value.code == 0, command
+            self._printed[command] = json.loads(self._capsys.readouterr().out)
+        return self._printed[command]
+
+
+def shown(numbers: list[float]) -> str:
+    return f"{np.mean(numbers):.2f} ± {np.std(numbers, ddof=1):.2f}" if len(numbers) > 1 else f"{numbers[0]:.2f}"
+
+
+def test_every_number_of_the_page_comes_out_of_its_commands(
+    quick: tuple[Path, dict[str, Any]], monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    folder, _ = quick
+    monkeypatch.chdir(folder)
+    before = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+    runner = _Runner(capsys)
+    rows = rows_of(folder / "report.html")
+    assert len(rows) == 4 + 6 * len(drawings()) + 2
+    for what, ours, _, teacher, linear, seeds, commands, name in rows:
+        if name == "–":  # a time: the whole rerun takes it
+            continue
+        first, _, last = seeds.partition("–")
+        printed = []
+        for seed in range(int(first), int(last or first) + 1):
+            lines = commands.replace("SEED", str(seed)).splitlines()
+            printed.append({key: value for line in lines for key, value in runner.run(line).items()})
+        assert ours == shown([one[name] for one in printed]), what
+        part = "" if name in ("mean_cm", "train_cm", "learned_cm") else name.removesuffix("cm")
+        for cell, whose in ((teacher, "teacher"), (linear, "linear")):
+            assert cell in ("–", f"{printed[0][f'{whose}_{part}cm']:.2f}" if cell != "–" else ""), what
+    assert all((folder / name).read_bytes() == content for name, content in before.items())
+
+
 def test_without_its_cluster_it_ends_at_once_with_one_line(tmp_path: Path) -> None:
     address = free_endpoint().replace("tcp/", "tcp://")
     run = reenact("paper", "--quick", "--scheduler", address, cwd=tmp_path)
@@ -125,3 +184,8 @@ def test_the_whole_of_it_keeps_every_bound(tmp_path: Path) -> None:
     assert result["pattern1"]["on_pattern2_cm_mean"] <= 1.30
     assert result["pattern2"]["on_pattern1_cm_mean"] >= 2.5 * result["pattern2"]["train_cm_mean"]
     assert all(one["left_cm"] < 2.0 for one in result["demonstrations"] if one["network"] == "pattern1")
+    *_, commands, name = rows_of(tmp_path / "out" / "report.html")[-1]
+    assert name == "–"
+    for command in (*commands.splitlines(), "reenact diff again-circles.mcap circles.mcap"):
+        again = reenact(*shlex.split(command)[1:], cwd=tmp_path / "out", timeout_s=120)
+        assert again.returncode == 0, again.stderr

@@ -10,14 +10,18 @@ import numpy as np
 import pytest
 from matplotlib.figure import Figure
 from matplotlib.image import imread
+from matplotlib.text import Text
 from small_paper import DRAWINGS, SEEDS, small_paper
 
+from pipeline import paper_figures
+from pipeline.motions import circles
 from pipeline.paper import check_bounds
-from pipeline.paper_explanations import depths, directions, turning_point
+from pipeline.paper_explanations import ALIKE, APART, UPRIGHT, depths, directions, turning_point
 from pipeline.paper_figures import draw_figures
 from pipeline.paper_report import write_report
 from pipeline.paper_results import PATTERN_1, PATTERN_2, Paper, spread
 from pipeline.paper_table import console_table, rows
+from pipeline.report import draw_errors
 from pipeline.robot import load_robot
 from pipeline.robot_drawing import RobotDrawing, View
 from pipeline.trials import Trial
@@ -75,7 +79,8 @@ def test_the_page_holds_its_pictures_and_refers_to_nothing(page: Path, parsed: _
     assert within == {(page.parent / name).read_bytes() for name in PICTURES}
     text = re.sub(r"base64,[^\"]*", "", page.read_text(encoding="utf-8"))
     assert not re.search(r"https?:|url\(|@import|\$", text)
-    assert "second_<drawing>" not in text  # names are escaped
+    assert "<drawing>" not in text  # names are escaped
+    assert "second &lt;drawing&gt; (generated)" in text
     assert str(page.parent) not in text
 
 
@@ -105,7 +110,16 @@ def test_a_table_gives_each_number_with_seeds_and_command(paper: Paper) -> None:
     assert first.linear == "0.50"
     assert first.teacher == f"{paper.networks[PATTERN_1].trials[PATTERN_1][0].teacher.mean_cm:.2f}"  # type: ignore[union-attr]
     assert first.seeds == "4–5"
-    assert first.command == "reenact train circles.mcap --epochs 2 --seed SEED --out controllers/circles-SEED.npz"
+    assert first.commands == (
+        "reenact train circles.mcap --epochs 2 --seed SEED --out again-circles-SEED.npz",
+        "reenact diff again-circles-SEED.npz controllers/circles-SEED.npz",
+        "reenact evaluate controllers/circles-SEED.npz circles.mcap --linear-from circles.mcap",
+    )
+    assert first.printed == "train_cm"
+    farthest = next(row for row in found if row.what == "first drawing (generated), pattern 1 learned: left, farthest")
+    assert farthest.ours.startswith(f"{one.errors_cm(DRAWINGS[0], 'left_max_cm').mean():.2f} ±")
+    assert farthest.printed == "left_max_cm"
+    assert found[-2].commands == ("reenact evaluate controllers/circles-4.npz eight --deploy",)
     assert len(found) == 4 + 2 * 3 * len(DRAWINGS) + 2
     assert console_table(paper).row_count == len(found)
 
@@ -119,13 +133,95 @@ def test_motions_and_errors_are_taken_apart_by_direction(paper: Paper) -> None:
     assert upright.missed_cm[PATTERN_1] == upright.missed_cm[PATTERN_2] > 0.0
 
 
+@pytest.mark.parametrize(("part", "followed", "missed_cm"), [(1.0, 1.0, 0.0), (0.0, 0.0, 5.0), (0.5, 0.5, 2.5)])
+def test_hands_that_follow_a_part_of_a_direction_are_found_out(
+    paper: Paper, part: float, followed: float, missed_cm: float
+) -> None:
+    robot, two = paper.robot, paper.networks[PATTERN_2]
+    whole = circles(robot).targets
+    aside = 0.5 * ((whole[:, 0] - robot.left_centre) - (whole[:, 1] - robot.right_centre)) @ robot.lateral  # (T,)
+    lost = (1.0 - part) * aside[:, np.newaxis] * robot.lateral
+    reached = whole - np.stack([lost, -lost], axis=1)
+    trial = replace(two.trials[PATTERN_1][0], targets=whole.reshape(-1, 6), reached=reached)
+    one = replace(paper.networks[PATTERN_1], trials={**paper.networks[PATTERN_1].trials, PATTERN_1: (trial,)})
+    two = replace(two, trials={**two.trials, PATTERN_1: (trial,)})
+    found = {way.name: way for way in directions(replace(paper, networks={PATTERN_1: one, PATTERN_2: two}))}
+    assert found[APART].followed[PATTERN_2] == pytest.approx(followed, abs=1e-9)
+    assert found[APART].missed_cm[PATTERN_2] == pytest.approx(missed_cm, abs=1e-6)
+    for name in (ALIKE, UPRIGHT):
+        assert found[name].followed[PATTERN_2] == pytest.approx(1.0)
+        assert found[name].missed_cm[PATTERN_2] == pytest.approx(0.0, abs=1e-9)
+
+
 def test_errors_are_taken_apart_into_plane_and_depth(paper: Paper) -> None:
     one = paper.networks[PATTERN_1]
     first = depths(paper, one)[0]
     offsets = np.array([trial.reached[:, 0] - trial.targets[:, :3] for trial in one.trials[PATTERN_1]])  # x is depth
     assert (first.motion, first.hand) == (PATTERN_1, "left")
+    assert first.missed_cm == pytest.approx(one.errors_cm(PATTERN_1, "left_cm").mean())
+    assert first.out_cm == pytest.approx(10.0)
     assert first.in_plane_cm == pytest.approx(100.0 * np.linalg.norm(offsets[:, :, 1:], axis=2).mean())
     assert first.off_plane_cm == pytest.approx(100.0 * np.abs(offsets[:, :, 0]).mean())
+
+
+def test_a_drawing_that_leaves_what_was_learned_is_said_to(paper: Paper, page: Path, tmp_path: Path) -> None:
+    assert "extrapolate" not in page.read_text(encoding="utf-8")  # all motions here are circles
+    one, name = paper.networks[PATTERN_1], DRAWINGS[0]
+    trials = tuple(_wider(trial, paper) for trial in one.trials[name])
+    wide = replace(paper, networks={**paper.networks, PATTERN_1: replace(one, trials={**one.trials, name: trials})})
+    text = write_report(wide, tmp_path).read_text(encoding="utf-8")
+    part = next(part for part in depths(wide, wide.networks[PATTERN_1]) if (part.motion, part.hand) == (name, "right"))
+    assert part.out_cm == pytest.approx(20.0)
+    assert (
+        f"in first drawing (generated), up to 20.0 cm out, the right hand misses by {part.missed_cm:.2f} cm: "
+        f"{part.off_plane_cm:.2f} cm ahead or behind, {part.in_plane_cm:.2f} cm in the plane"
+    ) in text
+    assert "the left hand misses" not in text
+
+
+def _wider(trial: Trial, paper: Paper) -> Trial:
+    """The same trial with targets of the right hand twice as far out."""
+    targets = trial.targets.copy()
+    targets[:, 3:] += targets[:, 3:] - paper.robot.right_centre
+    return replace(trial, targets=targets)
+
+
+def test_every_picture_says_how_to_read_it(paper: Paper, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    texts: dict[str, str] = {}
+
+    def keep(figure: Figure, path: Path) -> None:
+        texts[path.name] = "\n".join(text.get_text() for text in figure.findobj(Text))
+        if path.name != "figure6_postures.png":
+            texts[path.name] += "\n".join(axes.get_xlabel() + axes.get_ylabel() for axes in figure.axes)
+
+    monkeypatch.setattr(paper_figures, "save_figure", keep)
+    pictures = draw_figures(paper, tmp_path)
+    assert texts.keys() == PICTURES
+    for picture in pictures:
+        assert picture.key in texts[picture.name]
+    for name in PICTURES - {"figure4a.png", "figure5a.png", "figure6_postures.png"}:
+        assert "Seen from behind" in texts[name]
+        assert "left of the robot's middle (cm)" in texts[name]
+    assert "Seen from ahead" in texts["figure6_postures.png"]
+    assert "20 cm" in texts["figure6_postures.png"]
+    assert f"mean of {len(SEEDS)}: " in texts["figure4a.png"]
+    assert "First drawing (generated)" in texts["figure4de.png"]
+
+
+def test_captions_say_it_too(page: Path) -> None:
+    captions = re.findall("<figcaption>(.*?)</figcaption>", page.read_text(encoding="utf-8"))
+    assert len(captions) == len(PICTURES)
+    assert all(re.search("Seen from|one standard deviation", caption) for caption in captions)
+
+
+@pytest.mark.parametrize("epochs", [1, 2, 3, 7])
+def test_epochs_are_whole(epochs: int) -> None:
+    axes = Figure().subplots()
+    draw_errors(axes, np.linspace(3.0, 2.0, epochs), {"the paper": 2.79})
+    low, high = axes.get_xlim()
+    ticks = [tick for tick in axes.get_xticks() if low <= tick <= high]
+    assert ticks
+    assert all(tick == round(tick) for tick in ticks)
 
 
 @pytest.mark.parametrize(("curve", "turn"), [([3.0, 1.0, 2.0], (2, 1.0)), ([3.0, 2.0, 1.0], None)])

@@ -7,6 +7,7 @@ import subprocess
 import sys
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
@@ -16,14 +17,30 @@ from pathlib import Path
 import pytest
 import zenoh
 from episodes import write_episode
+from live import robot as live_robot
+from live import spawn
 from processes import complaint, reenact, start, wait_for_line
+from short_motion import write_short_motion
 
-from recorders.cdr import encode
+from pipeline.controller import Controller
+from pipeline.robot import load_robot
+from recorders.cdr import decode_as, encode
+from recorders.errors import WireError
 from recorders.live import LiveRecorder
-from recorders.messages import Float64MultiArray, PoseStamped
+from recorders.messages import Float64MultiArray, PoseStamped, String
 from recorders.reader import LogReader
 from recorders.records import Stamped
-from recorders.topics import LEARNER_OUTPUT, LEFT_TARGET, RIGHT_TARGET
+from recorders.stream import Offer
+from recorders.topics import (
+    LEARNER_DIGEST,
+    LEARNER_ERROR,
+    LEARNER_OUTPUT,
+    LEARNER_STATUS,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    ROBOT_DESCRIPTION,
+    SESSION_PHASE,
+)
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.producer import Producer
@@ -250,6 +267,111 @@ def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_re
     assert reenact("diff", "a.npz", "b.npz", cwd=tmp_path).returncode == 0
 
 
+def test_the_recording_of_a_live_session_has_the_robots_description_and_the_learners_last_words(
+    tmp_path: Path,
+) -> None:
+    endpoint, robot = free_endpoint(), load_robot("asimo")
+    consumers = {"learn": ("--out", "c.npz"), "record": ("--out", "session.mcap", "--until-end", "--json")}
+    with live_robot(endpoint), ExitStack() as stack:
+        for verb, options in consumers.items():
+            process = stack.enter_context(start(verb, *options, "--connect", endpoint, cwd=tmp_path))
+            stack.callback(process.kill)
+        explorer = stack.enter_context(
+            spawn(
+                "explore",
+                connect=endpoint,
+                motion=str(write_short_motion(tmp_path / "short.csv")),
+                seed=3,
+                phases=[["washout", 1], ["learn", 1], ["evaluate", 1]],
+                settle_ns=100_000_000,
+                consumers=["learner", "recorder"],
+            )
+        )
+        _, complaints = explorer.communicate(timeout=60)
+        assert explorer.returncode == 0, complaints
+        result = json.loads(process.communicate(timeout=30)[0])
+    recorded = list(LogReader(tmp_path / "session.mcap"))
+    counts = Counter(record.topic for record in recorded)
+    assert [counts[topic] for topic in (SESSION_PHASE, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR)] == [3, 3, 3, 1]
+    (description,) = (record for record in recorded if record.topic == ROBOT_DESCRIPTION)
+    assert decode_as(String, description.data).data == robot.urdf_text
+    assert recorded.index(description) < [record.topic for record in recorded].index(SESSION_PHASE)
+    assert result["gaps"] == {}
+    said = [record for record in recorded if record.topic == LEARNER_DIGEST]
+    learned = Controller.load(tmp_path / "c.npz")
+    assert json.loads(decode_as(String, said[-1].data).data)["state"] == learned.digest
+
+
+def test_until_end_waits_for_as_long_as_the_sender_awaits_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)  # twice as long as a sender is silent
+    log = write_episode(tmp_path / "episode.mcap", samples=4)
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
+        Receiver(elsewhere) as slow,
+        Producer(elsewhere) as producer,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        last_words = Slow(3.0, lambda: producer.publish(LEARNER_OUTPUT, Float64MultiArray([1.0]), log_time_ns=0))
+        over = threading.Event()
+        stack.callback(over.set)  # or the recorder would outlive a test that fails
+        live = LiveRecorder(tmp_path / "run.mcap")
+        recording = pool.submit(live.run, receiver, stopped=over.is_set, until_end=True)
+        consuming = pool.submit(slow.serve, last_words)
+        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
+        replayed = reenact("replay", log, *arguments, cwd=tmp_path)
+        assert replayed.returncode == 0, replayed.stderr
+        consuming.result(timeout=30)
+        recording.result(timeout=30)
+    assert LogReader(tmp_path / "run.mcap").counts[LEARNER_OUTPUT] == 1
+
+
+class Slow:
+    """A consumer that thinks the whole stream over before it has its say."""
+
+    def __init__(self, seconds: float, say: Callable[[], object]) -> None:
+        self._seconds = seconds
+        self._say = say
+
+    def hello(self, offer: Offer) -> int:
+        return 0
+
+    def consume(self, messages: Iterator[Stamped]) -> dict[str, object]:
+        count = len(list(messages))
+        time.sleep(self._seconds)
+        self._say()
+        return {"count": count}
+
+
+def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=4)
+    endpoint = free_endpoint()
+
+    def fail() -> None:
+        raise WireError("nothing comes of it")
+
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        Receiver(session) as receiver,
+        ThreadPoolExecutor() as pool,
+        start("record", "--until-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process,
+    ):
+        consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=60.0)
+        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
+        replayed = reenact("replay", log, *arguments, cwd=tmp_path)
+        assert "learner: nothing comes of it" in complaint(replayed)
+        assert isinstance(consuming.exception(timeout=30), WireError)
+        printed, complaints = process.communicate(timeout=30)
+    assert process.returncode == 0, complaints
+    assert json.loads(printed)["broken"] == []
+    assert LogReader(tmp_path / "run.mcap").counts[SESSION_PHASE] == 7
+
+
 def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     endpoint = free_endpoint()
@@ -318,6 +440,50 @@ def test_two_recorders_of_one_name_are_one_too_many(tmp_path: Path) -> None:
             assert "a consumer 'recorder' is in namespace 'reenact' already" in complaint(second)
             stop(process)
     assert not (tmp_path / "b.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "published", "said"),
+    [
+        ((), False, "nothing is recorded: nobody published on reenact/**, or this session may not read it;"),
+        (
+            ("--exclude", "*"),
+            True,
+            "nothing is recorded: no message that came on reenact/** (1) is on a topic to record",
+        ),
+        (("--exclude", "/notes"), False, "nothing is recorded: nobody published on reenact/**,"),
+    ],
+)
+def test_a_recorder_that_has_nothing_says_why(
+    tmp_path: Path, options: tuple[str, ...], published: bool, said: str
+) -> None:
+    with recorder(tmp_path, *options) as (session, process):
+        if published:
+            session.put("reenact/notes", b"{}")
+        time.sleep(0.5)
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert complaints.startswith(said)
+    assert complaints.count("\n") == 1
+
+
+def test_a_recorder_says_where_it_is(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with start("record", "--out", "log.mcap", "--listen", endpoint, cwd=tmp_path) as process:
+        line = wait_for_line(process, "records")
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert line == f"recorder records reenact/** at {endpoint} to log.mcap; Ctrl-C ends it\n"
+
+
+def test_a_name_that_is_taken_is_said_before_anybody_is_looked_for(tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").write_bytes(b"")
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):  # so that another cannot
+        for name, expected in (("there.mcap", "there.mcap exists"), ("new.mcap", "something else listens there")):
+            assert expected in complaint(reenact("record", "--out", name, "--listen", endpoint, cwd=tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["there.mcap"]
 
 
 def test_bad_input_is_one_clear_line(tmp_path: Path) -> None:

@@ -25,7 +25,7 @@ def circles(*, left_up_m: float = 0.0) -> MotionTest:
     around = 0.1 * np.stack([0.0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     targets = np.hstack([around + np.array([0.32, y, 0.76]) for y in (0.2, -0.2)])  # (T, 6)
     reached = targets.reshape(-1, 2, 3) + np.array([[0.0, 0.0, left_up_m], [0.0, 0.0, 0.01]])
-    return MotionTest("circles", targets, reached, HandErrors(1.0, 1.5, 0.9, 1.1, SAMPLES))
+    return MotionTest("circles", targets, reached, HandErrors(1.0, 1.5, 0.9, 1.1, 1.4, 1.5, SAMPLES))
 
 
 def report(path: Path, **changes: Any) -> Path:
@@ -104,7 +104,7 @@ def test_short_flat_and_far_values_are_drawn(tmp_path: Path, changes: dict[str, 
 
 def test_a_hand_held_still_is_drawn(tmp_path: Path) -> None:
     still = np.tile([0.32, 0.2, 0.76, 0.32, -0.2, 0.76], (SAMPLES, 1))
-    test = MotionTest("still", still, still.reshape(-1, 2, 3), HandErrors(0.1, 0.1, 0.1, 0.1, SAMPLES))
+    test = MotionTest("still", still, still.reshape(-1, 2, 3), HandErrors(0.1, 0.1, 0.1, 0.1, 0.1, 0.1, SAMPLES))
     path = report(tmp_path / "report.png", tests=[test])
     label = pixels(path, BLUE)[:, 0].min()
     dots = [column for row, column in pixels(path, GREY) if label + 40 < row < label + 170]  # in the panel, not in text
@@ -157,7 +157,7 @@ def test_a_test_with_paths_that_do_not_fit_is_refused(
 
 def test_a_test_keeps_its_own_paths() -> None:
     targets, reached = np.zeros((3, 6)), np.zeros((3, 2, 3))
-    test = MotionTest("still", targets, reached, HandErrors(0.0, 0.0, 0.0, 0.0, 3))
+    test = MotionTest("still", targets, reached, HandErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3))
     targets[:] = reached[:] = 1.0
     assert not test.targets.any()
     assert not test.reached.any()

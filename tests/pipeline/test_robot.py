@@ -75,6 +75,26 @@ def test_a_directory_without_robot_files_is_refused(tmp_path) -> None:
 
 
 @pytest.mark.parametrize(
+    ("file", "kept", "message"),
+    [
+        ("robot.urdf", 0, "robot description: expected the text of a URDF, found none"),
+        ("robot.urdf", 5000, "robot description is not XML"),
+        ("robot.toml", 0, "the robot config lacks"),
+    ],
+)
+def test_a_cut_off_file_is_refused_with_its_folder(
+    asimo: RobotConfig, tmp_path, file: str, kept: int, message: str
+) -> None:
+    (tmp_path / "robot.toml").write_text(asimo.toml_text)
+    (tmp_path / "robot.urdf").write_text(asimo.urdf_text)
+    os.truncate(tmp_path / file, kept)
+    with pytest.raises(RobotError, match=message) as caught:
+        load_robot(tmp_path)
+    assert str(caught.value).startswith(f"robot '{tmp_path}': ")
+    assert is_one_short_line(caught.value)
+
+
+@pytest.mark.parametrize(
     ("old", "new", "message"),
     [
         ('name = "asimo"', "", "lacks name"),

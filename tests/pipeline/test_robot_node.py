@@ -141,7 +141,11 @@ REFUSED = {
         encode(command(5 * PERIOD_NS)),
         "expected stamp 10000000 ns, the robot's time, or one of the last commands again, found stamp 25000000 ns",
     ),
-    "past": (encode(command(0, ASIMO.comfort + 0.01)), "found stamp 0 ns; is someone else driving it?"),
+    "past": (
+        encode(command(0, ASIMO.comfort + 0.01)),
+        "found stamp 0 ns; is someone else driving it? For a controller's commands, with stamps of their own, "
+        "start the robot with --real-time",
+    ),
     "another robot's joints": (encode(JointState(0, ("a", "b"), np.zeros(2))), "no joint hip_height"),
     "a joint too many": (
         encode(command(0, np.zeros(16), (*ASIMO.joints, "tail"))),

@@ -135,6 +135,7 @@ def stop(process: subprocess.Popen[str], signum: int = signal.SIGTERM) -> tuple[
     process.send_signal(signum)
     summary, said = process.communicate(timeout=WAIT_S)
     assert process.returncode == {signal.SIGTERM: 143, signal.SIGINT: 130}[signum], said
+    assert "reenact: " not in said  # the summary says it all
     return json.loads(summary), said
 
 
@@ -310,7 +311,12 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
             "or allow both with --beside-others"
         )
         line = complaint(reenact(*second, "--name", "anna", "--beside-others", cwd=tmp_path))
-        assert line == "reenact: a controller 'anna' serves in namespace 'reenact' already: end it, or choose a --name"
+        assert line == (
+            "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
+            "or choose another --name"
+        )
+        line = complaint(reenact(*second, "--name", "anna", cwd=tmp_path))
+        assert line.endswith("choose a --namespace, or allow both with --beside-others and another --name")
         with start(*second, "--name", "berta", "--beside-others", "--json", cwd=tmp_path) as beside:
             assert wait_for_line(beside, "serves") == "berta serves reenact/joint_commands\n"
             for record in targets(1, samples.targets[0]):

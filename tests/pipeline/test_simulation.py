@@ -176,3 +176,11 @@ def test_a_joint_for_which_drake_makes_no_motor_is_named(old: str, new: str) -> 
     robot = replace(ROBOT, urdf_text=ROBOT.urdf_text.replace(old, new, 1))
     with pytest.raises(RobotError, match="Drake makes no motor for hip_height: expected a transmission"):
         Simulation(robot)
+
+
+def test_an_impossible_inertia_is_one_clear_line() -> None:
+    urdf = ROBOT.urdf_text
+    for moment in ('izz="', 'ixx="', 'iyy="'):
+        urdf = urdf.replace(moment, f"{moment}-")
+    with pytest.raises(RobotError, match=r"robot 'asimo': .*(inertia|moves)"):
+        Simulation(parse_robot(ROBOT.toml_text, urdf))

@@ -47,7 +47,7 @@ def test_learned_teacher_and_baseline_are_what_they_are_called(
     assert np.array_equal(trial.joints, learner.predict(samples.targets)[:, 6:])
     assert trial.errors == errors(trial.joints)
     assert trial.teacher == errors(samples.joints)
-    assert trial.linear == errors(linear_joints(samples.targets, samples.joints))
+    assert trial.linear == errors(linear_joints(samples.targets, samples.joints, asked=samples.targets))
     assert len({trial.errors.mean_cm, trial.teacher.mean_cm, trial.linear.mean_cm}) == 3
     assert np.array_equal(trial.reached, kinematics.hands_along(trial.joints))
 
@@ -62,6 +62,31 @@ def test_a_motion_has_no_teacher(controller: Controller) -> None:
     trial = try_motion(controller, "right_hand_drawing")
     assert trial.name == "right_hand_drawing"
     assert (trial.teacher, trial.linear) == (None, None)
+
+
+def test_the_baseline_may_be_fitted_to_another_log(
+    controller: Controller, log: Path, samples: Samples, tmp_path: Path
+) -> None:
+    longer = write_episode(tmp_path / "longer.mcap", samples=40)
+    learned, kinematics = read_samples(longer), Kinematics(robot_of(controller))
+    answers = linear_joints(learned.targets, learned.joints, asked=samples.targets)
+    trial = try_motion(controller, log, linear_from=longer)
+    assert trial.linear == HandErrors.of(hand_errors(kinematics, answers, samples.targets))
+    assert trial.linear != try_motion(controller, log).linear
+    assert trial.teacher == try_motion(controller, log).teacher
+    by_itself = try_motion(controller, "right_hand_drawing", linear_from=longer)
+    assert by_itself.linear is not None
+    assert by_itself.teacher is None
+
+
+def test_a_summary_names_whose_errors_they_are(controller: Controller, log: Path) -> None:
+    trial = try_motion(controller, log)
+    summary = trial.summary()
+    assert list(summary)[:5] == ["mean_cm", "max_cm", "left_cm", "right_cm", "left_max_cm"]
+    for name, errors in (("teacher", trial.teacher), ("linear", trial.linear)):
+        assert errors is not None
+        found = [summary[f"{name}_{part}"] for part in ("cm", "left_cm", "right_cm")]
+        assert found == [errors.mean_cm, errors.left_cm, errors.right_cm]
 
 
 def test_a_log_of_another_robot_is_refused(controller: Controller, samples: Samples) -> None:

@@ -3,6 +3,7 @@
 import random
 from xml.etree import ElementTree
 
+import numpy as np
 import pytest
 
 from pipeline.kinematics import Kinematics
@@ -53,6 +54,12 @@ def test_links_are_told_with_their_parents() -> None:
         ('<mass value="10"/>', '<mass value="ten"/>', "<mass value=...> to hold 1 finite number, found 'ten'"),
         ('<mass value="10"/>', '<mass value="10 "/>', "<mass value=...> to hold 1 finite number, found '10 '"),
         ('<mass value="10"/>', "<mass/>", "expected <mass value=...>, found none"),
+        ('<mass value="10"/>', '<mass value="-10"/>', "link legs of the URDF: expected a mass above 0, found -10"),
+        (
+            '<mass value="3"/>',
+            '<mass value="0.0"/>',
+            "link pelvis .* expected a mass above 0, as a joint moves it, found 0",
+        ),
         ('ixx="0.264667"', 'ixx="-"', "<inertia ixx=...>"),
         ('ixx="0.264667"', "", "expected <inertia ixx=...>, found none"),
         ('<cylinder radius="0.05"', '<cylinder radius="."', "<cylinder radius=...>"),
@@ -87,6 +94,19 @@ def test_what_is_malformed_is_refused_before_any_library_writes_to_the_terminal(
     assert capfd.readouterr() == ("", "")
 
 
+def test_frames_without_a_mass_are_let_through() -> None:
+    """Links without <inertial>, and masses of zero where no joint moves them by themselves: models are full of them."""
+    joint = '<joint name="{0}_stand" type="fixed"><parent link="head"/><child link="{0}"/></joint>'
+    frame = joint + '<link name="{0}">{1}</link>'
+    moments = " ".join(f'{axis}="0"' for axis in ("ixx", "ixy", "ixz", "iyy", "iyz", "izz"))
+    weightless = f'<inertial><mass value="0"/><inertia {moments}/></inertial>'
+    text = changed("</robot>", frame.format("camera", "") + frame.format("lens", weightless) + "</robot>")
+    robot = parse_robot(ASIMO.toml_text, text)
+    np.testing.assert_array_equal(
+        Kinematics(robot).inertia_diagonal(robot.comfort), Kinematics(ASIMO).inertia_diagonal(ASIMO.comfort)
+    )
+
+
 @pytest.mark.parametrize(
     ("old", "new"),
     [
@@ -106,6 +126,7 @@ def test_what_the_libraries_read_is_let_through(old: str, new: str, capfd: pytes
 @pytest.mark.parametrize(
     ("text", "message"),
     [
+        (" \n", "robot description: expected the text of a URDF, found none"),
         (changed("An ASIMO", "\ud800"), r"expected UTF-8 text, found '\\ud800'"),
         (changed("</robot>", "<a>" * 20_000 + "</a>" * 20_000 + "</robot>"), "at most 64 deep"),
         (changed("</robot>", "<a/>" * 100_000 + "</robot>"), "at most 100000 elements"),
@@ -116,7 +137,7 @@ def test_what_the_libraries_read_is_let_through(old: str, new: str, capfd: pytes
             "not XML: limit on input",
         ),
     ],
-    ids=["surrogate", "deep", "many", "large", "long name", "entities"],
+    ids=["empty", "surrogate", "deep", "many", "large", "long name", "entities"],
 )
 @pytest.mark.parametrize("read", [parse_urdf, canonical_urdf, joint_links])
 def test_hostile_text_is_one_clear_error(read, text: str, message: str) -> None:

@@ -366,8 +366,9 @@ def test_the_original_is_never_written_to(log, tmp_path):
     part.write_bytes(raw)
     link = tmp_path / "link.mcap"
     link.symlink_to(log)
-    for source, out in ((log, log), (log, link), (part, tmp_path / "session.mcap")):
-        with pytest.raises(LogError, match="is the damaged log, which stays as it is; choose another name"):
+    while_written = "until it is whole it is called session.mcap.part, and "
+    for source, out, why in ((log, log, ""), (log, link, ""), (part, tmp_path / "session.mcap", while_written)):
+        with pytest.raises(LogError, match=f"{out.name}: {why}.* is the damaged log, which stays as it is; choose"):
             recover(source, out, overwrite=True)
     assert (log.read_bytes(), part.read_bytes()) == (raw, raw)
 

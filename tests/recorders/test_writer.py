@@ -191,7 +191,7 @@ def test_a_manifest_that_cannot_be_written_is_refused_before_recording(tmp_path)
 
 
 def test_a_directory_that_is_not_there_is_one_line(tmp_path):
-    with pytest.raises(LogError, match=r"cannot write .*none/log.mcap.part: No such file or directory"):
+    with pytest.raises(LogError, match=r"cannot write .*none/log.mcap: expected a folder .*none, found none"):
         LogWriter(tmp_path / "none" / "log.mcap", manifest={})
 
 

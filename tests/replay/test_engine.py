@@ -10,10 +10,11 @@ from recorders.cdr import decode
 from recorders.errors import LogError
 from recorders.messages import String
 from recorders.phase import Phase
+from recorders.reader import LogReader
 from recorders.records import Stamped
-from recorders.topics import JOINT_STATES, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.topics import JOINT_STATES, LEARNER_TOPICS, SAMPLE_JOINTS, SESSION_PHASE
 from replay import engine
-from replay.engine import Replay
+from replay.engine import Replay, renamed
 from replay.schedule import Schedule
 
 SCHEDULE = Schedule(epochs=2, phases=(("washout", 1), ("learn", 2)))
@@ -92,3 +93,16 @@ def test_logs_of_different_robots_are_refused(log: Path, tmp_path: Path) -> None
     other = write_episode(tmp_path / "other.mcap", attachments={"robot.urdf": b"<robot/>", "robot.toml": b""})
     with pytest.raises(LogError, match="another robot"):
         Replay([log, other], SCHEDULE)
+
+
+def test_a_name_that_no_log_has_cannot_be_replaced(log: Path, tmp_path: Path) -> None:
+    other = write_episode(
+        tmp_path / "other.mcap", samples=2, change=lambda tick, topic, message: [("/theirs" + topic, message)]
+    )
+    names = {"/theirs" + topic.name: topic.name for topic in LEARNER_TOPICS}
+    assert len(Replay([log, other], SCHEDULE, renames=names).episodes) == 2  # one of them has it
+    found = r"log.mcap: --map: expected a topic /slip, found none; there are: /hand/left/target, .*/joint_states$"
+    with pytest.raises(LogError, match=found):
+        Replay([log], SCHEDULE, renames={"/slip": "/elsewhere"})
+    with pytest.raises(LogError, match=found):
+        list(renamed(LogReader(log), {"/slip": "/elsewhere"}, {SAMPLE_JOINTS}))

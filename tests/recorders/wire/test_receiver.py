@@ -107,6 +107,26 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
             assert receiver.next_event(0.2) is None
 
 
+def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_comes_back(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 0.5)
+    offer = replace(OFFER, sender="cd" * 16)
+    with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
+        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
+        offered = receiver.next_event(10.0)
+        assert isinstance(offered, Offered)
+        receiver.accept(offered, 0)
+        assert [reply.ok is not None for reply in replies] == [True]
+        receiver.report({"count": 3})
+        assert not receiver.is_released()
+        assert receiver.is_released(1.0)
+        assert receiver.offer is None
+        answer = ask(other, "status", offer.sender.encode())
+        assert answer is not None
+        assert (answer.run, answer.result) == (offer.run, {"count": 3})
+
+
 def test_what_strangers_make_it_say_is_bounded_and_printable() -> None:
     said: list[str] = []
     with two_sessions() as (session, other), Receiver(session, say=said.append) as receiver:

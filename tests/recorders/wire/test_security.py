@@ -137,7 +137,7 @@ def test_whom_access_control_admits_can_do_everything(keys: Path) -> None:
 
 
 def test_a_spectator_hears_the_learner_alone_and_sends_nothing(keys: Path) -> None:
-    spectator = user(keys, "spectator", "change-me-3")
+    spectator = keys / "spectator-connect.json5"
     assert meet(keys, keys / "access-listen.json5", spectator, free_endpoint()) == ([], [ERRORS])
 
 
@@ -159,9 +159,9 @@ def test_access_control_by_the_name_in_a_certificate(keys: Path, admitted: str, 
     assert len(overheard) == expected
 
 
-@pytest.mark.parametrize("name", ["spectator-change-me-3", "newcomer-change-me-4"])
+@pytest.mark.parametrize("name", ["spectator", "newcomer"])
 def test_who_may_not_feed_the_learner_finds_none(keys: Path, name: str) -> None:
-    listed = user(keys, *name.split("-", 1))
+    listed = keys / "spectator-connect.json5" if name == "spectator" else user(keys, name, "change-me-4")
     with learner(keys, "access") as (endpoint, process):
         with visitor("replay", connect=[endpoint], config_file=listed, seconds=1.0) as replay:
             assert "no consumer named 'learner' answered" in refusal(replay)

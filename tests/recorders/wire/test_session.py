@@ -32,7 +32,8 @@ def write(folder: Path, text: str) -> Path:
 def test_nobody_listening_is_one_clear_error() -> None:
     endpoint = free_endpoint()
     with pytest.raises(
-        WireError, match=r"nothing listens at .* within 0\.3 s; start .*`reenact learn .*--connect$"
+        WireError,
+        match=r"nothing listens at .* within 0\.3 s; start .*`reenact robot .* or `reenact learn .*--connect$",
     ) as e:
         open_session(SessionConfig(connect=(endpoint,), wait_s=0.3))
     assert endpoint in str(e.value)

@@ -1,0 +1,93 @@
+"""What publishers keep for whoever comes late, as ROS 2 does on a topic that is transient local: heard once."""
+
+import threading
+from collections.abc import Callable, Iterable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self, TypeAlias
+
+import zenoh
+from zenoh.ext import HistoryConfig, declare_advanced_subscriber
+
+_Source: TypeAlias = tuple[str, int]  # session and publisher
+
+_MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what is heard as it is said
+
+
+class Kept:
+    """Asks for what was published last on some keys before this came, beside a subscriber that hears all keys.
+
+    Only publishers with a cache keep anything, and they number what they say. Of each, one kept message is taken, and
+    none if it was heard already; the subscriber's own samples all pass, but for the one that was taken before.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    keys : iterable of str
+        Where to ask; no wildcards.
+    hand_over : callable
+        Takes the samples, those of the subscriber too, on threads of Zenoh's.
+    """
+
+    def __init__(self, session: zenoh.Session, keys: Iterable[str], hand_over: Callable[[zenoh.Sample], None]) -> None:
+        self._session = session
+        self._keys = frozenset(keys)
+        self._hand_over = hand_over
+        self._lock = threading.Lock()
+        self._sources: set[_Source] = set()
+        self._taken: set[tuple[_Source, int]] = set()  # and not heard yet by the subscriber
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+        for key in sorted(self._keys):
+            subscriber = declare_advanced_subscriber(
+                self._session, key, self._on_kept, history=history, allowed_origin=zenoh.Locality.REMOTE
+            )
+            self._stack.enter_context(subscriber)
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def hear(self, sample: zenoh.Sample) -> None:
+        """Hand over what the subscriber has heard, unless it was taken already."""
+        if not (self._keys and str(sample.key_expr) in self._keys and self._was_taken(sample)):
+            self._hand_over(sample)
+
+    def _was_taken(self, sample: zenoh.Sample) -> bool:
+        number = _number(sample)
+        if number is None:
+            return False
+        with self._lock:
+            self._note(number[0])
+            if number not in self._taken:
+                return False
+            self._taken.remove(number)
+            return True
+
+    def _on_kept(self, sample: zenoh.Sample) -> None:
+        """Take what is kept; what is said from now on comes here as well, but the other subscriber hears that."""
+        number = _number(sample)
+        if number is None:
+            return
+        with self._lock:
+            if number[0] in self._sources or not self._note(number[0]):
+                return
+            self._taken.add(number)
+        self._hand_over(sample)
+
+    def _note(self, source: _Source) -> bool:
+        """Note that a publisher was heard; False if there are too many."""
+        if len(self._sources) < _MAX_SOURCES:
+            self._sources.add(source)
+        return source in self._sources
+
+
+def _number(sample: zenoh.Sample) -> tuple[_Source, int] | None:
+    """Return who published a sample and its number there; None if its publisher keeps no count."""
+    info = sample.source_info
+    return None if info is None else ((str(info.source_id.zid), int(info.source_id.eid)), int(info.source_sn))

@@ -1,0 +1,60 @@
+"""The learned controller and the teacher are compared by kinematics alone, and the teacher's steps are a choice."""
+
+import numpy as np
+import pytest
+from episodes import write_episode
+
+from pipeline.command_costs import CommandCost, command_costs
+from pipeline.controller import Controller
+from pipeline.evaluation import HandErrors, hand_errors
+from pipeline.kinematics import Kinematics
+from pipeline.learner_config import LearnerConfig
+from pipeline.teacher import Teacher
+from pipeline.training import train
+from pipeline.trials import Trial, robot_of, try_motion
+from replay.schedule import Schedule
+
+PERIOD_NS = 200_000_000
+
+
+@pytest.fixture(scope="module")
+def controller(tmp_path_factory: pytest.TempPathFactory) -> Controller:
+    log = write_episode(tmp_path_factory.mktemp("costs") / "log.mcap", samples=20)
+    return train([log], schedule=Schedule(epochs=1), config=LearnerConfig()).controller()
+
+
+@pytest.fixture(scope="module")
+def trial(controller: Controller) -> Trial:
+    return try_motion(controller, "eight")
+
+
+@pytest.fixture(scope="module")
+def costs(controller: Controller, trial: Trial) -> tuple[CommandCost, ...]:
+    return command_costs(controller, trial, period_ns=PERIOD_NS)
+
+
+def test_each_is_named_with_its_steps(costs: tuple[CommandCost, ...]) -> None:
+    assert [(cost.name, cost.steps) for cost in costs] == [
+        ("learned", 1),
+        ("teacher, 5 ms a step", 40),
+        ("teacher, 200 ms a step", 1),
+    ]
+    assert all(cost.microseconds > 0.0 for cost in costs)
+
+
+def test_the_learned_controllers_error_is_that_of_its_trial(costs: tuple[CommandCost, ...], trial: Trial) -> None:
+    assert costs[0].mean_cm == trial.errors.mean_cm
+
+
+@pytest.mark.parametrize("place", [1, 2])
+def test_the_teachers_error_is_that_of_its_posture_after_all_steps(
+    controller: Controller, trial: Trial, costs: tuple[CommandCost, ...], place: int
+) -> None:
+    cost, kinematics = costs[place], Kinematics(robot_of(controller))
+    teacher, q, postures = Teacher(kinematics), robot_of(controller).comfort, []
+    for target in (trial.targets[0], *trial.targets):
+        for _ in range(cost.steps):
+            q = teacher.glide(q, target.reshape(2, 3), 0.2 / cost.steps)
+        postures.append(q)
+    errors = hand_errors(kinematics, np.array(postures[1:]), trial.targets)
+    assert cost.mean_cm == pytest.approx(HandErrors.of(errors).mean_cm, rel=1e-9)

@@ -1,0 +1,95 @@
+"""Ctrl-C and SIGTERM end a verb with a line that says what it leaves behind, and with 130 or 143."""
+
+import shlex
+import signal
+import subprocess
+import time
+from pathlib import Path
+
+import pytest
+from episodes import write_episode
+from processes import reenact, start, wait_for_line
+
+from pipeline import cli, training
+from pipeline.verbs.stopping import leaving_log, words
+from recorders.reader import LogReader
+from recorders.wire.loopback import free_endpoint
+
+RECORDED = 300_000  # bytes: more than what every log begins with
+
+
+def last_line(process: subprocess.Popen[str], number: signal.Signals) -> str:
+    """End a process by a signal; return its last line, having checked the exit status."""
+    process.send_signal(number)
+    printed, errors = process.communicate(timeout=60)
+    assert process.returncode == 128 + number, errors
+    assert printed == ""
+    assert "Traceback" not in errors
+    return errors.splitlines()[-1]
+
+
+@pytest.mark.parametrize(
+    ("verb", "number", "word"),
+    [
+        (("explore", "--motion", "eight"), signal.SIGINT, "interrupted"),
+        (("demonstrate", "right_hand_house"), signal.SIGTERM, "terminated"),
+    ],
+)
+def test_what_was_recorded_until_then_is_named_and_can_be_recovered(
+    tmp_path: Path, verb: tuple[str, ...], number: signal.Signals, word: str
+) -> None:
+    part = tmp_path / "x.mcap.part"
+    with start(*verb, "--out", "x.mcap", cwd=tmp_path) as process:
+        until = time.monotonic() + 60
+        while not (part.exists() and part.stat().st_size > RECORDED) and time.monotonic() < until:
+            assert process.poll() is None
+            time.sleep(0.01)
+        said = last_line(process, number)
+    told, _, command = said.partition(": `")
+    assert told == f"reenact: {word}; what was recorded until then is in x.mcap.part"
+    run = reenact(*shlex.split(command.removesuffix("`"))[1:], cwd=tmp_path)
+    assert run.returncode == 0, run.stderr
+    assert sum(LogReader(tmp_path / "recovered_x.mcap").counts.values()) > 0
+
+
+def test_what_another_left_is_not_claimed(tmp_path: Path) -> None:
+    out = tmp_path / "x.mcap"
+    (tmp_path / "x.mcap.part").write_bytes(b"of a crash")
+    with pytest.raises(KeyboardInterrupt) as stop, leaving_log(out):
+        raise KeyboardInterrupt
+    assert words(stop.value) == ("interrupted", 130)
+
+
+def test_a_robot_says_that_it_was_stopped(tmp_path: Path) -> None:
+    with start("robot", "--listen", free_endpoint(), cwd=tmp_path) as process:
+        wait_for_line(process, "waits for commands")
+        assert last_line(process, signal.SIGTERM) == "reenact: terminated"
+
+
+@pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_a_learner_says_that_there_is_no_controller(tmp_path: Path, number: signal.Signals, word: str) -> None:
+    with start("learn", "--out", "c.npz", "--listen", free_endpoint(), cwd=tmp_path) as process:
+        wait_for_line(process, "waits for a replay")
+        assert last_line(process, number) == f"reenact: {word}; no controller was written"
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
+def test_so_does_training(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    capfd: pytest.CaptureFixture[str],
+    number: signal.Signals,
+    word: str,
+) -> None:
+    log = write_episode(tmp_path / "log.mcap", samples=4)
+    monkeypatch.setattr(training.Trainer, "learn", lambda self, replay: signal.raise_signal(number))
+    earlier = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(SystemExit) as end:
+            cli.main(["train", str(log), "--out", str(tmp_path / "c.npz")])
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
+    assert end.value.code == 128 + number
+    assert capfd.readouterr().err == f"reenact: {word}; no controller was written\n"
+    assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]

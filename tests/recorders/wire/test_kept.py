@@ -1,0 +1,86 @@
+"""What a publisher keeps for latecomers: handed over once, whoever came first, and nothing else is touched."""
+
+import time
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+
+import pytest
+import zenoh
+from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
+
+from recorders.topics import ROBOT_DESCRIPTION
+from recorders.wire.frames import message_key
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import Live, Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+
+KEY = message_key("reenact", ROBOT_DESCRIPTION)
+KEPT = ReceiverConfig(name="recorder", live=True, kept=frozenset({ROBOT_DESCRIPTION}))
+BLOCK = zenoh.CongestionControl.BLOCK
+
+
+@pytest.fixture
+def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
+    """One session for whoever publishes, one for the receiver."""
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as listening,
+        open_session(SessionConfig(connect=(endpoint,))) as connected,
+    ):
+        yield listening, connected
+
+
+@contextmanager
+def keeping(session: zenoh.Session) -> Iterator[AdvancedPublisher]:
+    """A publisher that keeps its last message, as the robot's of its description does."""
+    numbered = MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None)
+    cache = CacheConfig(max_samples=1)
+    with declare_advanced_publisher(
+        session, KEY, congestion_control=BLOCK, cache=cache, publisher_detection=True, sample_miss_detection=numbered
+    ) as publisher:
+        yield publisher
+
+
+def heard(receiver: Receiver) -> list[bytes]:
+    """What has come, up to a pause in which more would have come."""
+    found = []
+    while isinstance(event := receiver.next_event(1.0), Live):
+        found.append(event.record.data)
+    return found
+
+
+def test_who_comes_late_hears_the_last_one_once(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
+    with keeping(sessions[0]) as publisher:
+        for text in (b"old", b"kept"):
+            publisher.put(text)
+        with Receiver(sessions[1], config=KEPT) as receiver:
+            assert heard(receiver) == [b"kept"]
+            publisher.put(b"new")
+            publisher.put(b"new")
+            assert heard(receiver) == [b"new", b"new"]
+
+
+def test_who_was_there_first_hears_each_once(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
+    with Receiver(sessions[1], config=KEPT) as receiver:
+        for text in (b"first", b"second"):  # two publishers, one after the other
+            with keeping(sessions[0]) as publisher:
+                publisher.put(text)
+                assert heard(receiver) == [text]
+
+
+def test_messages_of_plain_publishers_all_pass(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
+    with Receiver(sessions[1], config=KEPT) as receiver, ExitStack() as stack:
+        plain = stack.enter_context(sessions[0].declare_publisher(KEY, congestion_control=BLOCK))
+        always_one = zenoh.SourceInfo(plain.id, 1)
+        for text in (b"a", b"a", b"b"):
+            plain.put(text)
+            plain.put(text, source_info=always_one)
+        assert heard(receiver) == [b"a", b"a", b"a", b"a", b"b", b"b"]
+
+
+def test_without_being_told_so_it_asks_for_nothing(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
+    with keeping(sessions[0]) as publisher:
+        publisher.put(b"kept")
+        time.sleep(0.2)
+        with Receiver(sessions[1], config=ReceiverConfig(live=True)) as receiver:
+            assert heard(receiver) == []
