@@ -144,7 +144,7 @@ def results_table(result: Demo) -> Table:
     table.add_column("motion")
     for heading in ("learned", "left", "right", "worst", "teacher", "linear", "paper"):
         table.add_column(heading, justify="right")
-    labels = ("circles (trained)", "eight (never seen)", "right-hand drawing (never seen)")
+    labels = ("circles (trained)", "eight (never seen)", "right-hand drawing (generated, never seen)")
     for label, trial in zip(labels, result.trials, strict=True):
         errors, paper = trial.errors, PAPER_CM.get(trial.name)
         beside = [part.mean_cm if part else None for part in (trial.teacher, trial.linear)]
@@ -239,7 +239,7 @@ def _beside(*arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
 
 
 def _draw(path: Path, robot: RobotConfig, trials: tuple[Trial, Trial, Trial], errors_cm: list[float]) -> None:
-    titles = ("Circles (trained)", "Eight (never seen)", "Right-hand drawing (never seen)")
+    titles = ("Circles (trained)", "Eight (never seen)", "Right-hand drawing (generated)\nnever seen")
     trained = trials[0]
     draw_report(
         path,
