@@ -251,6 +251,8 @@ class Node:
         lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
 
         def read(sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+            if sample.kind != zenoh.SampleKind.PUT:
+                return None  # a deleted key is no target
             payload = sample.payload
             if len(payload) > MAX_PAYLOAD:
                 served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
@@ -259,8 +261,6 @@ class Node:
             return Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            if sample.kind != zenoh.SampleKind.PUT:
-                return  # a deleted key is no target
             arrival = time.perf_counter_ns()
             time_ns = time.time_ns() if clerk.records else 0
             with lock:

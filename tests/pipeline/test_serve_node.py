@@ -89,6 +89,9 @@ class Watcher:
                 return status
             time.sleep(0.05)
 
+    def delete(self, topic: str) -> None:
+        self._session.delete(message_key(self._namespace, topic))
+
     def put(self, record: Stamped, *, attached: bool = True, encoding: str | None = None) -> None:
         payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, record.sequence, (record,)))
         self._session.put(
@@ -196,6 +199,7 @@ def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
         assert watcher.heard_nothing()
         assert status["digest"] == digest
         watcher.put(left)
+        watcher.delete(LEFT_TARGET)  # says nothing, and is no partner
         for record in targets(50, u):
             watcher.put(record)
         assert watcher.command()[0] == 50
