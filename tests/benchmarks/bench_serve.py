@@ -4,6 +4,7 @@ Three processes on loopback: a driver, a served controller, an echo. The driver 
 and takes the time until the command of that stamp is back. The echo subscribes to the same keys in the same way and
 answers the second target with a command of the same size, with the same attachment and quality of service, that it
 does not compute. Rounds of the two take turns, so that a slow moment of the machine hits both. Nothing is asserted.
+Where other machines share the processor, p5 says more of the program than p50 does.
 """
 
 import statistics
@@ -127,10 +128,11 @@ def show(times: dict[str, list[list[float]]]) -> None:
     everything = {name: sorted(chain.from_iterable(rounds)) for name, rounds in times.items()}
     print(f"two targets to one command, 1 kHz, {ROUNDS} rounds of {TARGETS}")
     for name, values in everything.items():
-        p50, p99 = values[len(values) // 2], values[len(values) * 99 // 100]
+        p5, p50, p99 = (values[len(values) * percent // 100] for percent in (5, 50, 99))
         late, lost = sum(v > LATE_US for v in values), sum(v == LOST_US for v in values)
         print(
-            f"{name:6s} p50 {p50:7.1f} us   p99 {p99:8.1f} us   later than 1 ms: {late} of {len(values)} (lost {lost})"
+            f"{name:6s} p5 {p5:7.1f} us   p50 {p50:7.1f} us   p99 {p99:8.1f} us   "
+            f"later than 1 ms: {late} of {len(values)} (lost {lost})"
         )
     differences = [
         statistics.median(served) - statistics.median(echoed)
