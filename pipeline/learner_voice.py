@@ -16,6 +16,7 @@ from recorders.records import Stamped
 from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
 from recorders.wire.producer import Producer
+from recorders.wire.session import publishing
 
 _M_PER_CM = 0.01
 
@@ -44,7 +45,8 @@ class LearnerVoice:
     def __enter__(self) -> Self:
         self._stack.enter_context(self._producer)
         self._outputs = self._stack.enter_context(
-            self._session.declare_publisher(
+            publishing(
+                self._session,
                 message_key(self._namespace, LEARNER_OUTPUT),
                 encoding=f"application/cdr;{Float64MultiArray.TYPE}",
                 congestion_control=zenoh.CongestionControl.DROP,

@@ -37,7 +37,7 @@ from recorders.wire.frames import (
     pack,
     unpack,
 )
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writer import LogWriter
 
 MAX_PAYLOAD = 64 << 10
@@ -192,7 +192,8 @@ class Node:
         note_lockstep(session, namespace=namespace, say=self._clerk.say)
         with ExitStack() as stack:
             self._publisher = stack.enter_context(
-                session.declare_publisher(
+                publishing(
+                    session,
                     message_key(namespace, JOINT_COMMANDS),
                     encoding=f"{_CDR}{JointState.TYPE}",
                     congestion_control=zenoh.CongestionControl.DROP,

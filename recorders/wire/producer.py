@@ -11,6 +11,7 @@ from recorders.cdr import encode
 from recorders.messages import Message
 from recorders.records import Stamped
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
+from recorders.wire.session import publishing
 
 
 class Producer:
@@ -64,7 +65,8 @@ class Producer:
 
     def _publisher(self, topic: str, type_name: str) -> zenoh.Publisher:
         if topic not in self._publishers:
-            publisher = self._session.declare_publisher(
+            publisher = publishing(
+                self._session,
                 message_key(self._namespace, topic),
                 encoding=f"application/cdr;{type_name}",  # by which a recorder knows the type of a topic of your own
                 congestion_control=zenoh.CongestionControl.BLOCK,

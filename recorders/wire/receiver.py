@@ -30,6 +30,7 @@ from recorders.wire.frames import (
 )
 from recorders.wire.inbox import Inbox
 from recorders.wire.kept import Kept
+from recorders.wire.session import publishing
 
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
@@ -163,8 +164,10 @@ class Receiver:
         )
         self._hearing.enter_context(kept)
         self._ack = enter(
-            self._session.declare_publisher(
-                control_key(namespace, name, "ack"), congestion_control=zenoh.CongestionControl.BLOCK
+            publishing(
+                self._session,
+                control_key(namespace, name, "ack"),
+                congestion_control=zenoh.CongestionControl.BLOCK,
             )
         )
         enter(self._session.declare_queryable(control_key(namespace, name, "status"), self._on_status))

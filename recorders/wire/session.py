@@ -4,11 +4,11 @@ import json
 import re
 import socket
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Self
+from typing import Any, Self
 
 import zenoh
 
@@ -130,14 +130,34 @@ def _closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
     try:
         yield session
     finally:
-        _close(session)
+        _insist(session.close)
 
 
-def _close(session: zenoh.Session) -> None:
-    """Close a session, once no thread of Zenoh's holds it any more: until then it says that it is borrowed."""
+@contextmanager
+def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zenoh.Publisher]:
+    """Yield a publisher that ends cleanly even while another thread is in the middle of a put.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    key : str
+        Where to publish.
+    options
+        As `zenoh.Session.declare_publisher` takes them.
+    """
+    publisher = session.declare_publisher(key, **options)
+    try:
+        yield publisher
+    finally:
+        _insist(publisher.undeclare)
+
+
+def _insist(end: Callable[[], Any]) -> None:
+    """End something of Zenoh's, once none of its threads holds it: until then it says that it is borrowed."""
     for _ in range(_CLOSING_TRIES):
         try:
-            session.close()  # type: ignore[no-untyped-call]
+            end()
         except RuntimeError:
             time.sleep(_RETRY_S)
         else:
@@ -170,7 +190,7 @@ def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float)
                 raise WireError(_unreached(missing, config))
             time.sleep(_RETRY_S)
     except BaseException:
-        _close(session)
+        _insist(session.close)
         raise
 
 

@@ -3,7 +3,10 @@
 import json
 import signal
 import socket
+import threading
 import time
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -14,7 +17,7 @@ from visitor import await_ready, outcome, refusal, visitor
 
 from recorders.errors import WireError
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, open_session, publishing
 
 SECRET = "sesame-open"
 
@@ -235,3 +238,23 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
         with pytest.raises(WireError, match="expected a Zenoh configuration file") as raised:
             open_session(SessionConfig(config_file=path))
         assert str(path) in str(raised.value)
+
+
+def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
+    over = threading.Event()
+    with open_session(SessionConfig(listen=(free_endpoint(),))) as session, ThreadPoolExecutor() as pool:
+
+        def put_on(publisher: zenoh.Publisher) -> None:
+            with suppress(zenoh.ZError):  # once it has ended
+                while not over.is_set():
+                    publisher.put(payload)
+                    time.sleep(0.005)
+
+        payload = bytes(4 << 20)  # takes milliseconds
+        for _ in range(10):
+            with publishing(session, "busy") as publisher:
+                putting = pool.submit(put_on, publisher)
+                time.sleep(0.02)
+            over.set()
+            putting.result(timeout=10)
+            over.clear()
