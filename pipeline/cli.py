@@ -55,9 +55,7 @@ app.command(
     epilog="Example: reenact robot\n\n"
     "Then, in a second terminal: reenact explore --connect tcp/127.0.0.1:7447 --motion eight"
 )(exploring.robot)
-app.command(
-    epilog="Example: reenact record --out session.mcap --exclude /tf",
-)(recording.record)
+app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(recording.record)
 app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(offline.train)
 app.command(
     epilog="Example: reenact learn --out controller.npz\n\n"

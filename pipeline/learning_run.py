@@ -12,9 +12,8 @@ from pipeline.evaluation import hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
-from pipeline.presentation import Presentation
 from pipeline.robot import RobotConfig
-from pipeline.samples import HANDS, CommandedPairs
+from pipeline.samples import HANDS, CommandedPairs, Presentation
 from recorders.cdr import decode
 from recorders.errors import ControllerError, MessageError
 from recorders.messages import String

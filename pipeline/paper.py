@@ -26,6 +26,7 @@ from pipeline.simulation import SimulationConfig
 from pipeline.teacher import TeacherConfig
 from pipeline.trials import robot_of
 from recorders.errors import CheckFailed, ConfigError
+from recorders.part_file import part_of
 from replay.schedule import Schedule
 
 ROBOT = "asimo"
@@ -199,7 +200,7 @@ def _make_folders(out: Path, logs: Iterable[Path]) -> None:
         (out / CONTROLLERS).mkdir(parents=True, exist_ok=True)
         stale = [out / SUMMARY, out / REPORT, *out.glob("figure[456]*.png")]
         stale += [path for pattern in PATTERNS for path in (out / CONTROLLERS).glob(f"{pattern}-*.npz")]
-        stale += [log.with_name(f"{log.name}.part") for log in logs]
+        stale += [part_of(log) for log in logs]
         for path in stale:
             path.unlink(missing_ok=True)
     except OSError as error:

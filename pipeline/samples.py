@@ -1,6 +1,6 @@
 """From ticks to samples: what a step of the network is given and taught."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -13,6 +13,7 @@ from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.ticks import JointMap, Tick, join_ticks
 from recorders.topics import SESSION_PHASE
+from replay.digests import link
 from replay.engine import naming, read_robot
 
 Floats = NDArray[np.float64]
@@ -88,6 +89,55 @@ class CommandedPairs:
 
 
 @dataclass(frozen=True, eq=False)
+class Presentation:
+    """What the messages of one presentation come to, joined once for whoever presents it again.
+
+    T steps take T + 1 ticks.
+
+    Attributes
+    ----------
+    stamps_ns : list of int, length T + 1
+        Stamps of the ticks [ns].
+    u : ndarray, shape (T, 6)
+        Hand targets [m].
+    d : ndarray, shape (T, 6 + joints)
+        What they teach: next targets [m], joints [rad or m].
+    pending : ndarray, shape (6,)
+        The target of the last tick [m], which waits for a teaching signal.
+    links : list of bytes, length T + 1
+        What each tick adds to the stream digest.
+    """
+
+    stamps_ns: list[int]
+    u: Floats
+    d: Floats
+    pending: Floats
+    links: list[bytes]
+
+    @classmethod
+    def of(cls, messages: Iterable[Stamped], joints: tuple[str, ...]) -> "Presentation":
+        """Join the messages of one presentation to ticks, and these to steps, as `LearningRun.feed` does.
+
+        Raises
+        ------
+        MessageError, JointError
+            If a message is not what it should be, or lacks one of the `joints`.
+        """
+        ticks = list(join_ticks(messages))
+        pairs = CommandedPairs(joints)
+        u, d = np.empty((len(ticks), HANDS)), np.empty((len(ticks), HANDS + len(joints)))
+        for row, tick in enumerate(ticks):
+            pairs.fill(tick, u[row], d[row])
+        return cls(
+            stamps_ns=[tick.stamp_ns for tick in ticks],
+            u=u[1:],  # the first tick completes no step
+            d=d[1:],
+            pending=pairs.pending,
+            links=[link(tick.records) for tick in ticks],
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Samples:
     """The samples of one episode.
 
@@ -131,14 +181,11 @@ def read_samples(path: Path, *, robot: RobotConfig | None = None) -> Samples:
         raise LogError(
             f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"
         )
-    pairs = CommandedPairs(robot.joints)
-    u, d = np.empty(HANDS), np.empty(HANDS + len(robot.joints))
     with naming(path):
-        ticks = join_ticks(_first_presentation(reader))
-        rows = [(u.copy(), d[HANDS:].copy()) for tick in ticks if pairs.fill(tick, u, d)]
-    if not rows:
+        presented = Presentation.of(_first_presentation(reader), robot.joints)
+    if not len(presented.u):
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
-    return Samples(np.array([row[0] for row in rows]), np.array([row[1] for row in rows]), robot)
+    return Samples(presented.u, presented.d[:, HANDS:].copy(), robot)
 
 
 def _first_presentation(reader: LogReader) -> Iterator[Stamped]:

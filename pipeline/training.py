@@ -9,8 +9,8 @@ from typing import Any, NamedTuple
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport, LearningRun, Steps
-from pipeline.presentation import Presentation
 from pipeline.robot import RobotConfig, parse_robot
+from pipeline.samples import Presentation
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.phase import Phase
 from recorders.records import Stamped

@@ -40,7 +40,7 @@ class PartFile:
     def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.path = path
         check_place(path, overwrite=overwrite)
-        self.part = path.with_name(path.name + ".part")
+        self.part = part_of(path)
         self._overwrite = overwrite
         try:
             descriptor = self._claim()
@@ -160,6 +160,11 @@ class PartFile:
             _move(self.part, self.path)
         except FileExistsError:
             raise LogError(f"{self.path} has come into being meanwhile: the finished log is {self.part}") from None
+
+
+def part_of(path: Path) -> Path:
+    """Return where a log is written until it is finished, and stays if it never is."""
+    return path.with_name(f"{path.name}.part")
 
 
 def check_place(path: Path, *, overwrite: bool) -> None:

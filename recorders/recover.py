@@ -13,7 +13,7 @@ from mcap.writer import CompressionType, Writer
 from recorders.declared import Declared
 from recorders.errors import CheckFailed, LogError
 from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, to_metadata
-from recorders.part_file import PartFile, check_place
+from recorders.part_file import PartFile, check_place, part_of
 from recorders.salvage import Damage, Salvaged, Survey
 from recorders.survey import survey
 from recorders.tally import Tally
@@ -256,7 +256,7 @@ def _refuse_source(out: Path, source: Path) -> None:
 
 def _claimed(out: Path, *, overwrite: bool) -> PartFile:
     """Make the file; an interruption meanwhile leaves no empty one."""
-    part = out.with_name(out.name + ".part")
+    part = part_of(out)
     was_there = part.exists()
     try:
         return PartFile(out, overwrite=overwrite)

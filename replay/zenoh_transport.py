@@ -26,6 +26,7 @@ from recorders.wire.frames import (
     pack,
 )
 from recorders.wire.receiver import MAX_PAYLOAD, asking
+from recorders.wire.session import publishing
 from replay.transport import StreamFrom
 
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
@@ -260,7 +261,7 @@ class _Delivery:
     def _publisher(self, key: str) -> zenoh.Publisher:
         if key not in self._publishers:
             # The default, DROP, loses a third of a burst.
-            publisher = self._session.declare_publisher(key, congestion_control=zenoh.CongestionControl.BLOCK)
+            publisher = publishing(self._session, key, congestion_control=zenoh.CongestionControl.BLOCK)
             self._publishers[key] = self._stack.enter_context(publisher)
         return self._publishers[key]
 

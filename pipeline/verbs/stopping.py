@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
+from recorders.part_file import part_of
+
 
 def words(stop: KeyboardInterrupt | SystemExit) -> tuple[str, int]:
     """Return the line for what was cut short, and the exit status: 130 after Ctrl-C, 143 after SIGTERM."""
@@ -28,7 +30,7 @@ def leaving(tell: Callable[[], str | None]) -> Iterator[None]:
 @contextmanager
 def leaving_log(out: Path) -> Iterator[None]:
     """Have that line say where the log is as far as it came, if the block began one."""
-    part = out.with_name(out.name + ".part")
+    part = part_of(out)
     before = _identity(part)
 
     def tell() -> str | None:

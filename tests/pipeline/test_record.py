@@ -73,6 +73,20 @@ def endless_replay(log: Path, endpoint: str) -> Iterator[subprocess.Popen[str]]:
             process.kill()
 
 
+@contextmanager
+def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
+    """A recorder that writes `run.mcap` beside the log, and the endless replay that awaits it, under way."""
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))),
+        start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=log.parent) as process,
+    ):
+        wait_for_line(process, "records reenact/**")
+        with endless_replay(log, endpoint) as replay:
+            wait_for_line(process, "takes run")
+            yield process, replay
+
+
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
     time.sleep(0.5)  # what was put last is on its way
     process.send_signal(number)
@@ -374,15 +388,10 @@ def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: P
 
 def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
-    endpoint = free_endpoint()
-    with open_session(SessionConfig(listen=(endpoint,))):
-        with start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
-            wait_for_line(process, "records reenact/**")
-            with endless_replay(log, endpoint) as replay:
-                wait_for_line(process, "takes run")
-                time.sleep(1.0)
-                replay.kill()
-            result = stop(process)
+    with recording_endlessly(log) as (process, replay):
+        time.sleep(1.0)
+        replay.kill()
+        result = stop(process)
     records = list(LogReader(tmp_path / "run.mcap"))
     assert len(records) == result["messages"] > 0
     assert result["broken"] == ["the recorder was stopped"]
@@ -392,14 +401,9 @@ def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> N
 
 def test_a_recorder_that_is_stopped_tells_the_sender(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
-    endpoint = free_endpoint()
-    with open_session(SessionConfig(listen=(endpoint,))):
-        with start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
-            wait_for_line(process, "records reenact/**")
-            with endless_replay(log, endpoint) as replay:
-                wait_for_line(process, "takes run")
-                stop(process)
-                said = replay.communicate(timeout=20)[1]
+    with recording_endlessly(log) as (process, replay):
+        stop(process)
+        said = replay.communicate(timeout=20)[1]
     assert replay.returncode == 2
     assert said.endswith("reenact: recorder: the recorder was stopped\n")
 
