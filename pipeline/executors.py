@@ -26,11 +26,9 @@ def local_processes(workers: int | None = None) -> Iterator[Executor]:
         try:
             yield pool
         except BaseException:
-            pool.shutdown(wait=False, cancel_futures=True)
             for process in set(multiprocessing.active_children()) - others:
                 process.terminate()
-                process.join()
-            raise
+            raise  # the pool finds itself broken, gives up what it has, and joins its processes
 
 
 @contextmanager
