@@ -3,20 +3,17 @@
 import logging
 import math
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
-from pydrake.multibody.tree import PdControllerGains, RigidBody
-from pydrake.systems.analysis import Simulator
+from pydrake.multibody.tree import RigidBody
 
 from pipeline.backend import LinkPose
 from pipeline.kinematics import Kinematics
 from pipeline.robot import RobotConfig
-from pipeline.urdf import canonical_urdf, joint_links, one_line
+from pipeline.servos import Demand, FreeServos, Gains, JointSpace, LimitedServos
+from pipeline.urdf import joint_links
 from recorders.errors import ConfigError, JointError, RobotError
 
 Floats = NDArray[np.float64]
@@ -57,7 +54,7 @@ class Simulation:
     """A robot in Drake: discrete dynamics (SAP), a PD servo with gravity feed-forward on every joint, no contact.
 
     A servo's stiffness is M_ii * bandwidth^2, with M_ii the joint's inertia at the comfort posture, so that all joints
-    answer alike. Implements `pipeline.backend.RobotBackend`.
+    answer alike. No motor exerts more than the URDF's effort limit. Implements `pipeline.backend.RobotBackend`.
 
     Raises
     ------
@@ -69,47 +66,15 @@ class Simulation:
         logging.getLogger("drake").setLevel(logging.ERROR)  # its remarks on the URDF are not for our users
         self._robot = robot
         self._config = config
-        self._plant: Any = self._build_plant()  # Any: the types that Drake declares for arrays are not numpy's
-        self._joints = [self._plant.GetJointByName(name) for name in robot.joints]
-        self._positions = np.array([joint.position_start() for joint in self._joints])
-        self._velocities = np.array([joint.velocity_start() for joint in self._joints])
-        self._inputs = np.array([self._plant.GetJointActuatorByName(name).input_start() for name in self._motors])
+        self._joints = JointSpace(robot, step_ns=config.step_ns)
+        gains = _gains(robot, config.bandwidth)
+        self._servos = FreeServos(self._joints, gains)
+        self._limited = LimitedServos(JointSpace(robot, step_ns=config.step_ns), gains)
+        self._plant, self._context = self._joints.plant, self._servos.context
         self._hands = [self._plant.GetBodyByName(name) for name in (robot.left_hand, robot.right_hand)]
         self._links = list(joint_links(robot.urdf_text).values())  # parent and child
         self._frames = [tuple(self._plant.GetBodyByName(link).body_frame() for link in pair) for pair in self._links]
-        self._simulator = Simulator(self._plant)
-        self._context = self._simulator.get_mutable_context()
         self.reset(robot.comfort)
-
-    def _build_plant(self) -> MultibodyPlant:
-        plant = MultibodyPlant(time_step=self._config.step_ns * 1e-9)
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-        plant.SetUseSampledOutputPorts(False)  # nothing reads accelerations or reaction forces
-        try:
-            (self._model,) = Parser(plant).AddModelsFromString(canonical_urdf(self._robot.urdf_text), "urdf")
-        except (RuntimeError, ValueError) as error:
-            raise RobotError(f"robot '{self._robot.name}': the URDF does not build: {one_line(str(error))}") from error
-        motors = {
-            actuator.joint().name(): actuator
-            for actuator in map(plant.get_joint_actuator, plant.GetJointActuatorIndices())
-        }
-        if unmoved := [name for name in self._robot.joints if name not in motors]:
-            raise RobotError(
-                f"robot '{self._robot.name}': Drake makes no motor for {', '.join(unmoved)}: expected a transmission "
-                "of type transmission_interface/SimpleTransmission and an effort limit above 0"
-            )
-        self._motors = [motors[name].name() for name in self._robot.joints]
-        inertias = Kinematics(self._robot).inertia_diagonal(self._robot.comfort)
-        for name, inertia in zip(self._robot.joints, inertias, strict=True):
-            if not inertia > 0.0:  # of a gain below 0 Drake ends the process
-                raise RobotError(
-                    f"robot '{self._robot.name}': joint {name} moves an inertia of {inertia:g}, expected one above 0: "
-                    "give the links beyond it masses and moments"
-                )
-            stiffness, damping = inertia * self._config.bandwidth**2, 2.0 * inertia * self._config.bandwidth
-            motors[name].set_controller_gains(PdControllerGains(p=stiffness, d=damping))
-        plant.Finalize()
-        return plant
 
     @property
     def robot(self) -> RobotConfig:
@@ -124,14 +89,12 @@ class Simulation:
     @property
     def positions(self) -> Floats:
         """Joint positions [rad or m], shape (n,)."""
-        positions: Floats = self._plant.GetPositions(self._context)[self._positions]
-        return positions
+        return self._servos.positions
 
     @property
     def velocities(self) -> Floats:
         """Joint velocities [rad/s or m/s], shape (n,)."""
-        velocities: Floats = self._plant.GetVelocities(self._context)[self._velocities]
-        return velocities
+        return self._servos.velocities
 
     def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
         """Stand still at posture `q` (n,), at a time [ns].
@@ -144,13 +107,7 @@ class Simulation:
         posture = self._checked(q)
         self._time_ns = time_ns
         self._set_point = posture
-        self._context.SetTime(time_ns / 1_000_000_000)
-        positions = np.zeros(self._plant.num_positions())
-        positions[self._positions] = posture
-        self._plant.SetPositions(self._context, positions)
-        self._plant.SetVelocities(self._context, np.zeros(self._plant.num_velocities()))
-        self._drive(posture)
-        self._simulator.Initialize()
+        self._servos.place(posture, np.zeros(len(posture)), time_ns=time_ns)
 
     def advance(self, q_command: ArrayLike, duration_ns: int) -> None:
         """Command posture `q_command` (n,) and simulate `duration_ns`, a multiple of the control period.
@@ -167,9 +124,7 @@ class Simulation:
             period_ns = self._config.control_ns
             raise ConfigError(f"simulation: expected a duration in multiples of {period_ns} ns, found {duration_ns} ns")
         for _ in range(duration_ns // self._config.control_ns):
-            self._drive(command)
-            self._time_ns += self._config.control_ns
-            self._simulator.AdvanceTo(self._time_ns / 1_000_000_000)
+            self._follow(self._demand(command))
 
     def hands(self) -> Floats:
         """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
@@ -190,22 +145,37 @@ class Simulation:
 
     def _checked(self, q: ArrayLike) -> Floats:
         posture = np.array(q, dtype=np.float64)
-        if posture.shape != (len(self._joints),):
-            raise JointError(f"expected a posture of shape ({len(self._joints)},), found {posture.shape}")
+        if posture.shape != (len(self._robot.joints),):
+            raise JointError(f"expected a posture of shape ({len(self._robot.joints)},), found {posture.shape}")
         if not np.isfinite(posture).all():
             name = self._robot.joints[int(np.flatnonzero(~np.isfinite(posture))[0])]
             raise JointError(f"expected a finite position for joint {name}, found {posture}")
         return posture
 
-    def _drive(self, command: Floats) -> None:
+    def _demand(self, command: Floats) -> Demand:
         """Renew set point and gravity feed-forward for the next control period."""
         period_s = self._config.control_ns * 1e-9
         step = (command - self._set_point) * (period_s / (self._config.lag_s + period_s))
-        desired = np.empty(2 * len(self._joints))  # [q; v] in actuator order
-        desired[self._inputs] = self._set_point + step / 2  # halfway, as it stays for the whole period
-        desired[self._inputs + len(self._joints)] = step / period_s
+        halfway = self._set_point + step / 2  # as it stays for the whole period
         self._set_point = self._set_point + step
-        self._plant.get_desired_state_input_port(self._model).FixValue(self._context, desired)
-        feed_forward = np.empty(len(self._joints))
-        feed_forward[self._inputs] = -self._plant.CalcGravityGeneralizedForces(self._context)[self._velocities]
-        self._plant.get_actuation_input_port().FixValue(self._context, feed_forward)
+        return Demand(halfway, step / period_s, -self._joints.gravity(self._context))
+
+    def _follow(self, demand: Demand) -> None:
+        """Simulate a control period: with effort limits only if without them a motor would have exceeded its own."""
+        begin_ns, end_ns = self._time_ns, self._time_ns + self._config.control_ns
+        if not self._servos.advance(demand, until_ns=end_ns):
+            q, v = self._limited.advance(self.positions, self.velocities, demand, time_ns=begin_ns, until_ns=end_ns)
+            self._servos.place(q, v, time_ns=end_ns)
+        self._time_ns = end_ns
+
+
+def _gains(robot: RobotConfig, bandwidth: float) -> Gains:
+    """Gains of critically damped servos of the same natural frequency [rad/s]."""
+    inertias = Kinematics(robot).inertia_diagonal(robot.comfort)
+    for name, inertia in zip(robot.joints, inertias, strict=True):
+        if not inertia > 0.0:  # of a gain below 0 Drake ends the process
+            raise RobotError(
+                f"robot '{robot.name}': joint {name} moves an inertia of {inertia:g}, expected one above 0: "
+                "give the links beyond it masses and moments"
+            )
+    return Gains(inertias * bandwidth**2, 2.0 * inertias * bandwidth)

@@ -84,7 +84,9 @@ def test_time_is_exact(simulation: Simulation) -> None:
     for k in range(1, 300):
         simulation.advance(ROBOT.comfort, 5 * MS)
         assert simulation.time_ns == k * 5 * MS
-    updates = simulation._simulator.get_num_discrete_updates()  # Drake's own count: not a step too few, nor too many
+    updates = (
+        simulation._servos._simulator.get_num_discrete_updates()
+    )  # Drake's own count: not a step too few, nor too many
     assert updates == simulation.time_ns // SimulationConfig().step_ns
 
 

@@ -231,8 +231,7 @@ def changed_link(patch: Patch, folder: Path) -> None:
 
 
 def no_gravity_feed_forward(patch: Patch, folder: Path) -> None:
-    old = "-self._plant.CalcGravityGeneralizedForces(self._context)[self._velocities]"
-    rewrite(patch, golden_simulation.Simulation, "_drive", old, "0.0")
+    rewrite(patch, golden_simulation.Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
 
 
 def another_start_posture(patch: Patch, folder: Path) -> None:
@@ -266,7 +265,7 @@ def simulation_without_positions(patch: Patch, folder: Path) -> None:
 
 
 def simulation_crashes(patch: Patch, folder: Path) -> None:
-    rewrite(patch, golden_simulation.Simulation, "_drive", "self._plant.Calc", "None.Calc")
+    rewrite(patch, golden_simulation.Simulation, "_demand", "self._joints", "None")
 
 
 # In the case.
