@@ -28,7 +28,8 @@ _LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive 
 OK, BAD_INPUT, BAD_TARGET, BAD_SHAPE, DIVERGED = 0, 1, 2, 3, 4
 
 
-def _compiled(function: _Function) -> _Function:
+def compiled(function: _Function) -> _Function:
+    """Compile a function so that every CPU gives the same bits, and keep the result for the next process."""
     try:
         return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
@@ -81,7 +82,7 @@ def memory_size(sizes: Sizes) -> int:
     return weights + 3 * sizes.reservoir + 3 * sizes.outputs + 2 * sizes.sources
 
 
-@_compiled
+@compiled
 def exp(x: float) -> float:
     """Exponential within 2 units in the last place for -708 <= x <= 709, held at the ends beyond.
 
@@ -103,7 +104,7 @@ def exp(x: float) -> float:
     return np.int64(np.float64(power).view(np.int64) + exponent).view(np.float64)
 
 
-@_compiled
+@compiled
 def log(x: float) -> float:
     """Natural logarithm of a positive number, by Halley's iteration on `exp`."""
     y = 0.0
@@ -113,7 +114,7 @@ def log(x: float) -> float:
     return y
 
 
-@_compiled
+@compiled
 def views(sizes: SizeArray, memory: FloatArray) -> Views:
     """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
     _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
@@ -136,7 +137,7 @@ def views(sizes: SizeArray, memory: FloatArray) -> Views:
     )
 
 
-@_compiled
+@compiled
 def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
     """Activations of the reservoir, eq. (1)."""
     for i in range(x.size):
@@ -146,7 +147,7 @@ def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArra
         x[i] = total
 
 
-@_compiled
+@compiled
 def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, heard: FloatArray, x: FloatArray) -> None:
     """Activations of the outputs, eq. (1), keeping what each slot heard for the update."""
     for i in range(x.size):
@@ -158,7 +159,7 @@ def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, hea
         x[i] = total
 
 
-@_compiled
+@compiled
 def sum_of_squares(z: FloatArray) -> float:
     """Squared norm of z, whose length is a multiple of four, as four interleaved sums."""
     s0 = s1 = s2 = s3 = 0.0
@@ -170,21 +171,21 @@ def sum_of_squares(z: FloatArray) -> float:
     return (s0 + s1) + (s2 + s3)
 
 
-@_compiled
+@compiled
 def fermi(x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray) -> None:
     """Activities of the reservoir, eq. (3)."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-a[i] * x[i] - b[i]))
 
 
-@_compiled
+@compiled
 def fermi_outputs(x: FloatArray, y: FloatArray) -> None:
     """Activities of the outputs, which are only fed back: eq. (3) with a = 1, b = 0."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-x[i]))
 
 
-@_compiled
+@compiled
 def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, views: Views) -> None:
     """Add to gamma the sum in eq. (7): the outputs' last errors, through the connections between outputs."""
     for s in range(first_output, first_output + views.gamma.size):
@@ -195,7 +196,7 @@ def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, 
             views.gamma[i] += views.output_weights[i, slot] * views.slope_error[sources[i, slot]]
 
 
-@_compiled
+@compiled
 def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate: float) -> None:
     """BPDC, eqs. (5) and (6): u and f(x) are both what a slot heard; an empty slot heard zero and stays zero."""
     for i in range(gamma.size):
@@ -204,7 +205,7 @@ def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate:
             weights[i, slot] += step * heard[i, slot]
 
 
-@_compiled
+@compiled
 def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, zeta: float, mu: float) -> None:
     """IP, eqs. (8) and (9), the latter read as delta a = zeta / a + x delta b."""
     inverse = 1.0 / mu
@@ -214,7 +215,7 @@ def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatAr
         b[i] += delta_b
 
 
-@_compiled
+@compiled
 def all_finite(values: FloatArray) -> bool:
     """Say whether there is neither NaN nor infinity."""
     wrong = 0
@@ -224,14 +225,14 @@ def all_finite(values: FloatArray) -> bool:
     return wrong == 0
 
 
-@_compiled
+@compiled
 def is_finite(views: Views) -> bool:
     """Say whether all that a step changes is free of NaN and infinity."""
     adapted = all_finite(views.output_weights) and all_finite(views.a) and all_finite(views.b)
     return adapted and all_finite(views.x)
 
 
-@_compiled
+@compiled
 def teach(
     d: FloatArray, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views
 ) -> None:
@@ -243,7 +244,7 @@ def teach(
     decorrelate(views.output_weights, views.heard, views.gamma, rate)
 
 
-@_compiled
+@compiled
 def activate(sizes: SizeArray, memory: FloatArray) -> None:
     """Activities of outputs and reservoir from their activations, eqs. (2) and (3)."""
     inputs, outputs, reservoir = sizes[0], sizes[1], sizes[2]
@@ -252,7 +253,7 @@ def activate(sizes: SizeArray, memory: FloatArray) -> None:
     fermi(state.x[outputs:], state.a, state.b, state.z[inputs + outputs : inputs + outputs + reservoir])
 
 
-@_compiled
+@compiled
 def run(
     u: FloatArray,
     d: FloatArray,
@@ -322,7 +323,7 @@ def run(
     return OK if is_finite(state) else DIVERGED
 
 
-@_compiled
+@compiled
 def foresee(
     u: FloatArray,
     centre: FloatArray,

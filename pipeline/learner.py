@@ -173,6 +173,14 @@ class Learner:
         if status != kernels.OK:
             raise _failure(status, self._epoch)
 
+    @property
+    def foresight(self) -> tuple[FloatArray, kernels.SizeArray, kernels.IndexArray, FloatArray]:
+        """Centre, sizes, sources and memory as `kernels.foresee` takes them, for a kernel that calls it.
+
+        They are this learner's own, and stay it; only a step or `washout` may write to them.
+        """
+        return self._centre, self._network.sizes, self._network.sources, self._network.memory
+
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.
 

@@ -49,9 +49,6 @@ _HELD_S = 0.05
 _LOG_TIME = struct.Struct("<Q")  # the end of an attachment
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
-_Arrived = tuple[Callable[[zenoh.Sample, int], Stamped | None], zenoh.Sample, int]
-"""How to read a sample, the sample, and the time of its arrival [ns], for the log."""
-
 
 @dataclass(frozen=True)
 class ServeConfig:
@@ -174,7 +171,7 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
-        self._held: _Arrived | None = None
+        self._held: Stamped | None = None
         self._attachment = _command_attachment(0)
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
@@ -224,7 +221,7 @@ class Node:
         over the last commands; `rate_hz` counts the commands of the last two seconds.
         """
         with self._lock:
-            self._take(None, time.perf_counter_ns())
+            self._take_held()
             status = self._served.status()
             recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
         return {
@@ -240,55 +237,70 @@ class Node:
     def controller(self) -> Controller:
         """Return the controller as it is now."""
         with self._lock:
-            self._take(None, time.perf_counter_ns())
+            self._take_held()
             return self._served.controller()
 
     def _handler(self, topic: str) -> Callable[[zenoh.Sample], None]:
         """Return what hears a topic.
 
         The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
-        only held, so that it does not keep the other waiting.
+        only read and held, so that it does not keep the other waiting.
         """
         lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
 
-        def read(sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+        def read(sample: zenoh.Sample) -> Stamped | None:
             if sample.kind != zenoh.SampleKind.PUT:
                 return None  # a deleted key is no target
             payload = sample.payload
             if len(payload) > MAX_PAYLOAD:
                 served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
                 return None
-            sequence = _sequence(topic, sample) if clerk.records else UNNUMBERED
-            return Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns)
+            kind, data = type_name(sample.encoding), payload.to_bytes()
+            if clerk.records:
+                return Stamped(topic, kind, data, _sequence(topic, sample), time.time_ns())
+            return Stamped(topic, kind, data, UNNUMBERED, 0)
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival = time.perf_counter_ns()
-            time_ns = time.time_ns() if clerk.records else 0
             with lock:
-                if self._held is None and served.between_ticks:
-                    self._held = read, sample, time_ns
-                else:
-                    self._take((read, sample, time_ns), arrival)
+                try:
+                    record = read(sample)
+                    if record is None:
+                        return
+                    if self._held is None and served.between_ticks:
+                        self._held = record
+                    else:
+                        self._take(record, arrival)
+                except Exception as error:
+                    self._fail(error)
 
         return on_sample
 
-    def _take(self, arrived: _Arrived | None, arrival: int) -> None:
-        """Take what is held, and what has arrived after it; what goes wrong ends the node."""
+    def _take(self, record: Stamped | None, arrival: int) -> None:
+        """Take what is held, and what has arrived after it."""
         held, self._held = self._held, None
         if self._failure is not None:
             return
+        if held is not None and record is not None:
+            command = self._served.take_pair(held, record)
+        elif (single := held or record) is not None:
+            command = self._served.take(single)
+        else:
+            return
+        if command is not None:
+            self._publish(command, arrival)
+
+    def _take_held(self) -> None:
+        """Take what is held although nothing follows it."""
         try:
-            first, second = _read(held), _read(arrived)
-            if first is not None and second is not None:
-                command = self._served.take_pair(first, second)
-            else:
-                record = first or second
-                command = None if record is None else self._served.take(record)
-            if command is not None:
-                self._publish(command, arrival)
+            self._take(None, time.perf_counter_ns())
         except Exception as error:
-            self._failure = error
-            self._stop.set()
+            self._fail(error)
+
+    def _fail(self, error: Exception) -> None:
+        """End the node."""
+        self._failure = error
+        self._stop.set()
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
@@ -301,15 +313,14 @@ class Node:
             thread.join()
 
     def _look_after_held(self) -> None:
-        """Take what is held although nothing follows it: it may be something to refuse."""
+        """See that nothing is held for long: it may be something to refuse."""
         while not self._stop.wait(_HELD_S):
             with self._lock:
-                self._take(None, time.perf_counter_ns())
+                self._take_held()
 
     def _publish(self, command: Command, arrival: int) -> None:
         """Send a command, then do all that the robot does not wait for."""
-        _LOG_TIME.pack_into(self._attachment, len(self._attachment) - _LOG_TIME.size, command.stamp_ns)
-        self._publisher.put(command.data, attachment=self._attachment)
+        self._publisher.put(command.data, attachment=self._attachment + _LOG_TIME.pack(command.stamp_ns))
         os.sched_yield()  # to Zenoh's thread that sends it
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
         if self._clerk.records:
@@ -344,10 +355,10 @@ def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
     )
 
 
-def _command_attachment(index: int) -> bytearray:
-    """Return the attachment of a command, which lacks but the log time: made before the command is wanted."""
+def _command_attachment(index: int) -> bytes:
+    """Return the attachment of a command less the log time at its end: made before the command is wanted."""
     record = Stamped(JOINT_COMMANDS, JointState.TYPE, b"", index, 0)
-    return bytearray(pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (record,)))[1])
+    return pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (record,)))[1][: -_LOG_TIME.size]
 
 
 class _Types:
@@ -371,13 +382,6 @@ class _Types:
             self._name = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self._topic)
             self._encoding = encoding
         return self._name
-
-
-def _read(arrived: _Arrived | None) -> Stamped | None:
-    if arrived is None:
-        return None
-    read, sample, time_ns = arrived
-    return read(sample, time_ns)
 
 
 def _sequence(topic: str, sample: zenoh.Sample) -> int:

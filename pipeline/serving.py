@@ -19,6 +19,7 @@ from pipeline.samples import CommandedPairs
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
 from pipeline.serving_restart import RESTART_AFTER, RestartWatch
+from pipeline.serving_usual import UsualPair
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
@@ -140,7 +141,6 @@ class ServedController:
         self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
         self._places = {topic: place for place, topic in enumerate(self._topics)}
         self._centres = self._robot.left_centre.tolist(), self._robot.right_centre.tolist()
-        self._centre = [*self._centres[0], *self._centres[1]]
         self._joints = JointMap(controller.joints)
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
@@ -148,6 +148,15 @@ class ServedController:
         self._u = np.empty(6)  # of the last command, as are all that follow
         self._u_bytes = self._u.data
         self._outputs = np.empty(controller.config.outputs)
+        self._usual = UsualPair(
+            self._learner,
+            self._encoder,
+            limits=self._limits,
+            centres=self._robot.input_centre,
+            near_m=self._config.outside_m,
+            u=self._u,
+            outputs=self._outputs,
+        )
         self._unsettled = False
         self._kinematics = Kinematics(self._robot) if self._config.learn else None
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
@@ -208,12 +217,12 @@ class ServedController:
         """
         if self._unsettled:
             self.settle()
-        if first.topic == RIGHT_TARGET:
-            left, right = second, first
-        else:
-            left, right = first, second
-        if (pair := self._read_usual(left, right)) is not None:
-            return self._command(*pair, (left, right))
+        left, right = (second, first) if first.topic == RIGHT_TARGET else (first, second)
+        topics = left.topic == LEFT_TARGET and right.topic == RIGHT_TARGET
+        if topics and left.type == PoseStamped.TYPE == right.type and not (self._fresh or self._config.learn):
+            stamp = self._usual.answer(left.data, right.data, self._last_stamp)
+            if stamp >= 0:
+                return self._answered(stamp, self._encoder.encoded(), (left, right))
         self.take(first)  # completes nothing, as nothing is open
         return self.take(second)
 
@@ -228,6 +237,8 @@ class ServedController:
         if not self._unsettled:
             return
         self._unsettled = False
+        self._accepted += 1
+        self._behind.reset()
         self._clipped += self._encoder.positions != self._outputs[6:]
         if not self._config.learn:
             self._learner.predict(self._u[np.newaxis])
@@ -308,6 +319,8 @@ class ServedController:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         self._u[:] = self._robot.input_centre
         self._foresee()
+        pose = encode(PoseStamped(0, np.zeros(3)))
+        self._usual.answer(pose, pose, -1)
         self._controller.learner().predict(self._robot.input_centre[np.newaxis])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
@@ -322,20 +335,6 @@ class ServedController:
         if not (abs(x - x_0) <= usual and abs(y - y_0) <= usual and abs(z - z_0) <= usual):  # nor is NaN usual
             self._check_far(record, position, hand)
         return stamp, position
-
-    def _read_usual(self, left: Stamped, right: Stamped) -> tuple[int, Position] | None:
-        """Return stamp [ns] and positions [m] of a tick that needs no more than to be answered; None of any other."""
-        topics = left.topic == LEFT_TARGET and right.topic == RIGHT_TARGET
-        if not topics or not left.type == PoseStamped.TYPE == right.type or self._fresh or self._config.learn:
-            return None
-        pair = self._poses.read_pair(left.data, right.data)
-        if pair is None or pair[0] <= self._last_stamp:
-            return None
-        usual = self._config.outside_m
-        for place, centre in zip(pair[1], self._centre, strict=True):
-            if not abs(place - centre) <= usual:  # nor is NaN usual
-                return None
-        return pair
 
     def _check_far(self, record: Stamped, position: Position, hand: int) -> None:
         distances = [abs(a - b) for a, b in zip(position, self._centres[hand], strict=True)]
@@ -401,11 +400,12 @@ class ServedController:
         """Command what the next step's outputs will be."""
         _TARGETS.pack_into(self._u_bytes, 0, *position)
         self._foresee()
+        return self._answered(stamp, self._encoder.encode(stamp), records)
+
+    def _answered(self, stamp: int, data: bytes, records: tuple[Stamped, ...]) -> Command:
         self._unsettled = True
         self._last_stamp = stamp
-        self._behind.reset()
-        self._accepted += 1
-        return Command(stamp, self._encoder.encode(stamp), records)
+        return Command(stamp, data, records)
 
     def _foresee(self) -> None:
         """Write what step u would lead to, within the joints' limits, into the next command."""

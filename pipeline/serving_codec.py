@@ -1,6 +1,6 @@
 """The two messages that a served controller cannot do without, read and written with as little ado as can be.
 
-Both classes take the bytes that are constant from the codec itself, and leave to it whatever is unusual.
+What is here takes the bytes that are constant from the codec itself, and leaves to it whatever is unusual.
 """
 
 import struct
@@ -32,6 +32,8 @@ class CommandEncoder:
     ----------
     positions : ndarray, shape (joints,)
         Positions of the next command [rad, m], to be written to: they are part of its bytes.
+    stamp : ndarray of uint8, shape (8,)
+        Its stamp, as CDR has it, to be written to likewise.
     """
 
     def __init__(self, joints: tuple[str, ...]) -> None:
@@ -41,23 +43,33 @@ class CommandEncoder:
         memory = bytearray(padding) + payload
         self._payload = memoryview(memory)[padding:]
         self.positions: Floats = np.frombuffer(memory, np.float64, len(joints), padding + first)
+        self.stamp = np.frombuffer(memory, np.uint8, _STAMP.size, padding + _STAMP_AT)
 
     def encode(self, stamp_ns: int) -> bytes:
         """Return a JointState as CDR, the bytes that `recorders.cdr.encode` gives, with a stamp [ns]."""
         _STAMP.pack_into(self._payload, _STAMP_AT, *divmod(stamp_ns, _SECOND))
+        return self.encoded()
+
+    def encoded(self) -> bytes:
+        """Return the JointState as it stands."""
         return bytes(self._payload)
+
+
+def pose_layout() -> tuple[bytes, int]:
+    """Return a PoseStamped in the world frame as CDR, and where its position begins: 3 float64 [m], then 4 more."""
+    payload = encode(PoseStamped(0, np.zeros(3)))
+    return payload, len(payload) - 7 * 8
 
 
 class PoseReader:
     """Reads stamp and position out of poses in the world frame without making a message; others it decodes."""
 
     def __init__(self) -> None:
-        payload = encode(PoseStamped(0, np.zeros(3)))
+        payload, position_at = pose_layout()
         self._size = len(payload)
-        frame = self._size - 12 - 7 * 8  # the bytes between the stamp and the seven numbers
+        frame = position_at - _STAMP_AT - _STAMP.size  # the bytes between the stamp and the position
         self._layout = struct.Struct(f"<4siI{frame}s3d")
         self._encapsulation, _, _, self._frame, *_ = self._layout.unpack_from(payload)
-        self._headed = struct.Struct(f"<{12 + frame}s3d")
 
     def read(self, data: bytes) -> tuple[int, Position]:
         """Return stamp [ns] and position [m] of a PoseStamped; raises MessageError if it is none."""
@@ -68,16 +80,3 @@ class PoseReader:
                 return seconds * _SECOND + nanoseconds, (x, y, z)
         pose = decode_as(PoseStamped, data)
         return pose.stamp_ns, tuple(pose.position.tolist())
-
-    def read_pair(self, left: bytes, right: bytes) -> tuple[int, Position] | None:
-        """Return the stamp [ns] and both positions [m], length 6, of two usual poses with one stamp; else None."""
-        if len(left) != self._size or len(right) != self._size:
-            return None
-        head, *one = self._headed.unpack_from(left)
-        other_head, *other = self._headed.unpack_from(right)
-        if head != other_head or head[:_STAMP_AT] != self._encapsulation or head[12:] != self._frame:
-            return None
-        seconds, nanoseconds = _STAMP.unpack_from(head, _STAMP_AT)
-        if seconds < 0 or nanoseconds >= _SECOND:
-            return None
-        return seconds * _SECOND + nanoseconds, (*one, *other)
