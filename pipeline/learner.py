@@ -77,6 +77,7 @@ class Learner:
         self.input_centre = _centre("input_centre", input_centre, config.inputs)
         self.output_centre = _centre("output_centre", output_centre, config.outputs)
         self._network = Network(config)
+        self._single = np.empty((1, config.inputs)), np.empty((1, config.outputs))
         self._centre = np.concatenate([self.input_centre, self.output_centre])
         self._no_target = np.empty((0, config.outputs))
         self.begin_epoch(0)
@@ -173,6 +174,22 @@ class Learner:
         if status != kernels.OK:
             raise _failure(status, self._epoch)
 
+    def advance(self, u: FloatArray) -> None:
+        """Take the step that `predict` takes of one u, shape (inputs,) [m], without saying its outputs, and sooner.
+
+        Raises
+        ------
+        MessageError
+            If u has the wrong shape, NaN or infinity; the state is then as it was.
+        ConfigError
+            If the state is no longer finite.
+        """
+        if u.shape != (self.config.inputs,):
+            raise _failure(kernels.BAD_SHAPE, self._epoch)
+        row, outputs = self._single
+        np.subtract(u, self.input_centre, out=row[0])
+        self._take_steps(row, self._no_target, False, outputs)
+
     @property
     def foresight(self) -> tuple[FloatArray, kernels.SizeArray, kernels.IndexArray, FloatArray]:
         """Centre, sizes, sources and memory as `kernels.foresee` takes them, for a kernel that calls it.
@@ -233,13 +250,14 @@ class Learner:
 
     def _run(self, u: FloatArray, d: FloatArray, learning: bool) -> FloatArray:
         outputs = np.empty((len(u), self.config.outputs))
+        self._take_steps(u - self.input_centre, d, learning, outputs)
+        return outputs + self.output_centre
+
+    def _take_steps(self, u: FloatArray, d: FloatArray, learning: bool, outputs: FloatArray) -> None:
         net = self._network
-        status = kernels.run(
-            u - self.input_centre, d, learning, net.sizes, net.sources, net.memory, self._rates, outputs
-        )
+        status = kernels.run(u, d, learning, net.sizes, net.sources, net.memory, self._rates, outputs)
         if status != kernels.OK:
             raise _failure(status, self._epoch)
-        return outputs + self.output_centre
 
     def _set_rates(self, epoch: int) -> None:
         if epoch < 0:

@@ -2,7 +2,6 @@
 
 import json
 import os
-import struct
 import threading
 import time
 from collections import deque
@@ -28,13 +27,10 @@ from recorders.records import Stamped
 from recorders.topics import JOINT_COMMANDS, SESSION_PHASE, type_of
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
-    NO_RUN,
-    Frame,
-    Kind,
     check_name,
     check_namespace,
+    label,
     message_key,
-    pack,
     unpack,
 )
 from recorders.wire.session import SessionConfig, open_session, publishing
@@ -46,7 +42,6 @@ MAX_PAYLOAD = 64 << 10
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
-_LOG_TIME = struct.Struct("<Q")  # the end of an attachment
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
 
@@ -172,7 +167,6 @@ class Node:
         self._commands = 0
         self.serves = False
         self._held: Stamped | None = None
-        self._attachment = _command_attachment(0)
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
@@ -320,16 +314,15 @@ class Node:
 
     def _publish(self, command: Command, arrival: int) -> None:
         """Send a command, then do all that the robot does not wait for."""
-        self._publisher.put(command.data, attachment=self._attachment + _LOG_TIME.pack(command.stamp_ns))
-        os.sched_yield()  # to Zenoh's thread that sends it
+        self._publisher.put(command.data, attachment=label(self._commands, command.stamp_ns))
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
+        os.sched_yield()  # to Zenoh's thread that sends it
         if self._clerk.records:
             for answered in command.answered:
                 self._clerk.write(answered)
             self._clerk.write(Stamped(JOINT_COMMANDS, JointState.TYPE, command.data, self._commands, time.time_ns()))
         self._on_command(command.data, command.answered)
         self._commands += 1
-        self._attachment = _command_attachment(self._commands)
         self._served.settle()
 
     def _answer_query(self, query: zenoh.Query) -> None:
@@ -353,12 +346,6 @@ def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
         overwrite=config.overwrite,
         regular=False,
     )
-
-
-def _command_attachment(index: int) -> bytes:
-    """Return the attachment of a command less the log time at its end: made before the command is wanted."""
-    record = Stamped(JOINT_COMMANDS, JointState.TYPE, b"", index, 0)
-    return pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (record,)))[1][: -_LOG_TIME.size]
 
 
 class _Types:

@@ -241,7 +241,7 @@ class ServedController:
         self._behind.reset()
         self._clipped += self._encoder.positions != self._outputs[6:]
         if not self._config.learn:
-            self._learner.predict(self._u[np.newaxis])
+            self._learner.advance(self._u)
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
@@ -321,7 +321,7 @@ class ServedController:
         self._foresee()
         pose = encode(PoseStamped(0, np.zeros(3)))
         self._usual.answer(pose, pose, -1)
-        self._controller.learner().predict(self._robot.input_centre[np.newaxis])
+        self._controller.learner().advance(self._u)
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
     def _read_target(self, record: Stamped, hand: int) -> tuple[int, Position]:

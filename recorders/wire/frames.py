@@ -113,6 +113,11 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
     return payload, attachment
 
 
+def label(sequence: int, log_time_ns: int) -> bytes:
+    """Return the attachment of a message that belongs to no run, as `pack` makes it, numbered from 0."""
+    return _ATTACHMENT.pack(PROTOCOL_VERSION, Kind.MESSAGE, sequence, NO_RUN, NO_RUN, sequence, log_time_ns)
+
+
 def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
     """Read a frame back.
 

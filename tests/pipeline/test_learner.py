@@ -327,6 +327,23 @@ def test_foresight_that_overflows_is_one_clear_error():
         foresee(learner, np.full(6, 1e10))
 
 
+def test_advancing_is_predicting_to_the_bit():
+    advancing, predicting, (u, _) = make(), make(), motion(32)
+    for k in range(32):
+        advancing.advance(u[k])
+        predicting.predict(u[k : k + 1])
+        assert state_digest(advancing.state()) == state_digest(predicting.state())
+
+
+@pytest.mark.parametrize("u", [np.zeros(5), np.zeros(1), np.zeros((1, 6)), np.full(6, np.nan), np.full(6, -np.inf)])
+def test_advancing_by_what_is_no_u_is_refused_and_changes_nothing(u):
+    learner = make()
+    digest = state_digest(learner.state())
+    with pytest.raises(MessageError, match=r"sizes of the network|finite numbers in u"):
+        learner.advance(u)
+    assert state_digest(learner.state()) == digest
+
+
 # what every learning rule promises
 
 

@@ -10,7 +10,7 @@ from recorders.errors import MessageError, WireError
 from recorders.records import Stamped
 from recorders.stream import Offer, Progress
 from recorders.topics import TOPICS
-from recorders.wire.frames import Frame, Kind, message_key, pack, unpack
+from recorders.wire.frames import NO_RUN, Frame, Kind, label, message_key, pack, unpack
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 
@@ -39,6 +39,12 @@ def test_a_batch_survives(messages: list[Stamped], index: int) -> None:
 def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
     message = Stamped("/clock", TOPICS["/clock"].type, b"any bytes", 3, 4)
     assert pack(Frame(Kind.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
+
+
+@given(message=stamped)
+def test_a_label_is_the_attachment_of_a_message_of_no_run(message: Stamped) -> None:
+    frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
+    assert label(message.sequence, message.log_time_ns) == pack(frame)[1]
 
 
 @pytest.mark.parametrize("kind", [Kind.END, Kind.ABORT])
