@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 FloatArray = NDArray[np.float64]
 IndexArray = NDArray[np.uint32]
 SizeArray = NDArray[np.int64]
+ByteArray = NDArray[np.uint8]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _LOG2_E = 1.4426950408889634
@@ -26,10 +27,13 @@ _EXP_MIN, _EXP_MAX = -708.0, 709.0  # beyond these exp leaves the normal float64
 _LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive float64
 
 OK, BAD_INPUT, BAD_TARGET, BAD_SHAPE, DIVERGED = 0, 1, 2, 3, 4
+UNUSUAL = -1
+STAMP_AT, STAMP_END = 4, 12  # of a header in CDR: s and ns, behind the encapsulation
+_SECOND = 10**9
 
 
-def compiled(function: _Function) -> _Function:
-    """Compile a function so that every CPU gives the same bits, and keep the result for the next process."""
+def _compiled(function: _Function) -> _Function:
+    """Compile, and keep the result for the next process. It is found by this file alone: all kernels live here."""
     try:
         return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
@@ -82,7 +86,7 @@ def memory_size(sizes: Sizes) -> int:
     return weights + 3 * sizes.reservoir + 3 * sizes.outputs + 2 * sizes.sources
 
 
-@compiled
+@_compiled
 def exp(x: float) -> float:
     """Exponential within 2 units in the last place for -708 <= x <= 709, held at the ends beyond.
 
@@ -104,7 +108,7 @@ def exp(x: float) -> float:
     return np.int64(np.float64(power).view(np.int64) + exponent).view(np.float64)
 
 
-@compiled
+@_compiled
 def log(x: float) -> float:
     """Natural logarithm of a positive number, by Halley's iteration on `exp`."""
     y = 0.0
@@ -114,7 +118,7 @@ def log(x: float) -> float:
     return y
 
 
-@compiled
+@_compiled
 def views(sizes: SizeArray, memory: FloatArray) -> Views:
     """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
     _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
@@ -137,7 +141,7 @@ def views(sizes: SizeArray, memory: FloatArray) -> Views:
     )
 
 
-@compiled
+@_compiled
 def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
     """Activations of the reservoir, eq. (1)."""
     for i in range(x.size):
@@ -147,7 +151,7 @@ def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArra
         x[i] = total
 
 
-@compiled
+@_compiled
 def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, heard: FloatArray, x: FloatArray) -> None:
     """Activations of the outputs, eq. (1), keeping what each slot heard for the update."""
     for i in range(x.size):
@@ -159,7 +163,7 @@ def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, hea
         x[i] = total
 
 
-@compiled
+@_compiled
 def sum_of_squares(z: FloatArray) -> float:
     """Squared norm of z, whose length is a multiple of four, as four interleaved sums."""
     s0 = s1 = s2 = s3 = 0.0
@@ -171,21 +175,21 @@ def sum_of_squares(z: FloatArray) -> float:
     return (s0 + s1) + (s2 + s3)
 
 
-@compiled
+@_compiled
 def fermi(x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray) -> None:
     """Activities of the reservoir, eq. (3)."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-a[i] * x[i] - b[i]))
 
 
-@compiled
+@_compiled
 def fermi_outputs(x: FloatArray, y: FloatArray) -> None:
     """Activities of the outputs, which are only fed back: eq. (3) with a = 1, b = 0."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-x[i]))
 
 
-@compiled
+@_compiled
 def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, views: Views) -> None:
     """Add to gamma the sum in eq. (7): the outputs' last errors, through the connections between outputs."""
     for s in range(first_output, first_output + views.gamma.size):
@@ -196,7 +200,7 @@ def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, 
             views.gamma[i] += views.output_weights[i, slot] * views.slope_error[sources[i, slot]]
 
 
-@compiled
+@_compiled
 def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate: float) -> None:
     """BPDC, eqs. (5) and (6): u and f(x) are both what a slot heard; an empty slot heard zero and stays zero."""
     for i in range(gamma.size):
@@ -205,7 +209,7 @@ def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate:
             weights[i, slot] += step * heard[i, slot]
 
 
-@compiled
+@_compiled
 def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, zeta: float, mu: float) -> None:
     """IP, eqs. (8) and (9), the latter read as delta a = zeta / a + x delta b."""
     inverse = 1.0 / mu
@@ -215,7 +219,7 @@ def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatAr
         b[i] += delta_b
 
 
-@compiled
+@_compiled
 def all_finite(values: FloatArray) -> bool:
     """Say whether there is neither NaN nor infinity."""
     wrong = 0
@@ -225,14 +229,14 @@ def all_finite(values: FloatArray) -> bool:
     return wrong == 0
 
 
-@compiled
+@_compiled
 def is_finite(views: Views) -> bool:
     """Say whether all that a step changes is free of NaN and infinity."""
     adapted = all_finite(views.output_weights) and all_finite(views.a) and all_finite(views.b)
     return adapted and all_finite(views.x)
 
 
-@compiled
+@_compiled
 def teach(
     d: FloatArray, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views
 ) -> None:
@@ -244,7 +248,7 @@ def teach(
     decorrelate(views.output_weights, views.heard, views.gamma, rate)
 
 
-@compiled
+@_compiled
 def activate(sizes: SizeArray, memory: FloatArray) -> None:
     """Activities of outputs and reservoir from their activations, eqs. (2) and (3)."""
     inputs, outputs, reservoir = sizes[0], sizes[1], sizes[2]
@@ -253,7 +257,7 @@ def activate(sizes: SizeArray, memory: FloatArray) -> None:
     fermi(state.x[outputs:], state.a, state.b, state.z[inputs + outputs : inputs + outputs + reservoir])
 
 
-@compiled
+@_compiled
 def run(
     u: FloatArray,
     d: FloatArray,
@@ -323,7 +327,7 @@ def run(
     return OK if is_finite(state) else DIVERGED
 
 
-@compiled
+@_compiled
 def foresee(
     u: FloatArray,
     centre: FloatArray,
@@ -374,3 +378,72 @@ def foresee(
     for j in range(limited.size):
         limited[j] = min(max(predicted[first + j], limits[0, j]), limits[1, j])
     return OK if all_finite(predicted) else DIVERGED
+
+
+@_compiled
+def answer_pair(
+    left: ByteArray,
+    right: ByteArray,
+    left_position: FloatArray,
+    right_position: FloatArray,
+    head: ByteArray,
+    centres: FloatArray,
+    near_m: float,
+    centre: FloatArray,
+    sizes: SizeArray,
+    sources: IndexArray,
+    memory: FloatArray,
+    limits: FloatArray,
+    u: FloatArray,
+    outputs: FloatArray,
+    limited: FloatArray,
+    stamp: ByteArray,
+    after_ns: int,
+) -> int:
+    """Answer two hand targets, still CDR, by what the next step's outputs would be, if they are as targets mostly are.
+
+    Parameters
+    ----------
+    left, right : ndarray of uint8
+        The messages: poses that are alike up to their positions.
+    left_position, right_position : ndarray, shape (3,)
+        The positions in them [m].
+    head : ndarray of uint8
+        How the messages begin, up to the position; the stamp in it counts for nothing.
+    centres, near_m : ndarray of shape (6,), float
+        Positions are usual this far from these along each axis [m].
+    centre, sizes, sources, memory, limits, outputs, limited : ndarray
+        As `foresee` takes them.
+    u : ndarray, shape (6,)
+        Filled with the targets [m].
+    stamp : ndarray of uint8, shape (8,)
+        Filled with their stamp, as CDR has it.
+    after_ns : int
+        Stamps up to this one are not usual [ns].
+
+    Returns
+    -------
+    int
+        The stamp [ns], or `UNUSUAL`: what is filled then means nothing.
+    """
+    for k in range(head.size):
+        is_stamp = STAMP_AT <= k < STAMP_END
+        if left[k] != right[k] or not (is_stamp or left[k] == head[k]):
+            return UNUSUAL
+    seconds = nanoseconds = 0
+    for k in range(3, -1, -1):  # little-endian
+        seconds = seconds * 256 + int(left[STAMP_AT + k])
+        nanoseconds = nanoseconds * 256 + int(left[STAMP_AT + 4 + k])
+    stamp_ns = seconds * _SECOND + nanoseconds
+    if seconds >= 2**31 or nanoseconds >= _SECOND or stamp_ns <= after_ns:  # seconds are signed
+        return UNUSUAL
+    for axis in range(3):
+        u[axis], u[3 + axis] = left_position[axis], right_position[axis]
+    for axis in range(6):
+        if not abs(u[axis] - centres[axis]) <= near_m:  # nor is NaN near
+            return UNUSUAL
+    if foresee(u, centre, limits, sizes, sources, memory, outputs, limited) != OK:
+        return UNUSUAL
+    for k in range(stamp.size):
+        stamp[k] = left[STAMP_AT + k]
+    return stamp_ns

@@ -194,7 +194,7 @@ class Learner:
     def foresight(self) -> tuple[FloatArray, kernels.SizeArray, kernels.IndexArray, FloatArray]:
         """Centre, sizes, sources and memory as `kernels.foresee` takes them, for a kernel that calls it.
 
-        They are this learner's own, and stay it; only a step or `washout` may write to them.
+        They are this learner's own, changed in place and never replaced; a kernel may write the place of u alone.
         """
         return self._centre, self._network.sizes, self._network.sources, self._network.memory
 

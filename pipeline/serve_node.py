@@ -29,7 +29,7 @@ from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     check_name,
     check_namespace,
-    label,
+    live_attachment,
     message_key,
     unpack,
 )
@@ -242,7 +242,7 @@ class Node:
         """
         lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
 
-        def read(sample: zenoh.Sample) -> Stamped | None:
+        def read(sample: zenoh.Sample, time_ns: int) -> Stamped | None:
             if sample.kind != zenoh.SampleKind.PUT:
                 return None  # a deleted key is no target
             payload = sample.payload
@@ -251,14 +251,16 @@ class Node:
                 return None
             kind, data = type_name(sample.encoding), payload.to_bytes()
             if clerk.records:
-                return Stamped(topic, kind, data, _sequence(topic, sample), time.time_ns())
-            return Stamped(topic, kind, data, UNNUMBERED, 0)
+                return Stamped(topic, kind, data, _sequence(topic, sample), time_ns)
+            return Stamped(topic, kind, data, UNNUMBERED, time_ns)
 
         def on_sample(sample: zenoh.Sample) -> None:
-            arrival = time.perf_counter_ns()
+            arrival, time_ns = time.perf_counter_ns(), time.time_ns()
             with lock:
+                if self._failure is not None:
+                    return
                 try:
-                    record = read(sample)
+                    record = read(sample, time_ns)
                     if record is None:
                         return
                     if self._held is None and served.between_ticks:
@@ -314,7 +316,7 @@ class Node:
 
     def _publish(self, command: Command, arrival: int) -> None:
         """Send a command, then do all that the robot does not wait for."""
-        self._publisher.put(command.data, attachment=label(self._commands, command.stamp_ns))
+        self._publisher.put(command.data, attachment=live_attachment(self._commands, command.stamp_ns))
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
         os.sched_yield()  # to Zenoh's thread that sends it
         if self._clerk.records:

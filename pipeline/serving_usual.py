@@ -10,11 +10,6 @@ from pipeline.learner import Learner
 from pipeline.serving_codec import CommandEncoder, pose_layout
 
 Floats = NDArray[np.float64]
-Bytes = NDArray[np.uint8]
-
-_UNUSUAL = -1
-_STAMP_AT, _STAMP_END = 4, 12  # in a CDR message with a header: s and ns, behind the encapsulation
-_SECOND = 10**9
 
 
 class UsualPair:
@@ -53,9 +48,8 @@ class UsualPair:
         self._right, right, right_position = _aligned(usual, position_at)
         head = np.frombuffer(usual, np.uint8, position_at)
         poses = left, right, left_position, right_position, head
-        self._answer = partial(
-            _answer, *poses, centres, near_m, *learner.foresight, limits, u, outputs, encoder.positions, encoder.stamp
-        )
+        places = limits, u, outputs, encoder.positions
+        self._answer = partial(kernels.answer_pair, *poses, centres, near_m, *learner.foresight, *places, encoder.stamp)
 
     def answer(self, left: bytes, right: bytes, after_ns: int) -> int:
         """Return the stamp [ns] of two usual poses, later than `after_ns`, or -1 if they are none.
@@ -63,58 +57,15 @@ class UsualPair:
         The encoder then has their command, and `u` and `outputs` what led to it; after -1 they mean nothing.
         """
         if len(left) != self._size or len(right) != self._size:
-            return _UNUSUAL
+            return kernels.UNUSUAL
         self._left[:] = left
         self._right[:] = right
         return self._answer(after_ns)
 
 
-def _aligned(usual: bytes, position_at: int) -> tuple[memoryview, Bytes, Floats]:
+def _aligned(usual: bytes, position_at: int) -> tuple[memoryview, kernels.ByteArray, Floats]:
     """Return memory for a pose: to be filled, as bytes, and as the position in it, at a multiple of eight bytes."""
     padding = -position_at % 8
     memory = bytearray(padding) + usual
     pose = np.frombuffer(memory, np.uint8, len(usual), padding)
     return memoryview(memory)[padding:], pose, np.frombuffer(memory, np.float64, 3, padding + position_at)
-
-
-@kernels.compiled
-def _answer(
-    left: Bytes,
-    right: Bytes,
-    left_position: Floats,
-    right_position: Floats,
-    head: Bytes,
-    centres: Floats,
-    near_m: float,
-    centre: Floats,
-    sizes: kernels.SizeArray,
-    sources: kernels.IndexArray,
-    memory: Floats,
-    limits: Floats,
-    u: Floats,
-    outputs: Floats,
-    limited: Floats,
-    stamp: Bytes,
-    after_ns: int,
-) -> int:
-    for k in range(head.size):
-        is_stamp = _STAMP_AT <= k < _STAMP_END
-        if left[k] != right[k] or not (is_stamp or left[k] == head[k]):
-            return _UNUSUAL
-    seconds = nanoseconds = 0
-    for k in range(3, -1, -1):  # little-endian
-        seconds = seconds * 256 + int(left[_STAMP_AT + k])
-        nanoseconds = nanoseconds * 256 + int(left[_STAMP_AT + 4 + k])
-    stamp_ns = seconds * _SECOND + nanoseconds
-    if seconds >= 2**31 or nanoseconds >= _SECOND or stamp_ns <= after_ns:  # seconds are signed
-        return _UNUSUAL
-    for axis in range(3):
-        u[axis], u[3 + axis] = left_position[axis], right_position[axis]
-    for axis in range(6):
-        if not abs(u[axis] - centres[axis]) <= near_m:  # nor is NaN near
-            return _UNUSUAL
-    if kernels.foresee(u, centre, limits, sizes, sources, memory, outputs, limited) != kernels.OK:
-        return _UNUSUAL
-    for k in range(stamp.size):
-        stamp[k] = left[_STAMP_AT + k]
-    return stamp_ns

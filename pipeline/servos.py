@@ -53,8 +53,9 @@ class JointSpace:
     plant, model : the plant, and its only model instance
     joints, motors : those of Drake
     effort_limits : of the motors [N m or N], shape (n,)
-    v : places of the joints among the plant's velocities, shape (n,)
-    x : places of their positions, then velocities, in the plant's state, shape (2 n,)
+    step_ns : step of the dynamics [ns]
+    v : places of the joints among the plant's velocities, shape (n,); from `finalize` on
+    x : places of their positions, then velocities, in the plant's state, shape (2 n,); from `finalize` on
 
     Raises
     ------
@@ -63,6 +64,7 @@ class JointSpace:
     """
 
     def __init__(self, robot: RobotConfig, *, step_ns: int) -> None:
+        self.step_ns = step_ns
         self.plant: Any = MultibodyPlant(time_step=step_ns * 1e-9)  # Any: Drake's types for arrays are not numpy's
         self.plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
         self.plant.SetUseSampledOutputPorts(False)  # nothing reads accelerations or reaction forces
@@ -113,7 +115,15 @@ class JointSpace:
 
 
 class LimitedServos:
-    """Servos as Drake has them, with effort limits, for which every step is solved by iteration."""
+    """Servos as Drake has them, with effort limits, for which every step is solved by iteration.
+
+    Parameters
+    ----------
+    joints : JointSpace
+        Not finalized; taken over.
+    gains : Gains
+        Of the servos.
+    """
 
     def __init__(self, joints: JointSpace, gains: Gains) -> None:
         self._joints = joints
@@ -140,16 +150,23 @@ class LimitedServos:
 
 
 class FreeServos:
-    """Servos without effort limits: the same equation, then linear and solved in one go, in a quarter of the time.
+    """Servos without effort limits: the same equation, which is linear then, and solved in one go.
 
     In a step of length h from q and v, a servo exerts  K (q_d - q - h v') + D (v_d - v'),  where v' is the velocity
     after it. All that depends on v' is joint damping, of D + h K, which Drake has in the mass matrix of a discrete
-    step. The rest is known before, and fed back from the state.
+    step. The rest is known before, and fed back from the state. Only a joint at the end of its range takes iterations.
+
+    Parameters
+    ----------
+    joints : JointSpace
+        Not finalized; taken over.
+    gains : Gains
+        Of the servos.
 
     Attributes
     ----------
     joints : JointSpace
-        The plant.
+        The same.
     context : Context
         Its state in Drake.
     """
@@ -180,21 +197,21 @@ class FreeServos:
         self._known = np.zeros(plant.num_velocities())
         self._input: Any = self._simulator.get_system().get_input_port().FixValue(root, self._known)
         self.context = plant.GetMyMutableContextFromRoot(root)
-        self._state = np.zeros(2 * n)
+        self._state, self._time_ns, self._step_ns = np.zeros(2 * n), 0, joints.step_ns
 
     @property
     def positions(self) -> Floats:
         """Joint positions [rad or m], shape (n,)."""
-        return self._state[: len(self._state) // 2]
+        return self._state[: len(self._state) // 2].copy()
 
     @property
     def velocities(self) -> Floats:
         """Joint velocities [rad/s or m/s], shape (n,)."""
-        return self._state[len(self._state) // 2 :]
+        return self._state[len(self._state) // 2 :].copy()
 
     def place(self, q: Floats, v: Floats, *, time_ns: int) -> None:
         """Set positions and velocities, both (n,), and the time [ns]."""
-        self._state = np.concatenate([q, v])
+        self._state, self._time_ns = np.concatenate([q, v]), time_ns
         self._simulator.get_mutable_context().SetTime(time_ns / 1_000_000_000)
         self.joints.place(self.context, q, v)
         self._simulator.Initialize()
@@ -204,16 +221,23 @@ class FreeServos:
 
         If not, positions and velocities are still those before, and have to be placed anew.
         """
+        with np.errstate(over="ignore", invalid="ignore"):  # of what is absurd: it takes motors to their limits
+            return self._advance(demand, until_ns)
+
+    def _advance(self, demand: Demand, until_ns: int) -> bool:
         stiffness, damping = self._gains
         known = stiffness * demand.positions + damping * demand.velocities + demand.feed_forward
         self._known[self.joints.v] = known
         self._input.GetMutableData().get_mutable_value().SetFromVector(self._known)
         self._steps.Clear()
-        self._simulator.AdvanceTo(until_ns / 1_000_000_000, interruptible=False)
-        states = self._steps.data().T[:, self.joints.x]  # (steps, 2 n)
-        n = len(known)
+        try:
+            self._simulator.AdvanceTo(until_ns / 1_000_000_000, interruptible=False)
+        except RuntimeError:  # numbers that Drake cannot go on with
+            return False
+        n, count = len(known), (until_ns - self._time_ns) // self._step_ns
+        states = self._steps.data().T[-count:, self.joints.x]  # (steps, 2 n); before them may stand what was
         exerted = known - (stiffness * states[:, :n] + damping * states[:, n:])
         if not (np.abs(exerted) <= self.joints.effort_limits).all():
             return False
-        self._state = states[-1]
+        self._state, self._time_ns = states[-1].copy(), until_ns
         return True

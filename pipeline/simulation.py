@@ -158,7 +158,9 @@ class Simulation:
         step = (command - self._set_point) * (period_s / (self._config.lag_s + period_s))
         halfway = self._set_point + step / 2  # as it stays for the whole period
         self._set_point = self._set_point + step
-        return Demand(halfway, step / period_s, -self._joints.gravity(self._context))
+        with np.errstate(over="ignore"):
+            velocities = step / period_s
+        return Demand(halfway, velocities, -self._joints.gravity(self._context))
 
     def _follow(self, demand: Demand) -> None:
         """Simulate a control period: with effort limits only if without them a motor would have exceeded its own."""

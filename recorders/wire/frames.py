@@ -107,15 +107,12 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
         payload = _pack_messages(frame.messages)
     elif frame.kind is Kind.ABORT:
         payload = frame.reason.encode()
-    attachment = _ATTACHMENT.pack(
-        PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns
-    )
-    return payload, attachment
+    return payload, _attachment(frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns)
 
 
-def label(sequence: int, log_time_ns: int) -> bytes:
-    """Return the attachment of a message that belongs to no run, as `pack` makes it, numbered from 0."""
-    return _ATTACHMENT.pack(PROTOCOL_VERSION, Kind.MESSAGE, sequence, NO_RUN, NO_RUN, sequence, log_time_ns)
+def live_attachment(sequence: int, log_time_ns: int) -> bytes:
+    """Return the attachment that `pack` gives a message of no run, numbered from 0, with its log time [ns]."""
+    return _attachment(Kind.MESSAGE, sequence, NO_RUN, NO_RUN, sequence, log_time_ns)
 
 
 def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
@@ -176,3 +173,7 @@ def _name(topic: str, kind: str) -> bytes:
 def _topic_and_type(name: bytes) -> tuple[str, str]:
     topic, _, kind = name.decode().partition("\0")
     return topic, kind or type_of(topic)
+
+
+def _attachment(kind: Kind, sequence: int, run: bytes, sender: bytes, first: int, log_time_ns: int) -> bytes:
+    return _ATTACHMENT.pack(PROTOCOL_VERSION, kind, sequence, run, sender, first, log_time_ns)

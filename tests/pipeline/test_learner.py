@@ -344,6 +344,16 @@ def test_advancing_by_what_is_no_u_is_refused_and_changes_nothing(u):
     assert state_digest(learner.state()) == digest
 
 
+def test_the_arrays_of_foresight_stay_the_learners_own():
+    learner, (u, d) = make(), motion(4)
+    arrays = learner.foresight
+    learner.step(u, d, learning=True)
+    learner.washout(u[0], steps=2)
+    learner.begin_epoch(3)
+    learner.load_state(make(seed=5).state())
+    assert all(now is before for now, before in zip(learner.foresight, arrays, strict=True))
+
+
 # what every learning rule promises
 
 

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+import pytest
 from numpy.typing import NDArray
 
 from pipeline.kinematics import Kinematics
@@ -79,18 +80,68 @@ def test_they_agree_with_drakes_own_as_far_as_those_iterate() -> None:
         np.testing.assert_allclose(free.velocities, v, rtol=0, atol=1e-5)
 
 
-def test_a_motor_beyond_its_limit_is_noticed_at_any_step_and_nothing_has_moved() -> None:
+def efforts(joints: JointSpace, context: Any, demand: Demand) -> Floats:
+    """What every motor exerts in each millisecond of a period that begins at the comfort posture, shape (5, n)."""
+    q, v, exerted = ROBOT.comfort, np.zeros(N), []
+    for _ in range(PERIOD // MS):
+        q, v = solved(joints, context, q, v, demand)
+        pull = GAINS.stiffness * (demand.positions - q) + GAINS.damping * (demand.velocities - v)
+        exerted.append(pull + demand.feed_forward)
+    return np.array(exerted)
+
+
+@pytest.mark.parametrize("begin", [0, 175 * MS])  # of these Drake's clock hits the one, and misses the other by a bit
+def test_a_motor_beyond_its_limit_is_noticed_at_any_step_and_nothing_has_moved(begin: int) -> None:
     servos = FreeServos(JointSpace(ROBOT, step_ns=MS), GAINS)
-    servos.place(ROBOT.comfort, np.zeros(N), time_ns=0)
-    efforts = servos.joints.effort_limits
-    for joint in range(N):
-        for sign in (-1.0, 1.0):
-            push = np.zeros(N)
-            push[joint] = sign * 1.5 * efforts[joint]
-            assert not servos.advance(Demand(ROBOT.comfort, np.zeros(N), push), until_ns=PERIOD)
-            np.testing.assert_array_equal(servos.positions, ROBOT.comfort)
-            np.testing.assert_array_equal(servos.velocities, 0.0)
-            servos.place(servos.positions, servos.velocities, time_ns=0)
+    joints = JointSpace(ROBOT, step_ns=MS)
+    joints.finalize()
+    context = joints.plant.CreateDefaultContext()
+    steps = set()
+    for demand in demands(40, seed=3):
+        exerted = np.abs(efforts(joints, context, demand))
+        for factor, expected in ((1.0 + 1e-6, True), (1.0 - 1e-6, False)):
+            servos.joints.effort_limits = exerted.max(axis=0) * factor
+            servos.place(ROBOT.comfort, np.zeros(N), time_ns=begin)
+            assert servos.advance(demand, until_ns=begin + PERIOD) == expected
+            assert np.array_equal(servos.positions, ROBOT.comfort) != expected
+        for joint in range(N):  # this motor alone
+            servos.joints.effort_limits = np.where(np.arange(N) == joint, exerted.max(axis=0) * (1.0 - 1e-6), np.inf)
+            servos.place(ROBOT.comfort, np.zeros(N), time_ns=begin)
+            assert not servos.advance(demand, until_ns=begin + PERIOD)
+        steps |= set(exerted.argmax(axis=0).tolist())
+    assert {0, PERIOD // MS - 1} < steps
+
+
+def test_a_motion_through_the_limits_has_the_same_bits_every_time() -> None:
+    traces = []
+    for begin in (0, 175 * MS, 0):
+        simulation = Simulation(weak(ROBOT, "left_elbow", 2.0))
+        simulation.reset(ROBOT.comfort, time_ns=begin)
+        trace = []
+        for k in range(60):
+            simulation.advance(ROBOT.comfort - 0.3 * (k // 15 % 2), PERIOD)
+            trace.append(np.concatenate([simulation.positions, simulation.velocities]))
+        traces.append(np.array(trace))
+    np.testing.assert_array_equal(traces[1], traces[0])
+    np.testing.assert_array_equal(traces[2], traces[0])
+
+
+@pytest.mark.parametrize("absurd", [1e12, 1e20, 1e100, 1.7e308, -1.7e308])
+def test_an_absurd_command_takes_motors_to_their_limits_and_no_further(absurd: float) -> None:
+    simulation = Simulation(ROBOT)
+    simulation.advance(np.full(N, absurd), 2 * PERIOD)
+    assert np.isfinite(simulation.positions).all()
+    simulation.reset(ROBOT.comfort)
+    simulation.advance(ROBOT.comfort, PERIOD)
+    np.testing.assert_allclose(simulation.positions, ROBOT.comfort, rtol=0, atol=1e-6)
+
+
+def test_what_is_asked_of_a_simulation_is_a_copy() -> None:
+    simulation = Simulation(ROBOT)
+    simulation.positions[:] = 9.0
+    simulation.velocities[:] = 9.0
+    np.testing.assert_array_equal(simulation.positions, ROBOT.comfort)
+    np.testing.assert_array_equal(simulation.velocities, 0.0)
 
 
 def test_an_arm_whose_motor_is_too_weak_sinks_as_far_as_drake_says() -> None:

@@ -10,7 +10,7 @@ from recorders.errors import MessageError, WireError
 from recorders.records import Stamped
 from recorders.stream import Offer, Progress
 from recorders.topics import TOPICS
-from recorders.wire.frames import NO_RUN, Frame, Kind, label, message_key, pack, unpack
+from recorders.wire.frames import NO_RUN, Frame, Kind, live_attachment, message_key, pack, unpack
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 
@@ -42,9 +42,9 @@ def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
 
 
 @given(message=stamped)
-def test_a_label_is_the_attachment_of_a_message_of_no_run(message: Stamped) -> None:
+def test_a_live_attachment_is_that_of_a_message_of_no_run(message: Stamped) -> None:
     frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
-    assert label(message.sequence, message.log_time_ns) == pack(frame)[1]
+    assert live_attachment(message.sequence, message.log_time_ns) == pack(frame)[1]
 
 
 @pytest.mark.parametrize("kind", [Kind.END, Kind.ABORT])
