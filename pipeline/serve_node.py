@@ -249,10 +249,8 @@ class Node:
             if len(payload) > MAX_PAYLOAD:
                 served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
                 return None
-            kind, data = type_name(sample.encoding), payload.to_bytes()
-            if clerk.records:
-                return Stamped(topic, kind, data, _sequence(topic, sample), time_ns)
-            return Stamped(topic, kind, data, UNNUMBERED, time_ns)
+            sequence = _sequence(topic, sample) if clerk.records else UNNUMBERED
+            return Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns)
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival, time_ns = time.perf_counter_ns(), time.time_ns()

@@ -8,6 +8,7 @@ import struct
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.kernels import STAMP_AT
 from recorders.cdr import decode_as, encode
 from recorders.messages import JointState, PoseStamped
 
@@ -16,7 +17,6 @@ Position = tuple[float, ...]
 """Of one hand [m], length 3."""
 
 _STAMP = struct.Struct("<iI")  # s and ns, behind the four bytes of the encapsulation
-_STAMP_AT = 4
 _SECOND = 10**9
 
 
@@ -43,11 +43,11 @@ class CommandEncoder:
         memory = bytearray(padding) + payload
         self._payload = memoryview(memory)[padding:]
         self.positions: Floats = np.frombuffer(memory, np.float64, len(joints), padding + first)
-        self.stamp = np.frombuffer(memory, np.uint8, _STAMP.size, padding + _STAMP_AT)
+        self.stamp = np.frombuffer(memory, np.uint8, _STAMP.size, padding + STAMP_AT)
 
     def encode(self, stamp_ns: int) -> bytes:
         """Return a JointState as CDR, the bytes that `recorders.cdr.encode` gives, with a stamp [ns]."""
-        _STAMP.pack_into(self._payload, _STAMP_AT, *divmod(stamp_ns, _SECOND))
+        _STAMP.pack_into(self._payload, STAMP_AT, *divmod(stamp_ns, _SECOND))
         return self.encoded()
 
     def encoded(self) -> bytes:
@@ -67,7 +67,7 @@ class PoseReader:
     def __init__(self) -> None:
         payload, position_at = pose_layout()
         self._size = len(payload)
-        frame = position_at - _STAMP_AT - _STAMP.size  # the bytes between the stamp and the position
+        frame = position_at - STAMP_AT - _STAMP.size  # the bytes between the stamp and the position
         self._layout = struct.Struct(f"<4siI{frame}s3d")
         self._encapsulation, _, _, self._frame, *_ = self._layout.unpack_from(payload)
 

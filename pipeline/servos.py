@@ -169,6 +169,8 @@ class FreeServos:
         The same.
     context : Context
         Its state in Drake.
+    time_ns : int
+        Its time [ns].
     """
 
     def __init__(self, joints: JointSpace, gains: Gains) -> None:
@@ -197,7 +199,7 @@ class FreeServos:
         self._known = np.zeros(plant.num_velocities())
         self._input: Any = self._simulator.get_system().get_input_port().FixValue(root, self._known)
         self.context = plant.GetMyMutableContextFromRoot(root)
-        self._state, self._time_ns, self._step_ns = np.zeros(2 * n), 0, joints.step_ns
+        self._state, self.time_ns = np.zeros(2 * n), 0
 
     @property
     def positions(self) -> Floats:
@@ -211,7 +213,7 @@ class FreeServos:
 
     def place(self, q: Floats, v: Floats, *, time_ns: int) -> None:
         """Set positions and velocities, both (n,), and the time [ns]."""
-        self._state, self._time_ns = np.concatenate([q, v]), time_ns
+        self._state, self.time_ns = np.concatenate([q, v]), time_ns
         self._simulator.get_mutable_context().SetTime(time_ns / 1_000_000_000)
         self.joints.place(self.context, q, v)
         self._simulator.Initialize()
@@ -234,10 +236,10 @@ class FreeServos:
             self._simulator.AdvanceTo(until_ns / 1_000_000_000, interruptible=False)
         except RuntimeError:  # numbers that Drake cannot go on with
             return False
-        n, count = len(known), (until_ns - self._time_ns) // self._step_ns
+        n, count = len(known), (until_ns - self.time_ns) // self.joints.step_ns
         states = self._steps.data().T[-count:, self.joints.x]  # (steps, 2 n); before them may stand what was
         exerted = known - (stiffness * states[:, :n] + damping * states[:, n:])
         if not (np.abs(exerted) <= self.joints.effort_limits).all():
             return False
-        self._state, self._time_ns = states[-1].copy(), until_ns
+        self._state, self.time_ns = states[-1].copy(), until_ns
         return True

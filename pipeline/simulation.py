@@ -84,7 +84,7 @@ class Simulation:
     @property
     def time_ns(self) -> int:
         """Simulated time [ns]."""
-        return self._time_ns
+        return self._servos.time_ns
 
     @property
     def positions(self) -> Floats:
@@ -105,7 +105,6 @@ class Simulation:
             `q` has the wrong shape or is not finite.
         """
         posture = self._checked(q)
-        self._time_ns = time_ns
         self._set_point = posture
         self._servos.place(posture, np.zeros(len(posture)), time_ns=time_ns)
 
@@ -164,11 +163,10 @@ class Simulation:
 
     def _follow(self, demand: Demand) -> None:
         """Simulate a control period: with effort limits only if without them a motor would have exceeded its own."""
-        begin_ns, end_ns = self._time_ns, self._time_ns + self._config.control_ns
+        begin_ns, end_ns = self.time_ns, self.time_ns + self._config.control_ns
         if not self._servos.advance(demand, until_ns=end_ns):
             q, v = self._limited.advance(self.positions, self.velocities, demand, time_ns=begin_ns, until_ns=end_ns)
             self._servos.place(q, v, time_ns=end_ns)
-        self._time_ns = end_ns
 
 
 def _gains(robot: RobotConfig, bandwidth: float) -> Gains:

@@ -27,9 +27,8 @@ from pipeline.robot import load_robot
 from pipeline.serve_node import serve
 from recorders.cdr import encode, stamp_ns
 from recorders.messages import JointState, PoseStamped
-from recorders.records import Stamped
 from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
-from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
+from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -40,10 +39,6 @@ PATIENCE_S = 2.0  # what is not back by then is lost
 LATE_US = 1000.0
 LOST_US = float("inf")
 QUALITY = {"congestion_control": zenoh.CongestionControl.DROP, "priority": zenoh.Priority.REAL_TIME}
-
-
-def attachment(topic: str, index: int) -> bytes:
-    return pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, index, (Stamped(topic, "", b"", index, 0),)))[1]
 
 
 def trained() -> Controller:
@@ -61,7 +56,7 @@ def trained() -> Controller:
 def echo(endpoint: str) -> None:
     """Answer the right target with the bytes of a command, stamped as the target is."""
     answer = encode(JointState(0, load_robot("asimo").joints, np.zeros(15)))
-    reply = attachment(JOINT_COMMANDS, 0)
+    reply = live_attachment(0, 0)
 
     def on_left(sample: zenoh.Sample) -> None:
         sample.payload.to_bytes()
@@ -117,11 +112,8 @@ class Driver:
         self._sent += 1
         stamp = self._sent * PERIOD_NS
         hands = self._motion[self._sent % len(self._motion)]
-        topics = (LEFT_TARGET, RIGHT_TARGET)
-        return stamp, [
-            (encode(PoseStamped(stamp, hand)), attachment(topic, self._sent))
-            for topic, hand in zip(topics, hands, strict=True)
-        ]
+        label = live_attachment(self._sent, 0)
+        return stamp, [(encode(PoseStamped(stamp, hand)), label) for hand in hands]
 
 
 def show(times: dict[str, list[list[float]]]) -> None:
