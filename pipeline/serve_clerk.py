@@ -50,7 +50,11 @@ class Clerk:
         self.written = 0
 
     def __enter__(self) -> Self:
-        self._thread.start()
+        try:
+            self._thread.start()
+        except BaseException:  # of a signal: the thread may run all the same
+            self._inbox.put(None)
+            raise
         return self
 
     def __exit__(

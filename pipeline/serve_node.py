@@ -42,6 +42,7 @@ MAX_PAYLOAD = 64 << 10
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
+_LOOK_S = 0.1
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
 
@@ -204,9 +205,9 @@ class Node:
 
     def wait(self) -> None:
         """Return never; raises what serving failed of, or what a signal's handler raises."""
-        self._stop.wait()
-        if self._failure is not None:
-            raise self._failure
+        while self._failure is None:
+            time.sleep(_LOOK_S)  # not for ever: a signal that comes just before a wait does not end it
+        raise self._failure
 
     def status(self) -> dict[str, Any]:
         """Return what the controller says of itself, and counts, rate and latencies of this node, as JSON has it.
@@ -294,11 +295,10 @@ class Node:
     def _fail(self, error: Exception) -> None:
         """End the node."""
         self._failure = error
-        self._stop.set()
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
-        thread = threading.Thread(target=self._look_after_held, name="held")
+        thread = threading.Thread(target=self._look_after_held, name="held", daemon=True)
         thread.start()
         try:
             yield

@@ -9,6 +9,7 @@ from recorders.errors import ConfigError
 from recorders.records import Stamped
 
 _NS_PER_S = 1_000_000_000
+_LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
 class Clock(Protocol):
@@ -69,7 +70,8 @@ class Paced:
             self._due_ns += max(0, log_time_ns - self._last_log_ns) * self._ns_per_log_ns
         self._last_log_ns = log_time_ns
         if self._due_ns > now_ns:
-            time.sleep((self._due_ns - now_ns) / _NS_PER_S)
+            while (left_s := (self._due_ns - time.monotonic_ns()) / _NS_PER_S) > 0.0:
+                time.sleep(min(left_s, _LOOK_S))
         else:
             self.slipped_s += (now_ns - self._due_ns) / _NS_PER_S
             self._due_ns = now_ns
@@ -109,7 +111,8 @@ class Pausable:
             if not self._stopped:
                 return 0
             began_ns = time.monotonic_ns()
-            self._changed.wait_for(lambda: not self._stopped or self._steps > 0)
+            while self._stopped and self._steps == 0:
+                self._changed.wait(_LOOK_S)
             if self._stopped:
                 self._steps -= 1
         return time.monotonic_ns() - began_ns

@@ -2,11 +2,13 @@
 
 import queue
 import threading
+import time
 from typing import Generic, TypeVar
 
 _Item = TypeVar("_Item")
 
 _KEEPING = 1024  # what Python needs to keep an item, however small it is [bytes]
+_LOOK_S = 0.5
 
 
 class Inbox(Generic[_Item]):
@@ -36,10 +38,16 @@ class Inbox(Generic[_Item]):
 
     def get(self, timeout_s: float) -> _Item | None:
         """Return the next item, or None if there is none within the time [s]."""
-        try:
-            item, size = self._items.get(timeout=max(0.0, min(timeout_s, threading.TIMEOUT_MAX)))
-        except queue.Empty:
-            return None
-        with self._lock:
-            self._waiting -= size
-        return item
+        deadline_s = time.monotonic() + timeout_s
+        while True:
+            left_s = max(0.0, deadline_s - time.monotonic())
+            try:
+                # Never for long: a signal that comes just before a wait does not end it.
+                item, size = self._items.get(timeout=min(left_s, _LOOK_S))
+            except queue.Empty:
+                if left_s <= _LOOK_S:
+                    return None
+                continue
+            with self._lock:
+                self._waiting -= size
+            return item

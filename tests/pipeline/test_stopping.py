@@ -8,12 +8,18 @@ from pathlib import Path
 
 import pytest
 from episodes import write_episode
-from processes import reenact, start, wait_for_line
+from processes import reenact, signal_beside, start, wait_for_line
 
 from pipeline import cli, training
+from pipeline.learner_config import LearnerConfig
+from pipeline.training import train
 from pipeline.verbs.stopping import leaving_log, words
+from recorders.messages import PoseStamped
 from recorders.reader import LogReader
+from recorders.topics import LEFT_TARGET
 from recorders.wire.loopback import free_endpoint
+from recorders.writer import LogWriter
+from replay.schedule import Schedule
 
 RECORDED = 300_000  # bytes: more than what every log begins with
 
@@ -93,3 +99,28 @@ def test_so_does_training(
     assert end.value.code == 128 + number
     assert capfd.readouterr().err == f"reenact: {word}; no controller was written\n"
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
+
+
+@pytest.mark.parametrize(
+    ("verb", "ready", "status"),
+    [
+        ("serve c.npz", "serves", 143),
+        ("robot", "waits for commands", 143),
+        ("learn --out x.npz", "waits for a replay", 143),
+        ("learn --live --robot asimo --out x.npz", "learns asimo", 0),
+        ("record --out x.mcap", "records", 0),
+        ("replay gap.mcap --play --rate 1", "the stream begins all the same", 143),
+    ],
+)
+def test_a_signal_that_wakes_nobody_ends_them_too(tmp_path: Path, verb: str, ready: str, status: int) -> None:
+    log = write_episode(tmp_path / "log.mcap", samples=4)
+    train([log], schedule=Schedule(epochs=1), config=LearnerConfig(reservoir=20)).controller().save(tmp_path / "c.npz")
+    with LogWriter(tmp_path / "gap.mcap", manifest={"kind": "test"}) as writer:
+        for second in (0, 1000):
+            writer.write(LEFT_TARGET, PoseStamped(second * 10**9, [0.2, 0.2, 0.7]), log_time_ns=second * 10**9)
+    with start(*verb.split(), "--listen", free_endpoint(), cwd=tmp_path) as process:
+        wait_for_line(process, ready)
+        time.sleep(0.3)  # until it waits
+        signal_beside(process, signal.SIGTERM)
+        _, errors = process.communicate(timeout=30)
+    assert process.returncode == status, errors

@@ -1,8 +1,12 @@
 """Runs `reenact` as a user does: in a process of its own, in a folder of its own."""
 
+import ctypes
+import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
+from types import TracebackType
 
 
 def command(*arguments: object) -> list[str]:
@@ -13,15 +17,35 @@ def reenact(*arguments: object, cwd: Path, timeout_s: float = 120.0) -> subproce
     return subprocess.run(command(*arguments), cwd=cwd, capture_output=True, text=True, timeout=timeout_s, check=False)
 
 
+class Started(subprocess.Popen[str]):
+    """A process that a failing test does not wait for, but ends, having it say where each of its threads stood."""
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is not None and self.poll() is None:
+            self.send_signal(signal.SIGABRT)
+            print(*self.communicate(timeout=10), sep="\n")
+        super().__exit__(kind, error, trace)
+
+
 def start(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
-    return subprocess.Popen(
+    return Started(
         command(*arguments),
         cwd=cwd,
+        env=os.environ | {"PYTHONFAULTHANDLER": "1"},
         stdin=subprocess.DEVNULL,
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
     )
+
+
+def signal_beside(process: subprocess.Popen[str], number: signal.Signals) -> None:
+    """Send a signal to another than the main thread: like one that comes just before a wait, it wakes nobody."""
+    thread = max(int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir())
+    assert thread != process.pid
+    assert ctypes.CDLL(None).tgkill(process.pid, thread, int(number)) == 0
 
 
 def wait_for_line(process: subprocess.Popen[str], text: str) -> str:
