@@ -7,10 +7,12 @@ vectorisation.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
+from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 FloatArray = NDArray[np.float64]
@@ -380,44 +382,92 @@ def foresee(
     return OK if all_finite(predicted) else DIVERGED
 
 
+class Served(NamedTuple):
+    """What the calls of a served controller read and change: arrays that stay where they are in memory."""
+
+    sizes: SizeArray  # (7,), as `run` takes it, as are the next two
+    sources: IndexArray
+    memory: FloatArray
+    centre: FloatArray  # (inputs + outputs,), as `foresee` takes it
+    limits: FloatArray  # (2 n,), lower, then upper limits of the joints
+    u: FloatArray  # (6,), filled with the targets [m]
+    outputs: FloatArray  # (outputs,), filled with the next step's outputs
+    limited: FloatArray  # (n,), filled with the joints among them, within their limits
+    stamp: ByteArray  # (8,), filled with the targets' stamp, as CDR has it
+    clipped: SizeArray  # (n,), how often a joint was beyond its limits
+    left: ByteArray  # (pose,), filled with the messages
+    right: ByteArray
+    left_position: FloatArray  # (3,), in the messages [m]
+    right_position: FloatArray
+    head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
+    near: FloatArray  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
+    scratch: FloatArray  # (4 + inputs + outputs,)
+
+
+def addresses(served: Served) -> NDArray[np.int64]:
+    """Return where each array begins, then how long each is: by these `answer_pair` and `settle` find them.
+
+    Numba looks at every argument of every call anew. Where a call comes once in a millisecond, on caches that others
+    have used meanwhile, this takes longer than the arithmetic.
+
+    Raises
+    ------
+    ValueError
+        If the items of an array do not stand side by side.
+    """
+    if not all(array.flags.c_contiguous for array in served):
+        raise ValueError("expected arrays whose items stand side by side")
+    return np.array([[array.ctypes.data for array in served], [array.size for array in served]], dtype=np.int64)
+
+
+@cache
+def served_calls() -> tuple[Any, Any]:
+    """Return `_answer_pair` and `_settle` as C has them, each with an `address`; compiled when first asked for."""
+    table = "CPointer(voidptr), CPointer(int64)"
+    answer = _for_c(f"int64({table}, CPointer(uint8), CPointer(uint8), int64)", _answer_pair)
+    return answer, _for_c(f"int64({table}, int64)", _settle)
+
+
+def _for_c(signature: str, function: Callable[..., int]) -> Any:
+    try:
+        return numba.cfunc(signature, cache=True, error_model="numpy")(function)
+    except RuntimeError:  # as in `_compiled`
+        return numba.cfunc(signature, error_model="numpy")(function)
+
+
 @_compiled
-def answer_pair(
-    left: ByteArray,
-    right: ByteArray,
-    left_position: FloatArray,
-    right_position: FloatArray,
-    head: ByteArray,
-    centres: FloatArray,
-    near_m: float,
-    centre: FloatArray,
-    sizes: SizeArray,
-    sources: IndexArray,
-    memory: FloatArray,
-    limits: FloatArray,
-    u: FloatArray,
-    outputs: FloatArray,
-    limited: FloatArray,
-    stamp: ByteArray,
-    after_ns: int,
-) -> int:
+def _served(places: Any, lengths: Any) -> Served:
+    """Return the arrays whose addresses and lengths these are."""
+    return Served(
+        carray(places[0], lengths[0], np.int64),
+        carray(places[1], lengths[1], np.uint32),
+        carray(places[2], lengths[2], np.float64),
+        carray(places[3], lengths[3], np.float64),
+        carray(places[4], lengths[4], np.float64),
+        carray(places[5], lengths[5], np.float64),
+        carray(places[6], lengths[6], np.float64),
+        carray(places[7], lengths[7], np.float64),
+        carray(places[8], lengths[8], np.uint8),
+        carray(places[9], lengths[9], np.int64),
+        carray(places[10], lengths[10], np.uint8),
+        carray(places[11], lengths[11], np.uint8),
+        carray(places[12], lengths[12], np.float64),
+        carray(places[13], lengths[13], np.float64),
+        carray(places[14], lengths[14], np.uint8),
+        carray(places[15], lengths[15], np.float64),
+        carray(places[16], lengths[16], np.float64),
+    )
+
+
+def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int) -> int:
     """Answer two hand targets, still CDR, by what the next step's outputs would be, if they are as targets mostly are.
 
     Parameters
     ----------
-    left, right : ndarray of uint8
-        The messages: poses that are alike up to their positions.
-    left_position, right_position : ndarray, shape (3,)
-        The positions in them [m].
-    head : ndarray of uint8
-        How the messages begin, up to the position; the stamp in it counts for nothing.
-    centres, near_m : ndarray of shape (6,), float
-        Positions are usual this far from these along each axis [m].
-    centre, sizes, sources, memory, limits, outputs, limited : ndarray
-        As `foresee` takes them.
-    u : ndarray, shape (6,)
-        Filled with the targets [m].
-    stamp : ndarray of uint8, shape (8,)
-        Filled with their stamp, as CDR has it.
+    places, lengths : pointers
+        To the two rows of `addresses`.
+    left, right : pointers
+        To messages, each as long as `Served.left`: usual ones are poses that are alike up to their positions.
     after_ns : int
         Stamps up to this one are not usual [ns].
 
@@ -426,24 +476,59 @@ def answer_pair(
     int
         The stamp [ns], or `UNUSUAL`: what is filled then means nothing.
     """
-    for k in range(head.size):
+    served = _served(places, lengths)
+    for k in range(served.left.size):
+        served.left[k], served.right[k] = left[k], right[k]
+    for k in range(served.head.size):
         is_stamp = STAMP_AT <= k < STAMP_END
-        if left[k] != right[k] or not (is_stamp or left[k] == head[k]):
+        if served.left[k] != served.right[k] or not (is_stamp or served.left[k] == served.head[k]):
             return UNUSUAL
     seconds = nanoseconds = 0
     for k in range(3, -1, -1):  # little-endian
-        seconds = seconds * 256 + int(left[STAMP_AT + k])
-        nanoseconds = nanoseconds * 256 + int(left[STAMP_AT + 4 + k])
+        seconds = seconds * 256 + int(served.left[STAMP_AT + k])
+        nanoseconds = nanoseconds * 256 + int(served.left[STAMP_AT + 4 + k])
     stamp_ns = seconds * _SECOND + nanoseconds
     if seconds >= 2**31 or nanoseconds >= _SECOND or stamp_ns <= after_ns:  # seconds are signed
         return UNUSUAL
+    u, limited = served.u, served.limited
     for axis in range(3):
-        u[axis], u[3 + axis] = left_position[axis], right_position[axis]
+        u[axis], u[3 + axis] = served.left_position[axis], served.right_position[axis]
     for axis in range(6):
-        if not abs(u[axis] - centres[axis]) <= near_m:  # nor is NaN near
+        if not abs(u[axis] - served.near[axis]) <= served.near[6]:  # nor is NaN near
             return UNUSUAL
-    if foresee(u, centre, limits, sizes, sources, memory, outputs, limited) != OK:
+    limits = served.limits.reshape(2, limited.size)
+    network = served.sizes, served.sources, served.memory
+    if foresee(u, served.centre, limits, *network, served.outputs, limited) != OK:
         return UNUSUAL
-    for k in range(stamp.size):
-        stamp[k] = left[STAMP_AT + k]
+    for k in range(served.stamp.size):
+        served.stamp[k] = served.left[STAMP_AT + k]
     return stamp_ns
+
+
+def _settle(places: Any, lengths: Any, advance: int) -> int:
+    """Do what a command that was sent did not wait for: count clipped joints; if told to, take the step that follows.
+
+    Parameters
+    ----------
+    places, lengths : pointers
+        To the two rows of `addresses`; `u`, `outputs` and `limited` are those of the command.
+    advance : int
+        Whether to take the step without targets.
+
+    Returns
+    -------
+    int
+        `OK`, or `BAD_INPUT` or `DIVERGED` as `run` has it.
+    """
+    served = _served(places, lengths)
+    inputs, outputs, first = served.sizes[0], served.sizes[1], served.outputs.size - served.limited.size
+    for j in range(served.limited.size):
+        served.clipped[j] += served.limited[j] != served.outputs[first + j]
+    if not advance:
+        return OK
+    rates, rest = served.scratch[:4], served.scratch[4:]  # of no account, as nothing is learned
+    row, predicted = rest[:inputs].reshape(1, inputs), rest[inputs:].reshape(1, outputs)
+    for r in range(inputs):
+        row[0, r] = served.u[r] - served.centre[r]
+    no_target = rest[:0].reshape(0, outputs)
+    return run(row, no_target, False, served.sizes, served.sources, served.memory, rates, predicted)

@@ -77,7 +77,6 @@ class Learner:
         self.input_centre = _centre("input_centre", input_centre, config.inputs)
         self.output_centre = _centre("output_centre", output_centre, config.outputs)
         self._network = Network(config)
-        self._single = np.empty((1, config.inputs)), np.empty((1, config.outputs))
         self._centre = np.concatenate([self.input_centre, self.output_centre])
         self._no_target = np.empty((0, config.outputs))
         self.begin_epoch(0)
@@ -170,33 +169,28 @@ class Learner:
             If the outputs are not finite.
         """
         net = self._network
-        status = kernels.foresee(u, self._centre, limits, net.sizes, net.sources, net.memory, outputs, limited)
-        if status != kernels.OK:
-            raise _failure(status, self._epoch)
+        self.check(kernels.foresee(u, self._centre, limits, net.sizes, net.sources, net.memory, outputs, limited))
 
-    def advance(self, u: FloatArray) -> None:
-        """Take the step that `predict` takes of one u, shape (inputs,) [m], without saying its outputs, and sooner.
+    def check(self, status: int) -> None:
+        """Raise what a kernel's status says of a step that it took or foresaw, unless it is `kernels.OK`.
 
         Raises
         ------
         MessageError
-            If u has the wrong shape, NaN or infinity; the state is then as it was.
+            If an array was of the wrong size, or an input had NaN or infinity.
         ConfigError
-            If the state is no longer finite.
+            If state or outputs are not finite.
         """
-        if u.shape != (self.config.inputs,):
-            raise _failure(kernels.BAD_SHAPE, self._epoch)
-        row, outputs = self._single
-        np.subtract(u, self.input_centre, out=row[0])
-        self._take_steps(row, self._no_target, False, outputs)
+        if status != kernels.OK:
+            raise _failure(status, self._epoch)
 
     @property
-    def foresight(self) -> tuple[FloatArray, kernels.SizeArray, kernels.IndexArray, FloatArray]:
-        """Centre, sizes, sources and memory as `kernels.foresee` takes them, for a kernel that calls it.
+    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray]:
+        """Sizes, sources, memory and centre as kernels take them, for one that takes this learner's steps by itself.
 
-        They are this learner's own, changed in place and never replaced; a kernel may write the place of u alone.
+        They are this learner's own, changed in place and never replaced.
         """
-        return self._centre, self._network.sizes, self._network.sources, self._network.memory
+        return self._network.sizes, self._network.sources, self._network.memory, self._centre
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.
@@ -249,15 +243,10 @@ class Learner:
         )
 
     def _run(self, u: FloatArray, d: FloatArray, learning: bool) -> FloatArray:
-        outputs = np.empty((len(u), self.config.outputs))
-        self._take_steps(u - self.input_centre, d, learning, outputs)
+        net, outputs = self._network, np.empty((len(u), self.config.outputs))
+        centred = u - self.input_centre
+        self.check(kernels.run(centred, d, learning, net.sizes, net.sources, net.memory, self._rates, outputs))
         return outputs + self.output_centre
-
-    def _take_steps(self, u: FloatArray, d: FloatArray, learning: bool, outputs: FloatArray) -> None:
-        net = self._network
-        status = kernels.run(u, d, learning, net.sizes, net.sources, net.memory, self._rates, outputs)
-        if status != kernels.OK:
-            raise _failure(status, self._epoch)
 
     def _set_rates(self, epoch: int) -> None:
         if epoch < 0:

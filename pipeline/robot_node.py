@@ -22,6 +22,7 @@ from recorders.errors import MessageError, ReenactError, WireError
 from recorders.messages import Message, String
 from recorders.records import Stamped
 from recorders.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
+from recorders.wire.direct import direct
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
 from recorders.wire.producer import Producer
 from recorders.wire.session import SessionConfig, open_session
@@ -103,9 +104,9 @@ class RobotNode:
             stack.enter_context(self._producer)
             self._describe(stack)
             for verb in ("command", "reset", "joints", "status"):
-                answering = zenoh.handlers.Callback(self._on_query(verb), indirect=False)
+                answering = direct(self._on_query(verb))
                 stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
-            listening = zenoh.handlers.Callback(self._on_sample, indirect=False)
+            listening = direct(self._on_sample)
             topic_key = message_key(self._namespace, JOINT_COMMANDS)
             stack.enter_context(self._session.declare_subscriber(topic_key, listening))
             stack.enter_context(self._session.liveliness().declare_token(robot_key(self._namespace, "alive")))
@@ -160,7 +161,7 @@ class RobotNode:
         robot = self._backend.robot
         topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
         for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):
-            answering = zenoh.handlers.Callback(_replier(encode(String(text))), indirect=False)
+            answering = direct(_replier(encode(String(text))))
             stack.enter_context(self._session.declare_queryable(key, answering))
         publisher = declare_advanced_publisher(
             self._session,

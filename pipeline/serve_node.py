@@ -1,13 +1,13 @@
 """The node `serve`: a learned controller as a Zenoh subscriber, with a status for whoever watches and a log."""
 
 import json
-import os
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -18,13 +18,14 @@ from pipeline.controller import Controller
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.serve_clerk import UNNUMBERED, Clerk
 from pipeline.serve_company import controller_key, note_lockstep, refuse_company
-from pipeline.serving import Command, ServedController, ServingConfig
+from pipeline.serving import ServedController, ServingConfig
 from pipeline.serving_refusals import Refusal
 from pipeline.unpaused import unpaused
 from recorders.errors import MessageError
-from recorders.messages import JointState
+from recorders.messages import JointState, PoseStamped
 from recorders.records import Stamped
-from recorders.topics import JOINT_COMMANDS, SESSION_PHASE, type_of
+from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE, type_of
+from recorders.wire.direct import direct
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     check_name,
@@ -90,7 +91,7 @@ def serve(
     config: ServeConfig | None = None,
     say: Callable[[str], None] = lambda line: None,
     on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
-    on_command: Callable[[bytes, tuple[Stamped, ...]], None] = lambda command, answered: None,
+    on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
 ) -> None:
     """Serve a controller until the process is told to stop.
 
@@ -142,7 +143,7 @@ class Node:
         Name and namespace.
     clerk : Clerk
         Writes the log.
-    on_command : callable
+    on_command : callable, optional
         Given every command that was sent, as CDR, and the messages that it answers; must return at once.
 
     Attributes
@@ -156,7 +157,7 @@ class Node:
         served: ServedController,
         config: ServeConfig,
         clerk: Clerk,
-        on_command: Callable[[bytes, tuple[Stamped, ...]], None] = lambda command, answered: None,
+        on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
         self._served = served
@@ -167,7 +168,8 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
-        self._held: Stamped | None = None
+        self._ears = {topic: _Ear(topic) for topic in (*served.topics, SESSION_PHASE)}
+        self._held: _Heard | None = None
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
@@ -192,8 +194,8 @@ class Node:
                     priority=zenoh.Priority.REAL_TIME,
                 )
             )
-            for topic in (*self._served.topics, SESSION_PHASE):
-                handler = zenoh.handlers.Callback(self._handler(topic), indirect=False)
+            for topic, ear in self._ears.items():
+                handler = direct(self._handler(ear))
                 stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
@@ -235,66 +237,68 @@ class Node:
             self._take_held()
             return self._served.controller()
 
-    def _handler(self, topic: str) -> Callable[[zenoh.Sample], None]:
+    def _handler(self, ear: "_Ear") -> Callable[[zenoh.Sample], None]:
         """Return what hears a topic.
 
         The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
-        only read and held, so that it does not keep the other waiting.
+        held unread, so that it does not keep the other waiting.
         """
-        lock, served, clerk, type_name = self._lock, self._served, self._clerk, _Types(topic).name
-
-        def read(sample: zenoh.Sample, time_ns: int) -> Stamped | None:
-            if sample.kind != zenoh.SampleKind.PUT:
-                return None  # a deleted key is no target
-            payload = sample.payload
-            if len(payload) > MAX_PAYLOAD:
-                served.refuse(Refusal.TOO_LARGE, f"{topic}: found {len(payload)} bytes")
-                return None
-            sequence = _sequence(topic, sample) if clerk.records else UNNUMBERED
-            return Stamped(topic, type_name(sample.encoding), payload.to_bytes(), sequence, time_ns)
+        lock, served = self._lock, self._served
 
         def on_sample(sample: zenoh.Sample) -> None:
-            arrival, time_ns = time.perf_counter_ns(), time.time_ns()
+            arrival = time.perf_counter_ns()
+            heard = ear, sample, time.time_ns()
             with lock:
-                if self._failure is not None:
-                    return
-                try:
-                    record = read(sample, time_ns)
-                    if record is None:
-                        return
-                    if self._held is None and served.between_ticks:
-                        self._held = record
-                    else:
-                        self._take(record, arrival)
-                except Exception as error:
-                    self._fail(error)
+                if self._held is None and served.between_ticks:
+                    self._held = heard
+                else:
+                    self._take(heard, arrival)
 
         return on_sample
 
-    def _take(self, record: Stamped | None, arrival: int) -> None:
+    def _take(self, heard: "_Heard | None", arrival: int) -> None:
         """Take what is held, and what has arrived after it."""
         held, self._held = self._held, None
         if self._failure is not None:
             return
-        if held is not None and record is not None:
-            command = self._served.take_pair(held, record)
-        elif (single := held or record) is not None:
-            command = self._served.take(single)
-        else:
-            return
-        if command is not None:
-            self._publish(command, arrival)
+        try:
+            if held is not None and heard is not None and self._answer_usual(held, heard, arrival):
+                return
+            for waiting in (held, heard):
+                record = None if waiting is None else self._read(*waiting)
+                command = None if record is None else self._served.take(record)
+                if command is not None:
+                    self._publish(command.data, command.stamp_ns, arrival, command.answered)
+        except Exception as error:
+            self._failure = error  # which ends the node
+
+    def _answer_usual(self, held: "_Heard", heard: "_Heard", arrival: int) -> bool:
+        """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
+        pair = (heard, held) if held[0].topic == RIGHT_TARGET else (held, heard)
+        (left_ear, left, _), (right_ear, right, _) = pair
+        if left_ear.topic != LEFT_TARGET or right_ear.topic != RIGHT_TARGET:
+            return False
+        answer = self._served.answer_usual(left_ear.pose(left), right_ear.pose(right))
+        if answer is None:
+            return False
+        stamp_ns, command = answer
+        self._publish(command, stamp_ns, arrival, filter(None, starmap(self._read, pair)))
+        return True
 
     def _take_held(self) -> None:
         """Take what is held although nothing follows it."""
-        try:
-            self._take(None, time.perf_counter_ns())
-        except Exception as error:
-            self._fail(error)
+        self._take(None, time.perf_counter_ns())
 
-    def _fail(self, error: Exception) -> None:
-        """End the node."""
-        self._failure = error
+    def _read(self, ear: "_Ear", sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+        """Return what a sample says, as it goes into a log too; None if that is nothing."""
+        if sample.kind != zenoh.SampleKind.PUT:
+            return None  # a deleted key is no target
+        size = len(sample.payload)
+        if size > MAX_PAYLOAD:
+            self._served.refuse(Refusal.TOO_LARGE, f"{ear.topic}: found {size} bytes")
+            return None
+        sequence = _sequence(ear.topic, sample) if self._clerk.records else UNNUMBERED
+        return Stamped(ear.topic, ear.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
@@ -312,18 +316,23 @@ class Node:
             with self._lock:
                 self._take_held()
 
-    def _publish(self, command: Command, arrival: int) -> None:
-        """Send a command, then do all that the robot does not wait for."""
-        self._publisher.put(command.data, attachment=live_attachment(self._commands, command.stamp_ns))
+    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[Stamped]) -> None:
+        """Send a command, then do all that the robot does not wait for; what it answers is looked at only then."""
+        self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
-        os.sched_yield()  # to Zenoh's thread that sends it
-        if self._clerk.records:
-            for answered in command.answered:
-                self._clerk.write(answered)
-            self._clerk.write(Stamped(JOINT_COMMANDS, JointState.TYPE, command.data, self._commands, time.time_ns()))
-        self._on_command(command.data, command.answered)
+        if self._clerk.records or self._on_command is not None:
+            self._keep(command, tuple(answered))
         self._commands += 1
         self._served.settle()
+
+    def _keep(self, command: bytes, answered: tuple[Stamped, ...]) -> None:
+        """Pass a command on to whoever records and watches."""
+        if self._clerk.records:
+            sent = Stamped(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
+            for message in (*answered, sent):
+                self._clerk.write(message)
+        if self._on_command is not None:
+            self._on_command(command, answered)
 
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:
@@ -348,8 +357,8 @@ def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
     )
 
 
-class _Types:
-    """Tells the type of a topic's samples by their encoding, and remembers the last, which is nearly always the next.
+class _Ear:
+    """Knows what comes on a topic; remembers the last encoding, which is nearly always the next.
 
     Parameters
     ----------
@@ -358,17 +367,27 @@ class _Types:
     """
 
     def __init__(self, topic: str) -> None:
-        self._topic = topic
+        self.topic = topic
         self._encoding = zenoh.Encoding.ZENOH_BYTES
-        self._name = type_of(topic)
+        self._type = type_of(topic)
 
-    def name(self, encoding: zenoh.Encoding) -> str:
-        """Return the name of the type."""
+    def type_name(self, encoding: zenoh.Encoding) -> str:
+        """Return the name of a sample's type."""
         if encoding != self._encoding:
             text = str(encoding)
-            self._name = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self._topic)
+            self._type = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self.topic)
             self._encoding = encoding
-        return self._name
+        return self._type
+
+    def pose(self, sample: zenoh.Sample) -> bytes:
+        """Return the payload of a sample that may be a usual pose; nothing if it is none, nor is what was deleted."""
+        payload = sample.payload
+        usual = len(payload) <= MAX_PAYLOAD and self.type_name(sample.encoding) == PoseStamped.TYPE
+        return payload.to_bytes() if usual else b""
+
+
+_Heard = tuple[_Ear, zenoh.Sample, int]
+"""What has come, from where, and when [ns]."""
 
 
 def _sequence(topic: str, sample: zenoh.Sample) -> int:

@@ -16,10 +16,10 @@ from pipeline.learner import state_digest
 from pipeline.plausible import MAX_DISTANCE_M
 from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
+from pipeline.serving_calls import ServingCalls
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
 from pipeline.serving_restart import RESTART_AFTER, RestartWatch
-from pipeline.serving_usual import UsualPair
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
@@ -145,23 +145,19 @@ class ServedController:
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
         self._limits = np.array([self._robot.lower, self._robot.upper])
-        self._u = np.empty(6)  # of the last command, as are all that follow
-        self._u_bytes = self._u.data
-        self._outputs = np.empty(controller.config.outputs)
-        self._usual = UsualPair(
+        self._calls = ServingCalls(
             self._learner,
             self._encoder,
             limits=self._limits,
             centres=self._robot.input_centre,
             near_m=self._config.outside_m,
-            u=self._u,
-            outputs=self._outputs,
         )
-        self._unsettled = False
+        self._u_bytes = self._calls.u.data
+        self._unsettled = self._fresh = False
+        self._last_stamp = -1
         self._kinematics = Kinematics(self._robot) if self._config.learn else None
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self._refused: Counter[str] = Counter()
-        self._clipped = np.zeros(len(controller.joints), dtype=np.int64)
         self._last_refusal = ""
         self._accepted = self._outside = self._learned = 0
         self._learning = self._config.learn
@@ -207,8 +203,10 @@ class ServedController:
         values[place], records[place] = value, record
         return None if None in records else self._answer(stamp, values, records)
 
-    def take_pair(self, first: Stamped, second: Stamped) -> Command | None:
-        """Take two messages in a row while no tick is open: as `take` would, but a usual pair of targets faster.
+    def answer_usual(self, left: bytes, right: bytes) -> tuple[int, bytes] | None:
+        """Return stamp [ns] and command (CDR) for two poses (CDR), as `take` would; None if they are out of the usual.
+
+        None changes nothing: `take` can have them.
 
         Raises
         ------
@@ -217,14 +215,14 @@ class ServedController:
         """
         if self._unsettled:
             self.settle()
-        left, right = (second, first) if first.topic == RIGHT_TARGET else (first, second)
-        topics = left.topic == LEFT_TARGET and right.topic == RIGHT_TARGET
-        if topics and left.type == PoseStamped.TYPE == right.type and not (self._fresh or self._config.learn):
-            stamp = self._usual.answer(left.data, right.data, self._last_stamp)
-            if stamp >= 0:
-                return self._answered(stamp, self._encoder.encoded(), (left, right))
-        self.take(first)  # completes nothing, as nothing is open
-        return self.take(second)
+        if self._open or self._fresh or self._config.learn:
+            return None
+        stamp = self._calls.answer(left, right, self._last_stamp)
+        if stamp < 0:
+            return None
+        self._unsettled = True
+        self._last_stamp = stamp
+        return stamp, self._encoder.encoded()
 
     def settle(self) -> None:
         """Do what the last command did not have to wait for; whatever depends on it does it first, if need be.
@@ -239,9 +237,7 @@ class ServedController:
         self._unsettled = False
         self._accepted += 1
         self._behind.reset()
-        self._clipped += self._encoder.positions != self._outputs[6:]
-        if not self._config.learn:
-            self._learner.advance(self._u)
+        self._learner.check(self._calls.settle(advance=not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
@@ -258,6 +254,7 @@ class ServedController:
         that met their d.
         """
         self.settle()
+        clipped = zip(self._robot.joints, self._calls.clipped.tolist(), strict=True)
         return {
             "controller": self._controller.digest,
             "digest": state_digest(self._learner.state(), self._pairs.pending),
@@ -266,9 +263,7 @@ class ServedController:
             "refused": dict(self._refused),
             "last_refusal": self._last_refusal,
             "outside": self._outside,
-            "clipped": {
-                name: count for name, count in zip(self._robot.joints, self._clipped.tolist(), strict=True) if count
-            },
+            "clipped": {name: count for name, count in clipped if count},
             "learned_steps": self._learned,
             "hand_error_cm": self._error_cm(),
         }
@@ -317,11 +312,11 @@ class ServedController:
 
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
-        self._u[:] = self._robot.input_centre
+        self._calls.u[:] = self._robot.input_centre
         self._foresee()
         pose = encode(PoseStamped(0, np.zeros(3)))
-        self._usual.answer(pose, pose, -1)
-        self._controller.learner().advance(self._u)
+        self._calls.answer(pose, pose, -1)
+        self._controller.learner().predict([self._calls.u])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
     def _read_target(self, record: Stamped, hand: int) -> tuple[int, Position]:
@@ -400,16 +395,14 @@ class ServedController:
         """Command what the next step's outputs will be."""
         _TARGETS.pack_into(self._u_bytes, 0, *position)
         self._foresee()
-        return self._answered(stamp, self._encoder.encode(stamp), records)
-
-    def _answered(self, stamp: int, data: bytes, records: tuple[Stamped, ...]) -> Command:
         self._unsettled = True
         self._last_stamp = stamp
-        return Command(stamp, data, records)
+        return Command(stamp, self._encoder.encode(stamp), records)
 
     def _foresee(self) -> None:
         """Write what step u would lead to, within the joints' limits, into the next command."""
-        self._learner.foresee(self._u, limits=self._limits, outputs=self._outputs, limited=self._encoder.positions)
+        calls, limited = self._calls, self._encoder.positions
+        self._learner.foresee(calls.u, limits=self._limits, outputs=calls.outputs, limited=limited)
 
     def _complete_step(self, stamp: int, values: list[Any], records: list[Any]) -> None:
         """Take the step that this tick completes: predict, score, then update."""

@@ -15,6 +15,7 @@ from recorders.topics import type_of
 DEFAULT_NAMESPACE = "reenact"
 
 _ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
+_LIVE = struct.Struct("<4sI32sQQ")  # the same, with what all live messages share in two pieces
 _CHUNK = r"(?!@)[^/*#?$\0\ud800-\udfff]+"  # no wildcard of Zenoh's, no control key of ours, and nothing but text
 _TOPIC = re.compile(f"{_CHUNK}(/{_CHUNK})*")
 _MAX_TOPIC = 1000  # characters; the length of a name in a batch has 16 bits
@@ -32,6 +33,10 @@ class Kind(IntEnum):
     BATCH = 1  # several messages, packed
     END = 2  # the stream ends at this index
     ABORT = 3  # the sender failed; the payload says why
+
+
+_LIVE_HEAD = bytes([PROTOCOL_VERSION, Kind.MESSAGE, 0, 0])
+_NOBODY = NO_RUN + NO_RUN  # neither run nor sender
 
 
 class Frame(NamedTuple):
@@ -112,7 +117,7 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
 
 def live_attachment(sequence: int, log_time_ns: int) -> bytes:
     """Return the attachment that `pack` gives a message of no run, numbered from 0, with its log time [ns]."""
-    return _attachment(Kind.MESSAGE, sequence, NO_RUN, NO_RUN, sequence, log_time_ns)
+    return _LIVE.pack(_LIVE_HEAD, sequence, _NOBODY, sequence, log_time_ns)
 
 
 def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:

@@ -1,10 +1,11 @@
 """`serve` beside a bare Zenoh echo of the same bytes, target to command: python tests/benchmarks/bench_serve.py.
 
-Three processes on loopback: a driver, a served controller, an echo. The driver puts the two targets of a tick at 1 kHz
-and takes the time until the command of that stamp is back. The echo subscribes to the same keys in the same way and
-answers the second target with a command of the same size, with the same attachment and quality of service, that it
-does not compute. Rounds of the two take turns, so that a slow moment of the machine hits both. Nothing is asserted.
-Where other machines share the processor, p5 says more of the program than p50 does.
+Processes on loopback: a driver, a served controller, two echoes. The driver puts the two targets of a tick at 1 kHz
+and takes the time until the command of that stamp is back. An echo subscribes to the same keys and answers the second
+target with a command of the same size, with the same attachment and quality of service, that it does not compute.
+The one has plain callbacks, as Zenoh's own ping-pong example does; the other, to show what there is to gain at all, has
+the callbacks of `serve`. Rounds of the three take turns, so that a slow moment of the machine hits all. Nothing is
+asserted. Where other machines share the processor, p5 says more of the program than p50 does.
 """
 
 import statistics
@@ -13,7 +14,7 @@ import sys
 import tempfile
 import time
 from contextlib import ExitStack
-from itertools import chain
+from itertools import chain, cycle, islice, permutations
 from pathlib import Path
 
 import numpy as np
@@ -28,6 +29,7 @@ from pipeline.serve_node import serve
 from recorders.cdr import encode, stamp_ns
 from recorders.messages import JointState, PoseStamped
 from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
+from recorders.wire.direct import direct
 from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -35,6 +37,7 @@ from recorders.wire.session import SessionConfig, open_session
 NAMESPACE = "reenact"
 TARGETS, PERIOD_NS = 200, 1_000_000
 ROUNDS = 60
+ECHOES = "echo", "direct echo"
 PATIENCE_S = 2.0  # what is not back by then is lost
 LATE_US = 1000.0
 LOST_US = float("inf")
@@ -53,7 +56,7 @@ def trained() -> Controller:
     return Controller.from_learner(learner, joints=robot.joints, **texts)
 
 
-def echo(endpoint: str) -> None:
+def echo(endpoint: str, *, as_serve_does: bool) -> None:
     """Answer the right target with the bytes of a command, stamped as the target is."""
     answer = encode(JointState(0, load_robot("asimo").joints, np.zeros(15)))
     reply = live_attachment(0, 0)
@@ -67,7 +70,7 @@ def echo(endpoint: str) -> None:
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
-            session.declare_subscriber(message_key(NAMESPACE, topic), zenoh.handlers.Callback(handler, indirect=False))
+            session.declare_subscriber(message_key(NAMESPACE, topic), direct(handler) if as_serve_does else handler)
         sys.stdin.read()
 
 
@@ -76,8 +79,7 @@ class Driver:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._back: dict[int, int] = {}
-        handler = zenoh.handlers.Callback(self._on_command, indirect=False)
-        self._commands = session.declare_subscriber(message_key(NAMESPACE, JOINT_COMMANDS), handler)
+        self._commands = session.declare_subscriber(message_key(NAMESPACE, JOINT_COMMANDS), direct(self._on_command))
         keys = [message_key(NAMESPACE, topic) for topic in (LEFT_TARGET, RIGHT_TARGET)]
         self._targets = [session.declare_publisher(key, **QUALITY) for key in keys]
         deadline = time.monotonic() + 60.0
@@ -123,19 +125,18 @@ def show(times: dict[str, list[list[float]]]) -> None:
         p5, p50, p99 = (values[len(values) * percent // 100] for percent in (5, 50, 99))
         late, lost = sum(v > LATE_US for v in values), sum(v == LOST_US for v in values)
         print(
-            f"{name:6s} p5 {p5:7.1f} us   p50 {p50:7.1f} us   p99 {p99:8.1f} us   "
+            f"{name:11s} p5 {p5:7.1f} us   p50 {p50:7.1f} us   p99 {p99:8.1f} us   "
             f"later than 1 ms: {late} of {len(values)} (lost {lost})"
         )
-    differences = [
-        statistics.median(served) - statistics.median(echoed)
-        for served, echoed in zip(times["serve"], times["echo"], strict=True)
-    ]
-    low, middle, high = statistics.quantiles(differences, n=4)
-    print(f"serve adds {middle:.1f} us (p50, median over pairs of rounds; half of them {low:.1f} to {high:.1f})")
+    for name in ECHOES:
+        pairs = zip(times["serve"], times[name], strict=True)
+        differences = [statistics.median(served) - statistics.median(echoed) for served, echoed in pairs]
+        low, middle, high = statistics.quantiles(differences, n=4)
+        print(f"serve adds {middle:.1f} us to {name} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
 
 
 def main() -> None:
-    times: dict[str, list[list[float]]] = {"echo": [], "serve": []}
+    times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, "serve")}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         trained().save(folder / "controller.npz")
@@ -148,8 +149,8 @@ def main() -> None:
             drivers[name] = Driver(stack.enter_context(open_session(SessionConfig(connect=(endpoint,)))))
         for driver in drivers.values():
             driver.round()
-        for turn in range(ROUNDS):
-            for name in sorted(drivers, reverse=bool(turn % 2)):
+        for order in islice(cycle(permutations(drivers)), ROUNDS):
+            for name in order:
                 times[name].append(drivers[name].round())
     show(times)
 
@@ -157,7 +158,7 @@ def main() -> None:
 if __name__ == "__main__":
     if len(sys.argv) == 1:
         main()
-    elif sys.argv[1] == "echo":
-        echo(sys.argv[2])
+    elif sys.argv[1] in ECHOES:
+        echo(sys.argv[2], as_serve_does=sys.argv[1] == "direct echo")
     else:
         serve(Controller.load(sys.argv[3]), session=SessionConfig(listen=(sys.argv[2],)))

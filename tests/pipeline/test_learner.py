@@ -327,31 +327,14 @@ def test_foresight_that_overflows_is_one_clear_error():
         foresee(learner, np.full(6, 1e10))
 
 
-def test_advancing_is_predicting_to_the_bit():
-    advancing, predicting, (u, _) = make(), make(), motion(32)
-    for k in range(32):
-        advancing.advance(u[k])
-        predicting.predict(u[k : k + 1])
-        assert state_digest(advancing.state()) == state_digest(predicting.state())
-
-
-@pytest.mark.parametrize("u", [np.zeros(5), np.zeros(1), np.zeros((1, 6)), np.full(6, np.nan), np.full(6, -np.inf)])
-def test_advancing_by_what_is_no_u_is_refused_and_changes_nothing(u):
-    learner = make()
-    digest = state_digest(learner.state())
-    with pytest.raises(MessageError, match=r"sizes of the network|finite numbers in u"):
-        learner.advance(u)
-    assert state_digest(learner.state()) == digest
-
-
-def test_the_arrays_of_foresight_stay_the_learners_own():
+def test_its_arrays_stay_the_learners_own():
     learner, (u, d) = make(), motion(4)
-    arrays = learner.foresight
+    arrays = learner.arrays
     learner.step(u, d, learning=True)
     learner.washout(u[0], steps=2)
     learner.begin_epoch(3)
     learner.load_state(make(seed=5).state())
-    assert all(now is before for now, before in zip(learner.foresight, arrays, strict=True))
+    assert all(now is before for now, before in zip(learner.arrays, arrays, strict=True))
 
 
 # what every learning rule promises

@@ -1,0 +1,30 @@
+"""Callbacks that Zenoh makes on its own thread that reads from the network: no other thread need wake for them."""
+
+import ctypes
+import threading
+from collections.abc import Callable
+from typing import TypeVar
+
+import zenoh
+
+_Heard = TypeVar("_Heard")
+
+_hold_state = ctypes.pythonapi.PyGILState_Ensure
+_OF_THREAD = threading.local()  # lasts as long as the state
+
+
+def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard]":
+    """Return a callback without a queue and a thread of its own; the handler keeps the network waiting.
+
+    Python gives a thread that is none of its own a state when it calls in, and takes it away when it returns: the
+    state's stack is mapped into memory and unmapped again for every call, which takes longer than most handlers. So
+    the first call on a thread takes hold of the state once more than it is given up, and it lasts as the thread does.
+    """
+
+    def on_thread_of_zenoh(heard: _Heard) -> None:
+        if not hasattr(_OF_THREAD, "held"):
+            _OF_THREAD.held = True
+            _hold_state()
+        handler(heard)
+
+    return zenoh.handlers.Callback(on_thread_of_zenoh, indirect=False)

@@ -1,0 +1,112 @@
+"""The two compiled calls of a served controller do what the learner's own methods do, to the bit."""
+
+import numpy as np
+import pytest
+
+from pipeline import kernels
+from pipeline.learner import Learner, state_digest
+from pipeline.learner_config import LearnerConfig
+from pipeline.robot import load_robot
+from pipeline.serving_calls import ServingCalls
+from pipeline.serving_codec import CommandEncoder
+from recorders.cdr import decode_as, encode
+from recorders.errors import ConfigError, MessageError
+from recorders.messages import JointState, PoseStamped
+
+ROBOT = load_robot("asimo")
+NEAR_M = 0.25
+
+
+def make(seed: int = 1) -> Learner:
+    centre = np.concatenate([ROBOT.input_centre, ROBOT.comfort])
+    return Learner(LearnerConfig(seed=seed, output_output_density=0.3), input_centre=centre[:6], output_centre=centre)
+
+
+def bind(learner: Learner, *, margin: float = np.inf) -> tuple[ServingCalls, CommandEncoder]:
+    """Return calls for joints that may leave comfort by a margin, and the encoder that they write to."""
+    encoder, limits = CommandEncoder(ROBOT.joints), np.array([ROBOT.comfort - margin, ROBOT.comfort + margin])
+    return ServingCalls(learner, encoder, limits=limits, centres=ROBOT.input_centre, near_m=NEAR_M), encoder
+
+
+def motion(steps: int) -> np.ndarray:
+    return ROBOT.input_centre + 0.2 * np.sin(np.arange(steps)[:, np.newaxis] + np.arange(6))
+
+
+def poses(stamp_ns: int, u: np.ndarray) -> list[bytes]:
+    return [encode(PoseStamped(stamp_ns, hand)) for hand in u.reshape(2, 3)]
+
+
+def test_commands_and_states_are_those_of_predicting() -> None:
+    answering, predicting, margin = make(), make(), 0.004
+    calls, encoder = bind(answering, margin=margin)
+    counts = np.zeros(len(ROBOT.joints), dtype=int)
+    for k, u in enumerate(motion(64)):
+        stamp_ns = k * 10**8 + 7
+        assert calls.answer(*poses(stamp_ns, u), stamp_ns - 1) == stamp_ns
+        assert state_digest(answering.state()) == state_digest(predicting.state())
+        (outputs,) = predicting.predict([u])
+        command = decode_as(JointState, encoder.encoded())
+        assert command.stamp_ns == stamp_ns
+        assert calls.u.tobytes() == u.tobytes()
+        assert calls.outputs.tobytes() == outputs.tobytes()
+        assert np.array_equal(command.position, np.clip(outputs[6:], ROBOT.comfort - margin, ROBOT.comfort + margin))
+        answering.check(calls.settle(advance=True))
+        assert state_digest(answering.state()) == state_digest(predicting.state())
+        counts += command.position != outputs[6:]
+    assert calls.clipped.tolist() == counts.tolist()
+    assert 0 < counts.sum() < 64 * counts.size
+
+
+def test_without_an_advance_the_state_stays() -> None:
+    learner = make()
+    calls, _ = bind(learner, margin=1e-6)
+    before = state_digest(learner.state())
+    assert calls.answer(*poses(5, motion(1)[0]), 4) == 5
+    learner.check(calls.settle(advance=False))
+    assert state_digest(learner.state()) == before
+    assert calls.clipped.sum() > 0
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", range(6))
+def test_a_position_beyond_the_usual_is_not_answered(axis: int, sign: float) -> None:
+    calls, _ = bind(make())
+    for distance, answered in ((0.2499, 1), (0.2501, kernels.UNUSUAL), (np.inf, kernels.UNUSUAL)):
+        u = ROBOT.input_centre.copy()
+        u[axis] += sign * distance
+        assert calls.answer(*poses(1, u), 0) == answered
+
+
+def test_a_stamp_that_is_not_later_is_not_answered() -> None:
+    calls, _ = bind(make())
+    assert calls.answer(*poses(7, ROBOT.input_centre), 7) == kernels.UNUSUAL
+    assert calls.answer(*poses(7, ROBOT.input_centre), 6) == 7
+
+
+@pytest.mark.parametrize("value", [np.nan, -np.inf])
+def test_a_target_that_is_not_finite_is_one_clear_error_and_changes_nothing(value: float) -> None:
+    learner = make()
+    calls, _ = bind(learner)
+    before = state_digest(learner.state())
+    calls.u[:] = ROBOT.input_centre
+    calls.u[3] = value
+    with pytest.raises(MessageError, match="finite numbers in u"):
+        learner.check(calls.settle(advance=True))
+    assert state_digest(learner.state()) == before
+
+
+def test_a_state_that_overflows_is_not_answered_and_then_one_clear_error() -> None:
+    learner = make()
+    state = learner.state()
+    state["input_output_weights"][:] = 1.7e308
+    learner.load_state(state)
+    calls, _ = bind(learner)
+    assert calls.answer(*poses(1, ROBOT.input_centre + 0.2), 0) == kernels.UNUSUAL
+    with pytest.raises(ConfigError, match="no longer finite"):
+        learner.check(calls.settle(advance=True))
+
+
+def test_arrays_with_gaps_are_refused() -> None:
+    calls, _ = bind(make())
+    with pytest.raises(ValueError, match="side by side"):
+        kernels.addresses(calls._served._replace(u=np.zeros(12)[::2]))
