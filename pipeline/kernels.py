@@ -35,11 +35,15 @@ _SECOND = 10**9
 
 
 def _compiled(function: _Function) -> _Function:
+    return cast(_Function, _kept(numba.njit, function))
+
+
+def _kept(compiler: Callable[..., Callable[..., Any]], function: Callable[..., Any], *signature: str) -> Any:
     """Compile, and keep the result for the next process. It is found by this file alone: all kernels live here."""
     try:
-        return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+        return compiler(*signature, cache=True, error_model="numpy")(function)
     except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
-        return cast(_Function, numba.njit(error_model="numpy")(function))
+        return compiler(*signature, error_model="numpy")(function)
 
 
 class Sizes(NamedTuple):
@@ -383,7 +387,10 @@ def foresee(
 
 
 class Served(NamedTuple):
-    """What the calls of a served controller read and change: arrays that stay where they are in memory."""
+    """What the calls of a served controller read and change: arrays that stay where they are in memory.
+
+    The calls believe types and sizes, for they see addresses alone; `pipeline.serving_calls` sees to both.
+    """
 
     sizes: SizeArray  # (7,), as `run` takes it, as are the next two
     sources: IndexArray
@@ -405,7 +412,7 @@ class Served(NamedTuple):
 
 
 def addresses(served: Served) -> NDArray[np.int64]:
-    """Return where each array begins, then how long each is: by these `answer_pair` and `settle` find them.
+    """Return where each array begins, then how long each is: by these the calls of `served_calls` find them.
 
     Numba looks at every argument of every call anew. Where a call comes once in a millisecond, on caches that others
     have used meanwhile, this takes longer than the arithmetic.
@@ -424,15 +431,8 @@ def addresses(served: Served) -> NDArray[np.int64]:
 def served_calls() -> tuple[Any, Any]:
     """Return `_answer_pair` and `_settle` as C has them, each with an `address`; compiled when first asked for."""
     table = "CPointer(voidptr), CPointer(int64)"
-    answer = _for_c(f"int64({table}, CPointer(uint8), CPointer(uint8), int64)", _answer_pair)
-    return answer, _for_c(f"int64({table}, int64)", _settle)
-
-
-def _for_c(signature: str, function: Callable[..., int]) -> Any:
-    try:
-        return numba.cfunc(signature, cache=True, error_model="numpy")(function)
-    except RuntimeError:  # as in `_compiled`
-        return numba.cfunc(signature, error_model="numpy")(function)
+    answer = _kept(numba.cfunc, _answer_pair, f"int64({table}, CPointer(uint8), CPointer(uint8), int64)")
+    return answer, _kept(numba.cfunc, _settle, f"int64({table}, int64)")
 
 
 @_compiled

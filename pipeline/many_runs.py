@@ -1,10 +1,11 @@
 """Many trainings of the same kind, such as the paper's ten initialisations; where they are computed changes no bit."""
 
-from collections.abc import Callable, Iterator, Sequence
-from concurrent.futures import BrokenExecutor, Executor, Future, as_completed
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Executor, Future, wait
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TypeVar
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
@@ -13,6 +14,8 @@ from recorders.errors import ReenactError
 from replay.schedule import Schedule
 
 _ATTEMPTS = 3
+_LOOK_S = 0.5  # longest single wait
+_Result = TypeVar("_Result")
 
 Executors = Callable[[], AbstractContextManager[Executor]]
 """Opens an executor: `pipeline.executors.local_processes`, or a cluster."""
@@ -110,5 +113,13 @@ def _computed(executor: Executor, runs: Sequence[Run], known: dict[int, Outcome]
     for index, run in enumerate(runs):
         if index not in known:
             waiting[executor.submit(compute, run)] = index
-    for future in as_completed(waiting):
+    for future in as_they_end(waiting):
         yield waiting[future], future.result()
+
+
+def as_they_end(futures: Iterable[Future[_Result]]) -> Iterator[Future[_Result]]:
+    """Yield futures as they end. It never waits for long: a signal that comes just before a wait does not end it."""
+    waiting = set(futures)
+    while waiting:
+        ended, waiting = wait(waiting, timeout=_LOOK_S, return_when=FIRST_COMPLETED)
+        yield from ended

@@ -3,7 +3,6 @@
 import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from concurrent.futures import as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -15,7 +14,7 @@ from pipeline.deployment import deploy
 from pipeline.executors import local_processes
 from pipeline.exploration import explore
 from pipeline.learner_config import LearnerConfig
-from pipeline.many_runs import Executors, Outcome, Run, RunsError, compute, compute_all
+from pipeline.many_runs import Executors, Outcome, Run, RunsError, as_they_end, compute, compute_all
 from pipeline.motions import PATTERNS, load_motion
 from pipeline.paper_networks import try_networks
 from pipeline.paper_results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, Networks, Paper
@@ -151,7 +150,7 @@ def _explore_all(logs: Mapping[str, Path], config: PaperConfig) -> None:
     try:
         with console.progress("explore the other motions") as advance, local_processes() as pool:
             explored = [pool.submit(_explore, name, log, config) for name, log in logs.items()]
-            for done, future in enumerate(as_completed(explored), 1):
+            for done, future in enumerate(as_they_end(explored), 1):
                 future.result()
                 advance(done / len(explored))
     except BrokenProcessPool as error:

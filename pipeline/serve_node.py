@@ -43,7 +43,7 @@ MAX_PAYLOAD = 64 << 10
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
-_LOOK_S = 0.1
+_LOOK_S = 0.1  # longest single wait for the end
 _CDR = "application/cdr;"  # how the encoding of a typed message begins
 
 
@@ -208,7 +208,7 @@ class Node:
     def wait(self) -> None:
         """Return never; raises what serving failed of, or what a signal's handler raises."""
         while self._failure is None:
-            time.sleep(_LOOK_S)  # not for ever: a signal that comes just before a wait does not end it
+            time.sleep(_LOOK_S)  # a signal that comes just before a wait begins does not end it
         raise self._failure
 
     def status(self) -> dict[str, Any]:
@@ -302,6 +302,7 @@ class Node:
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
+        # A daemon, as a signal may end `start` when the thread is there already.
         thread = threading.Thread(target=self._look_after_held, name="held", daemon=True)
         thread.start()
         try:

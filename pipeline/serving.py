@@ -153,8 +153,9 @@ class ServedController:
             near_m=self._config.outside_m,
         )
         self._u_bytes = self._calls.u.data
-        self._unsettled = self._fresh = False
-        self._last_stamp = -1
+        self._unsettled = False
+        self._fresh: bool
+        self._last_stamp: int
         self._kinematics = Kinematics(self._robot) if self._config.learn else None
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self._refused: Counter[str] = Counter()

@@ -35,19 +35,29 @@ class ServingCalls:
     Attributes
     ----------
     u : ndarray, shape (6,)
-        Targets of the last command [m].
+        Targets of the last command [m], as long as nothing else has been asked for.
     outputs : ndarray, shape (outputs,)
         The outputs behind it, beyond the limits where they are [m, rad].
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
+
+    Raises
+    ------
+    ValueError
+        If the network, the encoder, the limits and the centres are not of one size.
     """
 
     def __init__(
         self, learner: Learner, encoder: CommandEncoder, *, limits: Floats, centres: Floats, near_m: float
     ) -> None:
-        inputs, outputs = learner.config.inputs, learner.config.outputs
+        inputs, outputs, n = learner.config.inputs, learner.config.outputs, encoder.positions.size
+        if (inputs, np.shape(centres), np.shape(limits)) != (6, (6,), (2, n)) or outputs < n:
+            raise ValueError(
+                f"expected 6 inputs and centres, limits (2, {n}) and at least {n} outputs, "
+                f"found {inputs}, {np.shape(centres)}, {np.shape(limits)} and {outputs}"
+            )
         self.u, self.outputs = np.empty(inputs), np.empty(outputs)
-        self.clipped = np.zeros(limits.shape[1], dtype=np.int64)
+        self.clipped = np.zeros(n, dtype=np.int64)
         usual, position_at = pose_layout()
         self._pose_size = len(usual)
         left, left_position = _aligned(usual, position_at)
@@ -58,7 +68,7 @@ class ServingCalls:
             sources=sources,
             memory=memory,
             centre=centre,
-            limits=limits.reshape(-1),
+            limits=np.array(limits, dtype=np.float64).reshape(-1),
             u=self.u,
             outputs=self.outputs,
             limited=encoder.positions,
@@ -69,7 +79,7 @@ class ServingCalls:
             left_position=left_position,
             right_position=right_position,
             head=np.frombuffer(usual, np.uint8, position_at),
-            near=np.append(centres, near_m),
+            near=np.array([*centres, near_m], dtype=np.float64),
             scratch=np.zeros(4 + inputs + outputs),
         )
         self._addresses = kernels.addresses(self._served)

@@ -10,7 +10,7 @@ import zenoh
 _Heard = TypeVar("_Heard")
 
 _hold_state = ctypes.pythonapi.PyGILState_Ensure
-_OF_THREAD = threading.local()  # lasts as long as the state
+_OF_THREAD = threading.local()  # is there as long as the state is
 
 
 def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard]":
@@ -18,7 +18,8 @@ def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard
 
     Python gives a thread that is none of its own a state when it calls in, and takes it away when it returns: the
     state's stack is mapped into memory and unmapped again for every call, which takes longer than most handlers. So
-    the first call on a thread takes hold of the state once more than it is given up, and it lasts as the thread does.
+    the first call on a thread takes hold of the state once more than it is given up. It stays until the interpreter
+    ends, even if the thread does not: Zenoh reads on a few threads that live as long.
     """
 
     def on_thread_of_zenoh(heard: _Heard) -> None:

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 _Item = TypeVar("_Item")
 
 _KEEPING = 1024  # what Python needs to keep an item, however small it is [bytes]
-_LOOK_S = 0.5
+_LOOK_S = 0.5  # longest single wait
 
 
 class Inbox(Generic[_Item]):
@@ -42,7 +42,7 @@ class Inbox(Generic[_Item]):
         while True:
             left_s = max(0.0, deadline_s - time.monotonic())
             try:
-                # Never for long: a signal that comes just before a wait does not end it.
+                # A signal that comes just before a wait begins does not end it.
                 item, size = self._items.get(timeout=min(left_s, _LOOK_S))
             except queue.Empty:
                 if left_s <= _LOOK_S:

@@ -86,12 +86,10 @@ def listening(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, s
     endpoint = free_endpoint()
     arguments = ("demonstrate", "live", "--out", "live.mcap", "--listen", endpoint, "--place", "as-is", "--json")
     with start(*arguments, *options, cwd=folder) as process:
-        try:
-            wait_for_line(process, f"listens to {TRACKER}")
-            with open_session(SessionConfig(connect=(endpoint,), wait_s=30.0)) as session:
-                yield session, process
-        finally:
-            process.kill()
+        wait_for_line(process, f"listens to {TRACKER}")
+        with open_session(SessionConfig(connect=(endpoint,), wait_s=30.0)) as session:
+            yield session, process
+        process.kill()
 
 
 def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:

@@ -60,11 +60,9 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
     endpoint = free_endpoint()
     arguments = ("learn", "--live", "--listen", endpoint, "--out", "c.npz", "--seed", SEED, "--json", *options)
     with start(*arguments, "--robot", "asimo", cwd=folder) as process:
-        try:
-            wait_for_line(process, "learns asimo from reenact/**")
-            yield endpoint, process
-        finally:
-            process.kill()
+        wait_for_line(process, "learns asimo from reenact/**")
+        yield endpoint, process
+        process.kill()
 
 
 def ended(process: Popen[str]) -> tuple[dict[str, Any], list[str]]:

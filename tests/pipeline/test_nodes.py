@@ -37,10 +37,8 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, object]]:
     """Start a learner in an empty folder; yields its endpoint and its process."""
     endpoint = free_endpoint()
     with start("learn", "--listen", endpoint, "--out", "controller.npz", "--json", *options, cwd=folder) as process:
-        try:
-            yield endpoint, process
-        finally:
-            process.kill()
+        yield endpoint, process
+        process.kill()
 
 
 @pytest.fixture

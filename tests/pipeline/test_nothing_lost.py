@@ -49,11 +49,9 @@ def expected(log: Path) -> dict[str, Any]:
 def running(*arguments: object, ready: str, cwd: Path) -> Iterator[subprocess.Popen[str]]:
     """Run a verb, from the moment when it says that it is ready."""
     with start(*arguments, cwd=cwd) as process:
-        try:
-            wait_for_line(process, ready)
-            yield process
-        finally:
-            process.kill()
+        wait_for_line(process, ready)
+        yield process
+        process.kill()
 
 
 def learning(endpoint: str, cwd: Path) -> Any:
@@ -162,10 +160,8 @@ def test_a_consumer_that_stalls_loses_nothing(
 def collecting(endpoint: str, name: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
     arguments = [sys.executable, collector.__file__, endpoint, name, json.dumps(options)]
     with subprocess.Popen(arguments, stdout=subprocess.PIPE, text=True) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+        yield process
+        process.kill()
 
 
 def said(process: subprocess.Popen[str]) -> dict[str, Any]:

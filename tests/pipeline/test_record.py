@@ -56,21 +56,17 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         with start("record", "--out", "log.mcap", "--connect", endpoint, "--json", *options, cwd=folder) as process:
-            try:
-                wait_for_line(process, "records reenact/**")
-                yield session, process
-            finally:
-                process.kill()
+            wait_for_line(process, "records reenact/**")
+            yield session, process
+            process.kill()
 
 
 @contextmanager
 def endless_replay(log: Path, endpoint: str) -> Iterator[subprocess.Popen[str]]:
     arguments = ("--epochs", 100_000, "--connect", endpoint, "--await", "recorder")
     with start("replay", log, *arguments, cwd=log.parent) as process:
-        try:
-            yield process
-        finally:
-            process.kill()
+        yield process
+        process.kill()
 
 
 @contextmanager

@@ -124,13 +124,11 @@ def serving(
     controller.save(path)
     arguments = ("serve", path, "--listen", endpoint, "--name", name, "--namespace", namespace, "--json", *options)
     with start(*arguments, cwd=folder) as process:
-        try:
-            with open_session(SessionConfig(connect=(endpoint,), wait_s=WAIT_S)) as session:
-                watcher = Watcher(session, endpoint, namespace=namespace)
-                watcher.await_alive(name)
-                yield watcher, process
-        finally:
-            process.kill()
+        with open_session(SessionConfig(connect=(endpoint,), wait_s=WAIT_S)) as session:
+            watcher = Watcher(session, endpoint, namespace=namespace)
+            watcher.await_alive(name)
+            yield watcher, process
+        process.kill()
 
 
 def stop(process: subprocess.Popen[str], signum: int = signal.SIGTERM) -> tuple[dict[str, Any], str]:
@@ -190,11 +188,13 @@ def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
         watcher.put(targets(10, u)[0])
         watcher.put(nan)
         watcher.put(joints, encoding=f"application/cdr;{JointState.TYPE}")
+        for record, encoding in zip(targets(15, u), (f"application/cdr;{JointState.TYPE}", None), strict=True):
+            watcher.put(record, encoding=encoding)  # a pose in all but its name
         watcher.put(joints)
         watcher.put(left._replace(data=os.urandom(300)), attached=False)
         watcher.put(left._replace(data=bytes(100_000_000)), attached=False)
         watcher.put(left._replace(topic="/session/phase", data=os.urandom(50)))
-        refused = {"stale": 1, "not finite": 1, "wrong type": 1, "undecodable": 3, "too large": 1}
+        refused = {"stale": 1, "not finite": 1, "wrong type": 2, "undecodable": 3, "too large": 1}
         status = watcher.status_where(refused=refused)
         assert watcher.heard_nothing()
         assert status["digest"] == digest
@@ -203,9 +203,9 @@ def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
         for record in targets(50, u):
             watcher.put(record)
         assert watcher.command()[0] == 50
-        watcher.status_where(refused=refused | {"no partner": 1}, accepted=2)
+        watcher.status_where(refused=refused | {"no partner": 2}, accepted=2)
         watcher.put(right)
-        watcher.status_where(refused=refused | {"no partner": 1, "stale": 2})
+        watcher.status_where(refused=refused | {"no partner": 2, "stale": 2})
         _, said = stop(process)
     assert [line.partition(": ")[0] for line in said.splitlines()[1:]] == [
         f"refused, {reason}" for reason in (*refused, "no partner")

@@ -115,16 +115,29 @@ COORDINATES = st.sampled_from([0.0, 0.32, 0.2, -0.2, 0.76, 0.6, 9.0, 1e9, np.nan
 
 
 @st.composite
-def messages(draw: st.DrawFn) -> Stamped:
+def messages(draw: st.DrawFn, *, about_ns: int) -> Stamped:
     topic = draw(st.sampled_from([LEFT_TARGET, RIGHT_TARGET, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, JOINT_COMMANDS]))
     hand = CENTRE[:3] if topic == LEFT_TARGET else CENTRE[3:]
     place = draw(st.one_of(st.just(hand), st.tuples(COORDINATES, COORDINATES, COORDINATES)))
-    pose = encode(PoseStamped(draw(st.integers(0, 4)), np.array(place)))
+    pose = encode(PoseStamped(draw(st.integers(max(0, about_ns - 2), about_ns + 2)), np.array(place)))
     if draw(st.integers(0, 5)) == 0:  # another byte order, frame or time, some of them of no message
         at, other = draw(st.integers(0, 23)), draw(st.sampled_from([0, 1, 2, 127, 128, 255]))
         pose = pose[:at] + bytes([other]) + pose[at + 1 :]
     kind = draw(st.sampled_from([PoseStamped.TYPE] * 5 + [JointState.TYPE]))
     return Stamped(topic, kind, pose[: draw(st.sampled_from([len(pose)] * 6 + [len(pose) - 1, 3]))], 0, 0)
+
+
+@st.composite
+def streams(draw: st.DrawFn) -> list[list[Stamped]]:
+    """Messages by twos, most of them the hands of a tick."""
+    pairs = []
+    for tick in range(draw(st.integers(2, 24))):
+        if draw(st.integers(0, 3)):
+            usual = pair(tick, CENTRE + 0.01 * draw(st.integers(-20, 20)))
+            pairs.append(usual if draw(st.booleans()) else usual[::-1])
+        else:
+            pairs.append([draw(messages(about_ns=tick)) for _ in range(2)])
+    return pairs
 
 
 def feed_pair(served: ServedController, first: Stamped, second: Stamped) -> list[Command]:
@@ -138,15 +151,36 @@ def feed_pair(served: ServedController, first: Stamped, second: Stamped) -> list
 
 
 @settings(max_examples=60, deadline=None)
-@given(pairs=st.lists(st.tuples(messages(), messages()), min_size=1, max_size=20), learn=st.booleans())
+@given(pairs=streams(), learn=st.integers(0, 3).map(lambda drawn: drawn == 0))
 def test_a_pair_is_taken_as_its_messages_are_one_after_the_other(
-    controller: Controller, pairs: list[tuple[Stamped, Stamped]], learn: bool
+    controller: Controller, pairs: list[list[Stamped]], learn: bool
 ) -> None:
     at_once, singly = (ServedController(controller, config=ServingConfig(learn=learn)) for _ in range(2))
     for first, second in pairs:
         commands = feed(singly, [first, second])
         assert feed_pair(at_once, first, second) == commands
     assert at_once.status() == singly.status()
+
+
+def test_which_pairs_are_usual(controller: Controller) -> None:
+    """The first of a cycle asks for the washout, half a tick waits, and learning needs more: none of them is."""
+    served, learning = ServedController(controller), ServedController(controller, config=ServingConfig(learn=True))
+    poses = [[record.data for record in pair(stamp)] for stamp in range(6)]
+    assert served.answer_usual(*poses[1]) is None
+    (first,) = feed(served, pair(1))
+    assert served.answer_usual(*poses[1]) is None  # it is stale
+    answer = served.answer_usual(*poses[2])
+    assert answer is not None
+    assert answer[0] == 2
+    feed(served, pair(4)[:1])
+    assert served.answer_usual(*poses[3]) is None
+    assert served.answer_usual(*poses[4]) is None
+    (other,) = feed(served, pair(4)[1:])
+    assert (first.stamp_ns, other.stamp_ns) == (1, 4)
+    assert served.answer_usual(*poses[5]) is not None
+    for stamp in (1, 2):
+        feed(learning, [*pair(stamp), record(SAMPLE_JOINTS, JointState(stamp, controller.joints, np.zeros(15)))])
+        assert learning.answer_usual(*poses[stamp + 1]) is None
 
 
 HEAD = len(encode(PoseStamped(0, np.zeros(3)))) - 56  # all before the seven numbers: encapsulation, stamp, frame

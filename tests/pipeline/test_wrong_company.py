@@ -46,11 +46,9 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
     endpoint = free_endpoint()
     arguments = ("learn", "--listen", endpoint, "--out", "c.npz", "--seed", SEED, "--json", *options)
     with start(*arguments, cwd=folder) as process:
-        try:
-            wait_for_line(process, "waits for a replay")
-            yield endpoint, process
-        finally:
-            process.kill()
+        wait_for_line(process, "waits for a replay")
+        yield endpoint, process
+        process.kill()
 
 
 def deliver(endpoint: str, source: Replay, stream_from: StreamFrom, **options: int) -> dict[str, Any]:

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 
 import pytest
 
@@ -49,12 +49,25 @@ class PretendedTime:
 
     def __init__(self) -> None:
         self.now_ns = 0
+        self.longest_s = 0.0
 
     def monotonic_ns(self) -> int:
         return self.now_ns
 
     def sleep(self, seconds: float) -> None:
         self.now_ns += round(seconds * 1e9)
+        self.longest_s = max(self.longest_s, seconds)
+
+
+def test_a_long_gap_is_waited_out_in_short_sleeps(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A signal that comes just before a sleep begins does not end it."""
+    pretended = PretendedTime()
+    monkeypatch.setattr("replay.clock.time", pretended)
+    clock = Paced(0.5)
+    clock.wait(0)
+    clock.wait(1000 * 10**9)
+    assert (pretended.now_ns, clock.slipped_s) == (2000 * 10**9, 0.0)
+    assert 0.0 < pretended.longest_s <= 0.5
 
 
 def test_a_pause_is_no_slip_and_what_follows_keeps_its_distances(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,12 +76,12 @@ def test_a_pause_is_no_slip_and_what_follows_keeps_its_distances(monkeypatch: py
     pace = Paced(1.0)
     clock = Pausable(pace)
 
-    def pass_five_seconds(condition: object, *, done: Callable[[], bool]) -> bool:
+    def pass_five_seconds(condition: threading.Condition, timeout: float) -> bool:
         pretended.now_ns += 5_000_000_000
         clock.toggle()
-        return done()
+        return True
 
-    monkeypatch.setattr(threading.Condition, "wait_for", lambda self, done: pass_five_seconds(self, done=done))
+    monkeypatch.setattr(threading.Condition, "wait", pass_five_seconds)
     clock.wait(0)
     clock.toggle()
     clock.wait(1_000_000_000)

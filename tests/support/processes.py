@@ -25,7 +25,10 @@ class Started(subprocess.Popen[str]):
     ) -> None:
         if kind is not None and self.poll() is None:
             self.send_signal(signal.SIGABRT)
-            print(*self.communicate(timeout=10), sep="\n")
+            try:
+                print(*self.communicate(timeout=10), sep="\n")
+            except subprocess.TimeoutExpired:
+                self.kill()
         super().__exit__(kind, error, trace)
 
 
@@ -43,9 +46,9 @@ def start(*arguments: object, cwd: Path) -> subprocess.Popen[str]:
 
 def signal_beside(process: subprocess.Popen[str], number: signal.Signals) -> None:
     """Send a signal to another than the main thread: like one that comes just before a wait, it wakes nobody."""
-    thread = max(int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir())
-    assert thread != process.pid
-    assert ctypes.CDLL(None).tgkill(process.pid, thread, int(number)) == 0
+    threads = (int(path.name) for path in Path(f"/proc/{process.pid}/task").iterdir())
+    others = (thread for thread in threads if thread != process.pid)
+    assert any(ctypes.CDLL(None).tgkill(process.pid, thread, int(number)) == 0 for thread in others)
 
 
 def wait_for_line(process: subprocess.Popen[str], text: str) -> str:

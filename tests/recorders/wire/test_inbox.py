@@ -1,0 +1,42 @@
+"""The queue between the network's threads and the one that takes: what waits, and for how long."""
+
+import math
+import threading
+import time
+
+import pytest
+
+from recorders.wire.inbox import Inbox
+
+
+@pytest.mark.parametrize("wait_s", [0.0, 0.2, 0.7])
+def test_nothing_is_told_when_the_time_is_over(wait_s: float) -> None:
+    began_s = time.monotonic()
+    assert Inbox[str](limit=1).get(wait_s) is None
+    assert time.monotonic() - began_s >= wait_s
+
+
+@pytest.mark.parametrize("wait_s", [math.inf, 60.0])
+def test_what_comes_late_is_told_at_once(wait_s: float) -> None:
+    inbox = Inbox[str](limit=1)
+    threading.Timer(0.8, inbox.put, ("late", 4)).start()
+    assert inbox.get(wait_s) == "late"
+
+
+def test_all_comes_out_in_order_and_makes_room() -> None:
+    inbox = Inbox[int](limit=10_000)
+    while inbox.put(0, 1_000):
+        pass
+    assert inbox.get(0.0) == 0
+    assert inbox.put(1, 1_000)
+    taken = []
+    while (item := inbox.get(0.0)) is not None:
+        taken.append(item)
+    assert taken[-1] == 1
+    assert set(taken[:-1]) == {0}
+
+
+def test_a_single_item_has_room_however_large() -> None:
+    inbox = Inbox[str](limit=10)
+    assert inbox.put("large", 1_000_000)
+    assert not inbox.put("more", 1)
