@@ -185,16 +185,16 @@ def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
             watcher.put(record)
         watcher.command()
         digest = watcher.status()["digest"]
+        for record, encoding in zip(targets(15, u), (f"application/cdr;{JointState.TYPE}", None), strict=True):
+            watcher.put(record, encoding=encoding)  # a pose in all but its name
         watcher.put(targets(10, u)[0])
         watcher.put(nan)
         watcher.put(joints, encoding=f"application/cdr;{JointState.TYPE}")
-        for record, encoding in zip(targets(15, u), (f"application/cdr;{JointState.TYPE}", None), strict=True):
-            watcher.put(record, encoding=encoding)  # a pose in all but its name
         watcher.put(joints)
         watcher.put(left._replace(data=os.urandom(300)), attached=False)
         watcher.put(left._replace(data=bytes(100_000_000)), attached=False)
         watcher.put(left._replace(topic="/session/phase", data=os.urandom(50)))
-        refused = {"stale": 1, "not finite": 1, "wrong type": 2, "undecodable": 3, "too large": 1}
+        refused = {"wrong type": 2, "stale": 1, "not finite": 1, "undecodable": 3, "too large": 1}
         status = watcher.status_where(refused=refused)
         assert watcher.heard_nothing()
         assert status["digest"] == digest
