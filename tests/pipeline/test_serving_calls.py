@@ -110,3 +110,10 @@ def test_arrays_with_gaps_are_refused() -> None:
     calls, _ = bind(make())
     with pytest.raises(ValueError, match="side by side"):
         kernels.addresses(calls._served._replace(u=np.zeros(12)[::2]))
+
+
+@pytest.mark.parametrize("wrong", [{"limits": np.zeros((2, 14))}, {"limits": np.zeros(30)}, {"centres": np.zeros(3)}])
+def test_what_is_not_of_one_size_is_refused(wrong: dict[str, np.ndarray]) -> None:
+    right = {"limits": np.zeros((2, 15)), "centres": ROBOT.input_centre}
+    with pytest.raises(ValueError, match=r"expected 6 inputs and centres, limits \(2, 15\)"):
+        ServingCalls(make(), CommandEncoder(ROBOT.joints), near_m=NEAR_M, **{**right, **wrong})
