@@ -10,7 +10,7 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
 
@@ -57,6 +57,8 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         with start("record", "--out", "log.mcap", "--connect", endpoint, "--json", *options, cwd=folder) as process:
             wait_for_line(process, "records reenact/**")
+            with session.declare_publisher("reenact/anything") as publisher:
+                await_that(lambda: bool(publisher.matching_status.matching))
             yield session, process
             process.kill()
 
@@ -84,11 +86,26 @@ def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subp
 
 
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
-    time.sleep(0.5)  # what was put last is on its way
+    await_quiet(Path(f"/proc/{process.pid}/cwd"))
     process.send_signal(number)
     printed, complaints = process.communicate(timeout=30)
     assert process.returncode == 0, complaints
     return dict(json.loads(printed))
+
+
+def await_quiet(folder: Path) -> None:
+    """Wait until half a second has brought nothing new to a folder's files: what was put before is there.
+
+    Not for long, as there are recordings without an end.
+    """
+    before: list[tuple[str, int]] = []
+    for _ in range(8):
+        with suppress(FileNotFoundError):  # just renamed
+            now = sorted((path.name, path.stat().st_size) for path in folder.iterdir())
+            if now == before:
+                return
+            before = now
+        time.sleep(0.5)
 
 
 def await_that(holds: Callable[[], bool]) -> None:
