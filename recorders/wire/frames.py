@@ -112,7 +112,10 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
         payload = _pack_messages(frame.messages)
     elif frame.kind is Kind.ABORT:
         payload = frame.reason.encode()
-    return payload, _attachment(frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns)
+    attachment = _ATTACHMENT.pack(
+        PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns
+    )
+    return payload, attachment
 
 
 def live_attachment(sequence: int, log_time_ns: int) -> bytes:
@@ -178,7 +181,3 @@ def _name(topic: str, kind: str) -> bytes:
 def _topic_and_type(name: bytes) -> tuple[str, str]:
     topic, _, kind = name.decode().partition("\0")
     return topic, kind or type_of(topic)
-
-
-def _attachment(kind: Kind, sequence: int, run: bytes, sender: bytes, first: int, log_time_ns: int) -> bytes:
-    return _ATTACHMENT.pack(PROTOCOL_VERSION, kind, sequence, run, sender, first, log_time_ns)
