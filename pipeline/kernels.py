@@ -341,13 +341,15 @@ def foresee(
     sizes: SizeArray,
     sources: IndexArray,
     memory: FloatArray,
+    activations: FloatArray,
     predicted: FloatArray,
     limited: FloatArray,
 ) -> int:
     """Say what the next step's outputs would be, to the bit, and leave the state as it is.
 
     The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
-    waits for them has been answered. One call does it all, limits included, for a call costs as much as the sums.
+    waits for them has been answered, by `follow`. One call does it all, limits included, for a call costs as much as
+    the sums.
 
     Parameters
     ----------
@@ -359,6 +361,8 @@ def foresee(
         Lower, then upper limits of the last n outputs.
     sizes, sources, memory : ndarray
         As `run` takes them; only the place for u is written to, which every step overwrites.
+    activations : ndarray, shape (outputs,)
+        Filled with the outputs, centred.
     predicted : ndarray, shape (outputs,)
         Filled with the outputs.
     limited : ndarray, shape (n,)
@@ -370,7 +374,9 @@ def foresee(
         `OK`, `BAD_SHAPE` or `BAD_INPUT` (not finite: nothing was done), or `DIVERGED` (the outputs are not finite).
     """
     inputs, outputs, first = sizes[0], sizes[1], sizes[1] - limited.size
-    if u.size != inputs or predicted.size != outputs or first < 0 or limits.shape != (2, limited.size):
+    if not (u.size == inputs and activations.size == predicted.size == outputs):
+        return BAD_SHAPE
+    if first < 0 or limits.shape != (2, limited.size):
         return BAD_SHAPE
     if not all_finite(u):
         return BAD_INPUT
@@ -378,12 +384,39 @@ def foresee(
     for r in range(inputs):
         state.z[r] = u[r] - centre[r]
     output_sources = sources[state.reservoir_weights.size :].reshape(state.output_weights.shape)
-    listen(state.output_weights, output_sources, state.z, predicted)
+    listen(state.output_weights, output_sources, state.z, activations)
     for i in range(outputs):
-        predicted[i] += centre[inputs + i]
+        predicted[i] = activations[i] + centre[inputs + i]
     for j in range(limited.size):
         limited[j] = min(max(predicted[first + j], limits[0, j]), limits[1, j])
     return OK if all_finite(predicted) else DIVERGED
+
+
+@_compiled
+def follow(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
+    """Take the step that `foresee` looked ahead to, if nothing has come between: to the bit as `run`, without targets.
+
+    Parameters
+    ----------
+    sizes, sources, memory : ndarray
+        As `foresee` left them.
+    activations : ndarray, shape (outputs,)
+        As `foresee` filled it.
+
+    Returns
+    -------
+    int
+        `OK`, or `DIVERGED` (the activations are not finite; nothing else has changed that could be).
+    """
+    outputs = sizes[1]
+    state = views(sizes, memory)
+    reservoir_sources = sources[: state.reservoir_weights.size].reshape(state.reservoir_weights.shape)
+    listen(state.reservoir_weights, reservoir_sources, state.z, state.x[outputs:])
+    for i in range(outputs):
+        state.x[i] = activations[i]
+        state.error[i] = 0.0
+    activate(sizes, memory)
+    return OK if all_finite(state.x) else DIVERGED
 
 
 class Served(NamedTuple):
@@ -396,6 +429,7 @@ class Served(NamedTuple):
     sources: IndexArray
     memory: FloatArray
     centre: FloatArray  # (inputs + outputs,), as `foresee` takes it
+    activations: FloatArray  # (outputs,), as `foresee` fills it and `follow` takes it
     limits: FloatArray  # (2 n,), lower, then upper limits of the joints
     u: FloatArray  # (6,), filled with the targets [m]
     outputs: FloatArray  # (outputs,), filled with the next step's outputs
@@ -408,7 +442,6 @@ class Served(NamedTuple):
     right_position: FloatArray
     head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
     near: FloatArray  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
-    scratch: FloatArray  # (4 + inputs + outputs,)
 
 
 def addresses(served: Served) -> NDArray[np.int64]:
@@ -447,14 +480,14 @@ def _served(places: Any, lengths: Any) -> Served:
         carray(places[5], lengths[5], np.float64),
         carray(places[6], lengths[6], np.float64),
         carray(places[7], lengths[7], np.float64),
-        carray(places[8], lengths[8], np.uint8),
-        carray(places[9], lengths[9], np.int64),
-        carray(places[10], lengths[10], np.uint8),
+        carray(places[8], lengths[8], np.float64),
+        carray(places[9], lengths[9], np.uint8),
+        carray(places[10], lengths[10], np.int64),
         carray(places[11], lengths[11], np.uint8),
-        carray(places[12], lengths[12], np.float64),
+        carray(places[12], lengths[12], np.uint8),
         carray(places[13], lengths[13], np.float64),
-        carray(places[14], lengths[14], np.uint8),
-        carray(places[15], lengths[15], np.float64),
+        carray(places[14], lengths[14], np.float64),
+        carray(places[15], lengths[15], np.uint8),
         carray(places[16], lengths[16], np.float64),
     )
 
@@ -498,7 +531,7 @@ def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int
             return UNUSUAL
     limits = served.limits.reshape(2, limited.size)
     network = served.sizes, served.sources, served.memory
-    if foresee(u, served.centre, limits, *network, served.outputs, limited) != OK:
+    if foresee(u, served.centre, limits, *network, served.activations, served.outputs, limited) != OK:
         return UNUSUAL
     for k in range(served.stamp.size):
         served.stamp[k] = served.left[STAMP_AT + k]
@@ -511,24 +544,17 @@ def _settle(places: Any, lengths: Any, advance: int) -> int:
     Parameters
     ----------
     places, lengths : pointers
-        To the two rows of `addresses`; `u`, `outputs` and `limited` are those of the command.
+        To the two rows of `addresses`; memory, activations, outputs and limited are as the command left them.
     advance : int
         Whether to take the step without targets.
 
     Returns
     -------
     int
-        `OK`, or `BAD_INPUT` or `DIVERGED` as `run` has it.
+        `OK`, or `DIVERGED` as `follow` has it.
     """
     served = _served(places, lengths)
-    inputs, outputs, first = served.sizes[0], served.sizes[1], served.outputs.size - served.limited.size
+    first = served.outputs.size - served.limited.size
     for j in range(served.limited.size):
         served.clipped[j] += served.limited[j] != served.outputs[first + j]
-    if not advance:
-        return OK
-    rates, rest = served.scratch[:4], served.scratch[4:]  # of no account, as nothing is learned
-    row, predicted = rest[:inputs].reshape(1, inputs), rest[inputs:].reshape(1, outputs)
-    for r in range(inputs):
-        row[0, r] = served.u[r] - served.centre[r]
-    no_target = rest[:0].reshape(0, outputs)
-    return run(row, no_target, False, served.sizes, served.sources, served.memory, rates, predicted)
+    return follow(served.sizes, served.sources, served.memory, served.activations) if advance else OK

@@ -78,6 +78,7 @@ class Learner:
         self.output_centre = _centre("output_centre", output_centre, config.outputs)
         self._network = Network(config)
         self._centre = np.concatenate([self.input_centre, self.output_centre])
+        self._foreseen = np.empty(config.outputs)
         self._no_target = np.empty((0, config.outputs))
         self.begin_epoch(0)
 
@@ -169,7 +170,8 @@ class Learner:
             If the outputs are not finite.
         """
         net = self._network
-        self.check(kernels.foresee(u, self._centre, limits, net.sizes, net.sources, net.memory, outputs, limited))
+        network = net.sizes, net.sources, net.memory
+        self.check(kernels.foresee(u, self._centre, limits, *network, self._foreseen, outputs, limited))
 
     def check(self, status: int) -> None:
         """Raise what a kernel's status says of a step that it took or foresaw, unless it is `kernels.OK`.
@@ -185,12 +187,14 @@ class Learner:
             raise _failure(status, self._epoch)
 
     @property
-    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray]:
-        """Sizes, sources, memory and centre as kernels take them, for one that takes this learner's steps by itself.
+    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray, FloatArray]:
+        """What kernels take of a learner, for one that takes its steps by itself.
 
-        They are this learner's own, changed in place and never replaced.
+        These are sizes, sources, memory, centre, and the activations that were foreseen last. They are this learner's
+        own, changed in place and never replaced.
         """
-        return self._network.sizes, self._network.sources, self._network.memory, self._centre
+        net = self._network
+        return net.sizes, net.sources, net.memory, self._centre, self._foreseen
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.

@@ -237,8 +237,9 @@ class ServedController:
             return
         self._unsettled = False
         self._accepted += 1
-        self._behind.reset()
-        self._learner.check(self._calls.settle(advance=not self._config.learn))
+        if self._behind.noted:
+            self._behind.reset()
+        self._learner.check(self._calls.settle(not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""

@@ -1,6 +1,8 @@
 """The two compiled calls of a served controller: answer the usual pair of targets, and then settle."""
 
 import ctypes
+from collections.abc import Callable
+from functools import partial
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +42,9 @@ class ServingCalls:
         The outputs behind it, beyond the limits where they are [m, rad].
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
+    settle : callable
+        Counts the joints that were clipped in the last command and, if told to, takes its step, without targets, as
+        long as the learner has done nothing since. Returns a status as `Learner.check` takes it.
 
     Raises
     ------
@@ -62,12 +67,13 @@ class ServingCalls:
         self._pose_size = len(usual)
         left, left_position = _aligned(usual, position_at)
         right, right_position = _aligned(usual, position_at)
-        sizes, sources, memory, centre = learner.arrays
+        sizes, sources, memory, centre, foreseen = learner.arrays
         self._served = kernels.Served(
             sizes=sizes,
             sources=sources,
             memory=memory,
             centre=centre,
+            activations=foreseen,
             limits=np.array(limits, dtype=np.float64).reshape(-1),
             u=self.u,
             outputs=self.outputs,
@@ -80,12 +86,12 @@ class ServingCalls:
             right_position=right_position,
             head=np.frombuffer(usual, np.uint8, position_at),
             near=np.array([*centres, near_m], dtype=np.float64),
-            scratch=np.zeros(4 + inputs + outputs),
         )
         self._addresses = kernels.addresses(self._served)
-        self._table = [ctypes.c_void_p(row.ctypes.data) for row in self._addresses]
+        table = [ctypes.c_void_p(row.ctypes.data) for row in self._addresses]
         answer, settle = kernels.served_calls()
-        self._answer, self._settle = _ANSWER(answer.address), _SETTLE(settle.address)
+        self._answer: Callable[[bytes, bytes, int], int] = partial(_ANSWER(answer.address), *table)
+        self.settle: Callable[[bool], int] = partial(_SETTLE(settle.address), *table)
 
     def answer(self, left: bytes, right: bytes, after_ns: int) -> int:
         """Return the stamp [ns] of two usual poses (CDR), later than `after_ns`, or -1 if they are none.
@@ -94,18 +100,7 @@ class ServingCalls:
         """
         if len(left) != self._pose_size or len(right) != self._pose_size:
             return kernels.UNUSUAL
-        places, lengths = self._table
-        stamp_ns: int = self._answer(places, lengths, left, right, after_ns)
-        return stamp_ns
-
-    def settle(self, *, advance: bool) -> int:
-        """Count the joints that were clipped in the encoder's command, and take its step, without targets, if told to.
-
-        Returns a status as `Learner.check` takes it.
-        """
-        places, lengths = self._table
-        status: int = self._settle(places, lengths, advance)
-        return status
+        return self._answer(left, right, after_ns)
 
 
 def _aligned(usual: bytes, position_at: int) -> tuple[kernels.ByteArray, Floats]:

@@ -11,6 +11,11 @@ class RestartWatch:
     ----------
     topics : int
         How many topics a tick has; each is known by its place.
+
+    Attributes
+    ----------
+    noted : bool
+        Whether there is something to forget.
     """
 
     def __init__(self, topics: int) -> None:
@@ -19,11 +24,13 @@ class RestartWatch:
 
     def reset(self) -> None:
         """Forget what was noted: a tick was answered, or a cycle begun."""
+        self.noted = False
         self._stamps = [-1] * self._topics
         self._counts = [0] * self._topics
 
     def note(self, place: int, stamp: int) -> bool:
         """Note a message behind; True once `RESTART_AFTER` in a row rose on every topic."""
+        self.noted = True
         rises = stamp > self._stamps[place]
         self._counts[place] = self._counts[place] + 1 if rises else 1
         self._stamps[place] = stamp

@@ -19,7 +19,7 @@ def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard
     Python gives a thread that is none of its own a state when it calls in, and takes it away when it returns: the
     state's stack is mapped into memory and unmapped again for every call, which takes longer than most handlers. So
     the first call on a thread takes hold of the state once more than it is given up. It stays until the interpreter
-    ends, even if the thread does not: Zenoh reads on a few threads that live as long.
+    ends, even if the thread does not: Zenoh reads on a few threads, and seldom on a new one.
     """
 
     def on_thread_of_zenoh(heard: _Heard) -> None:

@@ -1,12 +1,13 @@
 """`serve` beside a bare Zenoh echo of the same bytes, target to command: python tests/benchmarks/bench_serve.py.
 
-Processes on loopback: a driver, a served controller, three echoes. The driver puts the two targets of a tick at 1 kHz
-and takes the time until the command of that stamp is back. An echo subscribes to the same keys and answers the second
-target with a command of the same size, with the same attachment and quality of service, that it does not compute.
-The first has plain callbacks, as Zenoh's own ping-pong example does; the second has them called on the thread that
-reads from the network; the third as `serve` has them, to show what there is to gain at all. Rounds take turns, so that
-a slow moment of the machine hits all. Nothing is asserted. Where other machines share the processor, p5 says more of
-the program than p50 does, and late ticks come in bursts: of these, only sums over several runs say something.
+Processes on loopback: a driver, a served controller, three echoes. All connect to the driver, as they would to a
+robot; with `--listen`, the driver connects to them. It puts the two targets of a tick at 1 kHz and takes the time until
+the command of that stamp is back. An echo subscribes to the same keys and answers the second target with a command of
+the same size, with the same attachment and quality of service, that it does not compute. The first has plain callbacks,
+as Zenoh's own ping-pong example does; the second has them called on the thread that reads from the network; the third
+has all that `serve` has of its session, to show what there is to gain at all. Rounds take turns, so that a slow moment
+of the machine hits all. Nothing is asserted. Where other machines share the processor, p5 says more of the program than
+p50 does, and late ticks come in bursts: of these, only sums over several runs say something.
 """
 
 import statistics
@@ -47,6 +48,7 @@ ECHOES: dict[str, Callable[[Handler], Any]] = {
     "direct echo": lambda handler: zenoh.handlers.Callback(handler, indirect=False),
     "best echo": direct,
 }
+LISTEN = "--listen"
 PATIENCE_S = 2.0  # what is not back by then is lost
 LATE_US = 1000.0
 LOST_US = float("inf")
@@ -65,7 +67,11 @@ def trained() -> Controller:
     return Controller.from_learner(learner, joints=robot.joints, **texts)
 
 
-def echo(endpoint: str, callback: Callable[[Handler], Any]) -> None:
+def session_at(endpoint: str, *, listens: bool) -> SessionConfig:
+    return SessionConfig(listen=(endpoint,)) if listens else SessionConfig(connect=(endpoint,))
+
+
+def echo(name: str, session_config: SessionConfig) -> None:
     """Answer the right target with the bytes of a command, stamped as the target is."""
     answer = encode(JointState(0, load_robot("asimo").joints, np.zeros(15)))
     reply = live_attachment(0, 0)
@@ -76,10 +82,10 @@ def echo(endpoint: str, callback: Callable[[Handler], Any]) -> None:
     def on_right(sample: zenoh.Sample) -> None:
         publisher.put(answer[:4] + sample.payload.to_bytes()[4:12] + answer[12:], attachment=reply)
 
-    with open_session(SessionConfig(listen=(endpoint,))) as session:
+    with open_session(session_config, one_pool=name == "best echo") as session:
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
-            session.declare_subscriber(message_key(NAMESPACE, topic), callback(handler))
+            session.declare_subscriber(message_key(NAMESPACE, topic), ECHOES[name](handler))
         sys.stdin.read()
 
 
@@ -144,7 +150,7 @@ def show(times: dict[str, list[list[float]]]) -> None:
         print(f"serve adds {middle:.1f} us to {name} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
 
 
-def main() -> None:
+def main(*options: str) -> None:
     times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, "serve")}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -152,10 +158,12 @@ def main() -> None:
         drivers: dict[str, Driver] = {}
         for name in times:
             endpoint = free_endpoint()
-            arguments = [sys.executable, __file__, name, endpoint, str(folder / "controller.npz")]
+            arguments = [sys.executable, __file__, name, endpoint, str(folder / "controller.npz"), *options]
             process = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
             stack.callback(process.kill)
-            drivers[name] = Driver(stack.enter_context(open_session(SessionConfig(connect=(endpoint,)))))
+            drivers[name] = Driver(
+                stack.enter_context(open_session(session_at(endpoint, listens=LISTEN not in options)))
+            )
         for driver in drivers.values():
             driver.round()
         for order in islice(cycle(permutations(drivers)), ROUNDS):
@@ -165,9 +173,11 @@ def main() -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 1:
-        main()
-    elif sys.argv[1] in ECHOES:
-        echo(sys.argv[2], ECHOES[sys.argv[1]])
+    if len(sys.argv) == 1 or sys.argv[1] == LISTEN:
+        main(*sys.argv[1:])
     else:
-        serve(Controller.load(sys.argv[3]), session=SessionConfig(listen=(sys.argv[2],)))
+        session_config = session_at(sys.argv[2], listens=LISTEN in sys.argv)
+        if sys.argv[1] in ECHOES:
+            echo(sys.argv[1], session_config)
+        else:
+            serve(Controller.load(sys.argv[3]), session=session_config)

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 import zenoh
 from episodes import write_episode
-from processes import complaint, reenact, start, wait_for_line
+from processes import complaint, reenact, start, wait_for_line, zenoh_pools
 
 from pipeline.controller import Controller
 from pipeline.evaluation import predicted_joints
@@ -117,14 +117,21 @@ class Watcher:
 
 @contextmanager
 def serving(
-    controller: Controller, folder: Path, *options: object, name: str = "controller", namespace: str = "reenact"
+    controller: Controller,
+    folder: Path,
+    *options: object,
+    name: str = "controller",
+    namespace: str = "reenact",
+    listens: bool = True,
 ) -> Iterator[tuple[Watcher, subprocess.Popen[str]]]:
-    """Serve a controller in an empty folder, with somebody connected who has seen it alive."""
+    """Serve a controller in an empty folder, with somebody connected, either way, who has seen it alive."""
     endpoint, path = free_endpoint(), folder / "controller.npz"
     controller.save(path)
-    arguments = ("serve", path, "--listen", endpoint, "--name", name, "--namespace", namespace, "--json", *options)
+    role = "--listen" if listens else "--connect"
+    arguments = ("serve", path, role, endpoint, "--name", name, "--namespace", namespace, "--json", *options)
+    session_config = SessionConfig(**{"connect" if listens else "listen": (endpoint,)}, wait_s=WAIT_S)
     with start(*arguments, cwd=folder) as process:
-        with open_session(SessionConfig(connect=(endpoint,), wait_s=WAIT_S)) as session:
+        with open_session(session_config) as session:
             watcher = Watcher(session, endpoint, namespace=namespace)
             watcher.await_alive(name)
             yield watcher, process
@@ -148,12 +155,13 @@ def targets(stamp_ns: int, u: Iterable[float], *, sequence: int = 0) -> list[Sta
     ]
 
 
-@pytest.mark.parametrize("attached", [True, False])
+@pytest.mark.parametrize(("attached", "listens"), [(True, True), (False, False)])
 def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
-    controller: Controller, samples: Samples, tmp_path: Path, attached: bool
+    controller: Controller, samples: Samples, tmp_path: Path, attached: bool, listens: bool
 ) -> None:
     expected = predicted_joints(controller.learner(), samples.targets, 15)
-    with serving(controller, tmp_path, name="anna", namespace="lab/asimo") as (watcher, process):
+    with serving(controller, tmp_path, name="anna", namespace="lab/asimo", listens=listens) as (watcher, process):
+        assert (zenoh_pools(process.pid) == {"app"}) is not listens  # one pool where it passes nothing on
         for k, u in enumerate(samples.targets):
             for record in targets(k * 10**8, u, sequence=k):
                 watcher.put(record, attached=attached)
@@ -173,14 +181,15 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
     assert said.splitlines() == ["anna serves lab/asimo/joint_commands"]
 
 
+@pytest.mark.parametrize("listens", [True, False])
 def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
-    controller: Controller, samples: Samples, tmp_path: Path
+    controller: Controller, samples: Samples, tmp_path: Path, listens: bool
 ) -> None:
     u = samples.targets[0]
     left, right = targets(20, u)
     nan, _ = targets(30, [np.nan, *u[1:]])
     joints = Stamped(LEFT_TARGET, "", encode(JointState(40, ("a",), np.zeros(1))), 0, 0)
-    with serving(controller, tmp_path) as (watcher, process):
+    with serving(controller, tmp_path, listens=listens) as (watcher, process):
         for record in targets(10, u):
             watcher.put(record)
         watcher.command()

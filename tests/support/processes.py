@@ -67,3 +67,9 @@ def complaint(run: subprocess.CompletedProcess[str]) -> str:
     assert len(lines) == 1, run.stderr
     assert lines[0].startswith("reenact: "), run.stderr
     return lines[0]
+
+
+def zenoh_pools(pid: int) -> set[str]:
+    """Return the names of Zenoh's pools in which a process has threads."""
+    names = {name.read_text().partition("-")[0].strip() for name in Path(f"/proc/{pid}/task").glob("*/comm")}
+    return names & {"rx", "tx", "acc", "net", "app"}

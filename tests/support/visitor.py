@@ -131,15 +131,15 @@ def say(line: str) -> None:
 
 
 def main() -> None:
-    """Arguments: role, then JSON with connect, listen, config_file, wait_s, and the seconds to stay."""
+    """Arguments: role, then JSON with connect, listen, config_file, wait_s, one_pool, and the seconds to stay."""
     role, options = sys.argv[1], json.loads(sys.argv[2])
-    seconds = options.pop("seconds")
+    seconds, one_pool = options.pop("seconds"), options.pop("one_pool", False)
     if "config_file" in options:
         options["config_file"] = Path(options["config_file"])
     for name in {"connect", "listen"} & set(options):
         options[name] = tuple(options[name])
     try:
-        with open_session(SessionConfig(**options)) as session:
+        with open_session(SessionConfig(**options), one_pool=one_pool) as session:
             roles = {"learn": learn, "replay": replay, "host": host, "guest": guest, "idle": idle}
             print(json.dumps(roles[role](session, seconds)))
     except ReenactError as error:

@@ -1,6 +1,7 @@
 """Sessions: either end may start first, routers join clients, nothing listens unasked, errors are one clear line."""
 
 import json
+import os
 import signal
 import socket
 import threading
@@ -12,6 +13,7 @@ from typing import Any
 
 import pytest
 import zenoh
+from processes import zenoh_pools
 from sockets import listening, loopback
 from visitor import await_ready, outcome, refusal, visitor
 
@@ -94,7 +96,7 @@ def test_clients_reach_one_another_through_a_router_and_again_after_it_was_kille
     ):
         await_ready(other)
         with session.declare_subscriber("reenact/hand/left/target") as subscriber:
-            assert hears(subscriber)
+            next_sample(subscriber)
             router.kill()
             router.wait()
             time.sleep(0.3)
@@ -102,16 +104,15 @@ def test_clients_reach_one_another_through_a_router_and_again_after_it_was_kille
                 pass
             with visitor("idle", listen=[endpoint]) as again:
                 await_ready(again)
-                assert hears(subscriber)
+                next_sample(subscriber)
 
 
-def hears(subscriber: zenoh.Subscriber[Any]) -> bool:
+def next_sample(subscriber: zenoh.Subscriber[Any]) -> zenoh.Sample:
     deadline = time.monotonic() + 20.0
-    while time.monotonic() < deadline:
-        if subscriber.try_recv() is not None:
-            return True
-        time.sleep(0.05)
-    return False
+    while (sample := subscriber.try_recv()) is None:
+        assert time.monotonic() < deadline
+        time.sleep(0.01)
+    return sample
 
 
 def test_a_router_that_connects_joins_its_own_clients_to_the_other_router() -> None:
@@ -258,3 +259,44 @@ def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
             over.set()
             putting.result(timeout=10)
             over.clear()
+
+
+LARGE, COUNT = 3_000_000, 10  # bytes: many times what waits to be sent
+
+
+def test_a_client_may_have_one_pool_of_threads_and_a_router_never_has() -> None:
+    """A router of one pool stops: the thread that reads a large message waits until it is sent, by no other thread."""
+    endpoint = free_endpoint()
+    with (
+        visitor("idle", listen=[endpoint], one_pool=True) as router,
+        visitor("idle", connect=[endpoint], one_pool=True) as client,
+        open_session(SessionConfig(connect=(endpoint,))) as sending,
+        open_session(SessionConfig(connect=(endpoint,))) as receiving,
+        receiving.declare_subscriber("large") as subscriber,
+        sending.declare_publisher("large", congestion_control=zenoh.CongestionControl.BLOCK) as publisher,
+    ):
+        await_ready(router)
+        await_ready(client)
+        assert zenoh_pools(client.pid) == {"app"}
+        assert {"rx", "tx", "acc"} <= zenoh_pools(router.pid)
+        while not publisher.matching_status.matching:
+            time.sleep(0.01)
+        for number in range(COUNT):
+            publisher.put(bytes([number]) * LARGE)
+        for number in range(COUNT):
+            assert next_sample(subscriber).payload.to_bytes() == bytes([number]) * LARGE
+
+
+def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
+    endpoint = free_endpoint()
+    with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], one_pool=True) as client:
+        await_ready(router)
+        await_ready(client)
+        assert {"rx", "tx"} <= zenoh_pools(client.pid)
+
+
+def test_one_pool_leaves_nothing_in_the_environment() -> None:
+    with pytest.raises(WireError):
+        open_session(SessionConfig(connect=(free_endpoint(),), wait_s=0.1), one_pool=True)
+    assert "ZENOH_RUNTIME" not in os.environ
