@@ -348,7 +348,7 @@ def foresee(
     """Say what the next step's outputs would be, to the bit, and leave the state as it is.
 
     The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
-    waits for them has been answered, by `follow`. One call does it all, limits included, for a call costs as much as
+    waits for them has been answered, by `proceed`. One call does it all, limits included, for a call costs as much as
     the sums.
 
     Parameters
@@ -393,8 +393,10 @@ def foresee(
 
 
 @_compiled
-def follow(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
-    """Take the step that `foresee` looked ahead to, if nothing has come between: to the bit as `run`, without targets.
+def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
+    """Take the step that `foresee` looked ahead to, to the bit as `run` takes one without targets.
+
+    Nothing may have come between; this is not looked at.
 
     Parameters
     ----------
@@ -406,7 +408,7 @@ def follow(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activation
     Returns
     -------
     int
-        `OK`, or `DIVERGED` (the activations are not finite; nothing else has changed that could be).
+        `OK`, or `DIVERGED` (x is not finite; weights, a and b have not changed).
     """
     outputs = sizes[1]
     state = views(sizes, memory)
@@ -429,7 +431,7 @@ class Served(NamedTuple):
     sources: IndexArray
     memory: FloatArray
     centre: FloatArray  # (inputs + outputs,), as `foresee` takes it
-    activations: FloatArray  # (outputs,), as `foresee` fills it and `follow` takes it
+    activations: FloatArray  # (outputs,), as `foresee` fills it and `proceed` takes it
     limits: FloatArray  # (2 n,), lower, then upper limits of the joints
     u: FloatArray  # (6,), filled with the targets [m]
     outputs: FloatArray  # (outputs,), filled with the next step's outputs
@@ -551,10 +553,10 @@ def _settle(places: Any, lengths: Any, advance: int) -> int:
     Returns
     -------
     int
-        `OK`, or `DIVERGED` as `follow` has it.
+        `OK`, or `DIVERGED` as `proceed` has it.
     """
     served = _served(places, lengths)
     first = served.outputs.size - served.limited.size
     for j in range(served.limited.size):
         served.clipped[j] += served.limited[j] != served.outputs[first + j]
-    return follow(served.sizes, served.sources, served.memory, served.activations) if advance else OK
+    return proceed(served.sizes, served.sources, served.memory, served.activations) if advance else OK

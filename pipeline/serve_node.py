@@ -4,7 +4,7 @@ import json
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from itertools import starmap
@@ -120,7 +120,7 @@ def serve(
     try:
         with clerk:
             node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk, on_command)
-            with open_session(session, one_pool=True) as opened, unpaused(), node.declared(opened):
+            with open_session(session) as opened, unpaused(), node.declared(opened):
                 clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)}")
                 node.wait()
     finally:
@@ -132,9 +132,8 @@ class Node:
     """A served controller between its subscribers and its publisher.
 
     Samples are handled on the thread that reads them from the network, which saves a target the way to another thread;
-    for the same reason each topic has a subscriber of its own, rather than one that hears everything, and where it can
-    be, the thread that reads is the one that sends. Commands are dropped where the way out is blocked: a late one is
-    worth nothing, and the reading thread must never wait.
+    for the same reason each topic has a subscriber of its own, rather than one that hears everything. Commands are
+    dropped where the way out is blocked: a late one is worth nothing, and the reading thread must never wait.
 
     Parameters
     ----------
@@ -247,27 +246,33 @@ class Node:
         lock, served = self._lock, self._served
 
         def on_sample(sample: zenoh.Sample) -> None:
-            heard = ear, sample, time.perf_counter_ns()
+            arrival = time.perf_counter_ns()
+            heard = ear, sample, time.time_ns()
             with lock:
                 if self._held is None and served.between_ticks:
                     self._held = heard
                 else:
-                    self._take(heard)
+                    self._take(heard, arrival)
 
         return on_sample
 
-    def _take(self, heard: "_Heard | None") -> None:
+    def _take(self, heard: "_Heard | None", arrival: int) -> None:
         """Take what is held, and what has arrived after it."""
         held, self._held = self._held, None
         if self._failure is not None:
             return
         try:
-            if held is None or heard is None or not self._answer_usual(held, heard):
-                self._take_singly(held, heard)
+            if held is not None and heard is not None and self._answer_usual(held, heard, arrival):
+                return
+            for waiting in (held, heard):
+                record = None if waiting is None else self._read(*waiting)
+                command = None if record is None else self._served.take(record)
+                if command is not None:
+                    self._publish(command.data, command.stamp_ns, arrival, command.answered)
         except Exception as error:
             self._failure = error  # which ends the node
 
-    def _answer_usual(self, held: "_Heard", heard: "_Heard") -> bool:
+    def _answer_usual(self, held: "_Heard", heard: "_Heard", arrival: int) -> bool:
         """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
         pair = (heard, held) if held[0].topic == RIGHT_TARGET else (held, heard)
         (left_ear, left, _), (right_ear, right, _) = pair
@@ -277,27 +282,14 @@ class Node:
         if answer is None:
             return False
         stamp_ns, command = answer
-        self._publish(command, stamp_ns, heard)
-        if self._clerk.records or self._on_command is not None:
-            self._keep(command, tuple(filter(None, starmap(self._read, pair))))
-        self._served.settle()
+        self._publish(command, stamp_ns, arrival, filter(None, starmap(self._read, pair)))
         return True
-
-    def _take_singly(self, *waiting: "_Heard | None") -> None:
-        """Take one after the other what has come."""
-        for heard in filter(None, waiting):
-            record = self._read(*heard)
-            command = None if record is None else self._served.take(record)
-            if command is not None:
-                self._publish(command.data, command.stamp_ns, heard)
-                self._keep(command.data, command.answered)
-                self._served.settle()
 
     def _take_held(self) -> None:
         """Take what is held although nothing follows it."""
-        self._take(None)
+        self._take(None, time.perf_counter_ns())
 
-    def _read(self, ear: "_Ear", sample: zenoh.Sample, arrival: int) -> Stamped | None:
+    def _read(self, ear: "_Ear", sample: zenoh.Sample, time_ns: int) -> Stamped | None:
         """Return what a sample says, as it goes into a log too; None if that is nothing."""
         if sample.kind != zenoh.SampleKind.PUT:
             return None  # a deleted key is no target
@@ -306,7 +298,6 @@ class Node:
             self._served.refuse(Refusal.TOO_LARGE, f"{ear.topic}: found {size} bytes")
             return None
         sequence = _sequence(ear.topic, sample) if self._clerk.records else UNNUMBERED
-        time_ns = time.time_ns() - (time.perf_counter_ns() - arrival)
         return Stamped(ear.topic, ear.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
 
     @contextmanager
@@ -326,17 +317,19 @@ class Node:
             with self._lock:
                 self._take_held()
 
-    def _publish(self, command: bytes, stamp_ns: int, heard: "_Heard") -> None:
-        """Send the command that what was heard last has led to."""
+    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[Stamped]) -> None:
+        """Send a command, then do all that the robot does not wait for; what it answers is looked at only then."""
         self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
-        self._commands += 1
-        _, _, arrival = heard
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
+        if self._clerk.records or self._on_command is not None:
+            self._keep(command, tuple(answered))
+        self._commands += 1
+        self._served.settle()
 
     def _keep(self, command: bytes, answered: tuple[Stamped, ...]) -> None:
-        """Pass the last command on to whoever records and watches."""
+        """Pass a command on to whoever records and watches."""
         if self._clerk.records:
-            sent = Stamped(JOINT_COMMANDS, JointState.TYPE, command, self._commands - 1, time.time_ns())
+            sent = Stamped(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
             for message in (*answered, sent):
                 self._clerk.write(message)
         if self._on_command is not None:
@@ -390,13 +383,12 @@ class _Ear:
     def pose(self, sample: zenoh.Sample) -> bytes:
         """Return the payload of a sample that may be a usual pose; nothing if it is none, nor is what was deleted."""
         payload = sample.payload
-        if len(payload) > MAX_PAYLOAD or self.type_name(sample.encoding) != PoseStamped.TYPE:
-            return b""
-        return payload.to_bytes()
+        usual = len(payload) <= MAX_PAYLOAD and self.type_name(sample.encoding) == PoseStamped.TYPE
+        return payload.to_bytes() if usual else b""
 
 
 _Heard = tuple[_Ear, zenoh.Sample, int]
-"""From where, what, and when by the clock of `time.perf_counter_ns`."""
+"""What has come, from where, and when [ns]."""
 
 
 def _sequence(topic: str, sample: zenoh.Sample) -> int:

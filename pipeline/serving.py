@@ -239,7 +239,7 @@ class ServedController:
         self._accepted += 1
         if self._behind.noted:
             self._behind.reset()
-        self._learner.check(self._calls.settle(not self._config.learn))
+        self._learner.check(self._calls.settle(advance=not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""

@@ -42,9 +42,6 @@ class ServingCalls:
         The outputs behind it, beyond the limits where they are [m, rad].
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
-    settle : callable
-        Counts the joints that were clipped in the last command and, if told to, takes its step, without targets, as
-        long as the learner has done nothing since. Returns a status as `Learner.check` takes it.
 
     Raises
     ------
@@ -91,7 +88,7 @@ class ServingCalls:
         table = [ctypes.c_void_p(row.ctypes.data) for row in self._addresses]
         answer, settle = kernels.served_calls()
         self._answer: Callable[[bytes, bytes, int], int] = partial(_ANSWER(answer.address), *table)
-        self.settle: Callable[[bool], int] = partial(_SETTLE(settle.address), *table)
+        self._settle: Callable[[bool], int] = partial(_SETTLE(settle.address), *table)
 
     def answer(self, left: bytes, right: bytes, after_ns: int) -> int:
         """Return the stamp [ns] of two usual poses (CDR), later than `after_ns`, or -1 if they are none.
@@ -101,6 +98,13 @@ class ServingCalls:
         if len(left) != self._pose_size or len(right) != self._pose_size:
             return kernels.UNUSUAL
         return self._answer(left, right, after_ns)
+
+    def settle(self, *, advance: bool) -> int:
+        """Count the joints that were clipped in the encoder's command, and take its step, without targets, if told to.
+
+        The learner must have done nothing since; this is not looked at. Returns a status as `Learner.check` takes it.
+        """
+        return self._settle(advance)
 
 
 def _aligned(usual: bytes, position_at: int) -> tuple[kernels.ByteArray, Floats]:

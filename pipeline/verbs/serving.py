@@ -56,6 +56,7 @@ def serve(
     from pipeline.serve_node import ServeConfig
     from pipeline.serve_node import serve as run
     from pipeline.serving import ServingConfig
+    from recorders.wire.session import read_as_it_comes
 
     told = False
 
@@ -77,6 +78,8 @@ def serve(
         beside_others=beside_others,
     )
     session = session_config(listen, connect, zenoh_config, listens=True)
+    if not session.listen:
+        read_as_it_comes()
     loaded = Learned.load(controller)
     try:
         with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:

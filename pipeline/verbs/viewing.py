@@ -131,11 +131,14 @@ def robot_shown(
 @contextmanager
 def answers_shown(
     wanted: bool, url: str | None, controller: "Controller", *, title: str
-) -> "Iterator[Callable[[bytes, tuple[Stamped, ...]], None]]":
-    """Yield what takes the commands of a served controller: its CDR bytes, and the messages that it answers."""
+) -> "Iterator[Callable[[bytes, tuple[Stamped, ...]], None] | None]":
+    """Yield what takes the commands of a served controller: its CDR bytes, and the messages that it answers.
+
+    None if nothing is to be shown, so that nobody looks for the messages.
+    """
     with live_view(wanted, url) as view:
         if view is None:
-            yield lambda command, answered: None
+            yield None
             return
         from pipeline import motion_view
         from pipeline.trials import robot_of

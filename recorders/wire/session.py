@@ -6,7 +6,7 @@ import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -19,10 +19,7 @@ from recorders.wire.config_file import endpoints, read_config, reason, said
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""
 
-_RUNTIME = "ZENOH_RUNTIME"
-_ONE_POOL = (
-    "(rx: (handover: app), tx: (handover: app), acc: (handover: app), net: (handover: app), app: (worker_threads: 2))"
-)
+_READING_AS_IT_COMES = "(rx: (handover: app), acc: (handover: app), net: (handover: app), app: (worker_threads: 2))"
 _RETRY_S = 0.1
 _CLOSING_TRIES = 50
 _NOBODY = "Unable to connect"  # how Zenoh's error begins when no endpoint let a client in
@@ -118,19 +115,18 @@ class SessionConfig:
         return config
 
 
-def open_session(config: SessionConfig, *, one_pool: bool = False) -> AbstractContextManager[zenoh.Session]:
-    """Open a session, and close it at the end of the `with` block; left open, its threads keep the interpreter alive.
+def read_as_it_comes() -> None:
+    """Have the thread that notices a message read it and call its handler, in this process, for good.
 
-    Parameters
-    ----------
-    config : SessionConfig
-        Where it listens or connects.
-    one_pool : bool
-        Whether the same few threads may read, call handlers and send; by default Zenoh has threads for each, and every
-        message waits until they wake. Saves about 30 us from a target to its command. Of no effect in a session that
-        listens, which passes on what others say: a thread that waits to send a large message on would be missing to
-        send it. Nor if the process has opened a session before, as all share their threads, or if `ZENOH_RUNTIME` is
-        set. Handlers must be brief.
+    By default Zenoh notices it on one thread and wakes another to read it. To be called before the first session opens,
+    and only where none will listen: who listens passes messages on, and the thread that waits to send a large one
+    on would be missing to notice that it can be sent. `ZENOH_RUNTIME` stands if it is set.
+    """
+    os.environ.setdefault("ZENOH_RUNTIME", _READING_AS_IT_COMES)
+
+
+def open_session(config: SessionConfig) -> AbstractContextManager[zenoh.Session]:
+    """Open a session, and close it at the end of the `with` block; left open, its threads keep the interpreter alive.
 
     Raises
     ------
@@ -138,22 +134,7 @@ def open_session(config: SessionConfig, *, one_pool: bool = False) -> AbstractCo
         If the configuration is not usable, an endpoint to listen on is in use already, or nobody listens at the
         endpoints to connect to, or lets this session in, within `wait_s`.
     """
-    resolved = config.resolved()
-    with _one_pool() if one_pool and not resolved.listen else nullcontext():
-        return _closing(_open(resolved))
-
-
-@contextmanager
-def _one_pool() -> Iterator[None]:
-    """Have Zenoh start one pool of threads; it reads the environment when a process opens its first session."""
-    if _RUNTIME in os.environ:
-        yield
-        return
-    os.environ[_RUNTIME] = _ONE_POOL
-    try:
-        yield
-    finally:
-        del os.environ[_RUNTIME]
+    return _closing(_open(config.resolved()))
 
 
 @contextmanager

@@ -1,13 +1,13 @@
 """`serve` beside a bare Zenoh echo of the same bytes, target to command: python tests/benchmarks/bench_serve.py.
 
-Processes on loopback: a driver, a served controller, three echoes. All connect to the driver, as they would to a
-robot; with `--listen`, the driver connects to them. It puts the two targets of a tick at 1 kHz and takes the time until
-the command of that stamp is back. An echo subscribes to the same keys and answers the second target with a command of
-the same size, with the same attachment and quality of service, that it does not compute. The first has plain callbacks,
-as Zenoh's own ping-pong example does; the second has them called on the thread that reads from the network; the third
-has all that `serve` has of its session, to show what there is to gain at all. Rounds take turns, so that a slow moment
-of the machine hits all. Nothing is asserted. Where other machines share the processor, p5 says more of the program than
-p50 does, and late ticks come in bursts: of these, only sums over several runs say something.
+Processes on loopback: a driver, `reenact serve`, three echoes. All connect to the driver, as they would to a robot;
+with `--listen`, the driver connects to them. It puts the two targets of a tick at 1 kHz and takes the time until the
+command of that stamp is back. An echo subscribes to the same keys and answers the second target with a command of the
+same size, with the same attachment and quality of service, that it does not compute. The first has plain callbacks, as
+Zenoh's own ping-pong example does; the second has them called on the thread that reads from the network; the third has
+its callbacks and threads as `serve` has them, to show what there is to gain at all. Rounds take turns, so that a slow
+moment of the machine hits all. Nothing is asserted. Where other machines share the processor, p5 says more of the
+program than p50 does, and late ticks come in bursts: of these, only sums over several runs say something.
 """
 
 import statistics
@@ -29,14 +29,13 @@ from pipeline.learner import Learner
 from pipeline.learner_config import LearnerConfig
 from pipeline.motions import circles
 from pipeline.robot import load_robot
-from pipeline.serve_node import serve
 from recorders.cdr import encode, stamp_ns
 from recorders.messages import JointState, PoseStamped
 from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.wire.direct import direct
 from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
 
 Handler = Callable[[zenoh.Sample], None]
 
@@ -82,7 +81,9 @@ def echo(name: str, session_config: SessionConfig) -> None:
     def on_right(sample: zenoh.Sample) -> None:
         publisher.put(answer[:4] + sample.payload.to_bytes()[4:12] + answer[12:], attachment=reply)
 
-    with open_session(session_config, one_pool=name == "best echo") as session:
+    if name == "best echo" and not session_config.listen:
+        read_as_it_comes()
+    with open_session(session_config) as session:
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
             session.declare_subscriber(message_key(NAMESPACE, topic), ECHOES[name](handler))
@@ -150,7 +151,7 @@ def show(times: dict[str, list[list[float]]]) -> None:
         print(f"serve adds {middle:.1f} us to {name} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
 
 
-def main(*options: str) -> None:
+def main(*, listens: bool) -> None:
     times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, "serve")}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
@@ -158,12 +159,14 @@ def main(*options: str) -> None:
         drivers: dict[str, Driver] = {}
         for name in times:
             endpoint = free_endpoint()
-            arguments = [sys.executable, __file__, name, endpoint, str(folder / "controller.npz"), *options]
-            process = stack.enter_context(subprocess.Popen(arguments, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
-            stack.callback(process.kill)
-            drivers[name] = Driver(
-                stack.enter_context(open_session(session_at(endpoint, listens=LISTEN not in options)))
+            role = LISTEN if listens else "--connect"
+            of_ours = (
+                ["-m", "pipeline", "serve", str(folder / "controller.npz")] if name == "serve" else [__file__, name]
             )
+            command = [sys.executable, *of_ours, role, endpoint]
+            process = stack.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
+            stack.callback(process.kill)
+            drivers[name] = Driver(stack.enter_context(open_session(session_at(endpoint, listens=not listens))))
         for driver in drivers.values():
             driver.round()
         for order in islice(cycle(permutations(drivers)), ROUNDS):
@@ -173,11 +176,8 @@ def main(*options: str) -> None:
 
 
 if __name__ == "__main__":
-    if len(sys.argv) == 1 or sys.argv[1] == LISTEN:
-        main(*sys.argv[1:])
+    if sys.argv[1:] in ([], [LISTEN]):
+        main(listens=sys.argv[1:] == [LISTEN])
     else:
-        session_config = session_at(sys.argv[2], listens=LISTEN in sys.argv)
-        if sys.argv[1] in ECHOES:
-            echo(sys.argv[1], session_config)
-        else:
-            serve(Controller.load(sys.argv[3]), session=session_config)
+        _, name, role, endpoint = sys.argv
+        echo(name, session_at(endpoint, listens=role == LISTEN))

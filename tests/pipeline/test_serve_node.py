@@ -161,7 +161,7 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
 ) -> None:
     expected = predicted_joints(controller.learner(), samples.targets, 15)
     with serving(controller, tmp_path, name="anna", namespace="lab/asimo", listens=listens) as (watcher, process):
-        assert (zenoh_pools(process.pid) == {"app"}) is not listens  # one pool where it passes nothing on
+        assert ("rx" in zenoh_pools(process.pid)) == listens  # threads that read alone, where messages are passed on
         for k, u in enumerate(samples.targets):
             for record in targets(k * 10**8, u, sequence=k):
                 watcher.put(record, attached=attached)
@@ -179,6 +179,21 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
     assert summary["name"] == "anna"
     assert summary["digest"] == status["digest"]
     assert said.splitlines() == ["anna serves lab/asimo/joint_commands"]
+
+
+@pytest.mark.parametrize("listens", [True, False])
+def test_after_a_stall_all_that_has_come_is_answered(
+    controller: Controller, samples: Samples, tmp_path: Path, listens: bool
+) -> None:
+    """A thread that reads on must not keep the commands from leaving: there is room for some 180 of them."""
+    with serving(controller, tmp_path, listens=listens) as (watcher, process):
+        process.send_signal(signal.SIGSTOP)
+        for stamp in range(1000):
+            for record in targets(stamp, samples.targets[stamp % len(samples.targets)]):
+                watcher.put(record)
+        process.send_signal(signal.SIGCONT)
+        assert [watcher.command()[0] for _ in range(1000)] == list(range(1000))
+        stop(process)
 
 
 @pytest.mark.parametrize("listens", [True, False])

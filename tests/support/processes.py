@@ -5,6 +5,7 @@ import os
 import signal
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import TracebackType
 
@@ -71,5 +72,8 @@ def complaint(run: subprocess.CompletedProcess[str]) -> str:
 
 def zenoh_pools(pid: int) -> set[str]:
     """Return the names of Zenoh's pools in which a process has threads."""
-    names = {name.read_text().partition("-")[0].strip() for name in Path(f"/proc/{pid}/task").glob("*/comm")}
+    names = set()
+    for path in Path(f"/proc/{pid}/task").glob("*/comm"):
+        with suppress(OSError):  # a thread may have ended
+            names.add(path.read_text().partition("-")[0].strip())
     return names & {"rx", "tx", "acc", "net", "app"}

@@ -19,7 +19,7 @@ from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
 from replay.zenoh_transport import SenderConfig, ZenohTransport
 
 COUNT = 200
@@ -131,15 +131,17 @@ def say(line: str) -> None:
 
 
 def main() -> None:
-    """Arguments: role, then JSON with connect, listen, config_file, wait_s, one_pool, and the seconds to stay."""
+    """Arguments: role, then JSON with connect, listen, config_file, wait_s, as_it_comes, and the seconds to stay."""
     role, options = sys.argv[1], json.loads(sys.argv[2])
-    seconds, one_pool = options.pop("seconds"), options.pop("one_pool", False)
+    seconds = options.pop("seconds")
+    if options.pop("as_it_comes", False):
+        read_as_it_comes()
     if "config_file" in options:
         options["config_file"] = Path(options["config_file"])
     for name in {"connect", "listen"} & set(options):
         options[name] = tuple(options[name])
     try:
-        with open_session(SessionConfig(**options), one_pool=one_pool) as session:
+        with open_session(SessionConfig(**options)) as session:
             roles = {"learn": learn, "replay": replay, "host": host, "guest": guest, "idle": idle}
             print(json.dumps(roles[role](session, seconds)))
     except ReenactError as error:

@@ -1,7 +1,6 @@
 """Sessions: either end may start first, routers join clients, nothing listens unasked, errors are one clear line."""
 
 import json
-import os
 import signal
 import socket
 import threading
@@ -261,42 +260,19 @@ def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
             over.clear()
 
 
-LARGE, COUNT = 3_000_000, 10  # bytes: many times what waits to be sent
-
-
-def test_a_client_may_have_one_pool_of_threads_and_a_router_never_has() -> None:
-    """A router of one pool stops: the thread that reads a large message waits until it is sent, by no other thread."""
+def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
     endpoint = free_endpoint()
-    with (
-        visitor("idle", listen=[endpoint], one_pool=True) as router,
-        visitor("idle", connect=[endpoint], one_pool=True) as client,
-        open_session(SessionConfig(connect=(endpoint,))) as sending,
-        open_session(SessionConfig(connect=(endpoint,))) as receiving,
-        receiving.declare_subscriber("large") as subscriber,
-        sending.declare_publisher("large", congestion_control=zenoh.CongestionControl.BLOCK) as publisher,
-    ):
+    with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], as_it_comes=True) as client:
         await_ready(router)
         await_ready(client)
-        assert zenoh_pools(client.pid) == {"app"}
+        assert zenoh_pools(client.pid) == {"app", "tx"}
         assert {"rx", "tx", "acc"} <= zenoh_pools(router.pid)
-        while not publisher.matching_status.matching:
-            time.sleep(0.01)
-        for number in range(COUNT):
-            publisher.put(bytes([number]) * LARGE)
-        for number in range(COUNT):
-            assert next_sample(subscriber).payload.to_bytes() == bytes([number]) * LARGE
 
 
 def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ZENOH_RUNTIME", "(rx: (worker_threads: 1))")
     endpoint = free_endpoint()
-    with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], one_pool=True) as client:
+    with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], as_it_comes=True) as client:
         await_ready(router)
         await_ready(client)
         assert {"rx", "tx"} <= zenoh_pools(client.pid)
-
-
-def test_one_pool_leaves_nothing_in_the_environment() -> None:
-    with pytest.raises(WireError):
-        open_session(SessionConfig(connect=(free_endpoint(),), wait_s=0.1), one_pool=True)
-    assert "ZENOH_RUNTIME" not in os.environ
