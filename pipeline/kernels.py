@@ -374,9 +374,8 @@ def foresee(
         `OK`, `BAD_SHAPE` or `BAD_INPUT` (not finite: nothing was done), or `DIVERGED` (the outputs are not finite).
     """
     inputs, outputs, first = sizes[0], sizes[1], sizes[1] - limited.size
-    if not (u.size == inputs and activations.size == predicted.size == outputs):
-        return BAD_SHAPE
-    if first < 0 or limits.shape != (2, limited.size):
+    sized = u.size == inputs and activations.size == predicted.size == outputs
+    if not sized or first < 0 or limits.shape != (2, limited.size):
         return BAD_SHAPE
     if not all_finite(u):
         return BAD_INPUT
