@@ -1,6 +1,6 @@
-"""The pytest plugin: `pytest --golden DIR` collects every golden case of a folder as a test."""
+"""The pytest plugin: `pytest --golden DIR` collects every golden case of a folder as a test; see `reenact_pytest`."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,60 +14,58 @@ if TYPE_CHECKING:
 
     from replay.golden_finding import Finding
 
-_CASES = pytest.StashKey[frozenset[Path]]()
 
+class GoldenCases:
+    """The hooks that collect golden cases; registered by `reenact_pytest`, which pytest loads.
 
-def pytest_addoption(parser: pytest.Parser) -> None:
-    """Add the option."""
-    group = parser.getgroup("reenact", "golden-log regression")
-    group.addoption(
-        "--golden",
-        action="append",
-        default=[],
-        metavar="DIR",
-        help="collect the golden cases of this folder as tests; may be repeated",
-    )
+    Parameters
+    ----------
+    config : pytest.Config
+        Of the run; the folders are collected beside whatever else is.
+    folders : sequence of str
+        Folders with cases.
 
+    Raises
+    ------
+    pytest.UsageError
+        If a folder has none.
+    """
 
-def pytest_configure(config: pytest.Config) -> None:
-    """Find the cases, and collect their folders beside whatever else is collected."""
-    cases: set[Path] = set()
-    for folder in config.getoption("golden"):
-        try:
-            cases.update(case.resolve() for case in find_cases(Path(folder)))
-        except ConfigError as error:
-            raise pytest.UsageError(f"--golden: {error}") from error
-        if folder not in config.args:
-            config.args.append(folder)
-    config.stash[_CASES] = frozenset(cases)
+    def __init__(self, config: pytest.Config, folders: Sequence[str]) -> None:
+        self._folders = [Path(folder).resolve() for folder in folders]
+        self._cases: set[Path] = set()
+        for folder in folders:
+            try:
+                self._cases.update(case.resolve() for case in find_cases(Path(folder)))
+            except ConfigError as error:
+                raise pytest.UsageError(f"--golden: {error}") from error
+            if folder not in config.args:
+                config.args.append(folder)
 
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_ignore_collect(self, collection_path: Path) -> bool | None:
+        """Keep the cases, and what leads to them, from being ignored: pytest passes over folders such as `build`."""
+        path = collection_path.resolve()
+        asked = any(path.is_relative_to(folder) for folder in self._folders)
+        kept = asked and any(case.is_relative_to(path) for case in self._cases)
+        return False if kept else None
 
-@pytest.hookimpl(tryfirst=True)
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Keep the cases, and what leads to them, from being ignored: pytest passes over folders such as `build`."""
-    path = collection_path.resolve()
-    asked = any(path.is_relative_to(Path(folder).resolve()) for folder in config.getoption("golden"))
-    kept = asked and any(case.is_relative_to(path) for case in config.stash[_CASES])
-    return False if kept else None
+    def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
+        """Take the folder of a case, if it lies in one of the folders that were asked for."""
+        if path.resolve() not in self._cases:
+            return None
+        collector: pytest.Collector = GoldenFolder.from_parent(parent, path=path)
+        return collector
 
-
-def pytest_collect_directory(path: Path, parent: pytest.Collector) -> pytest.Collector | None:
-    """Take the folder of a case, if it lies in one of the folders that were asked for."""
-    if path.resolve() not in parent.config.stash[_CASES]:
-        return None
-    collector: pytest.Collector = GoldenFolder.from_parent(parent, path=path)
-    return collector
-
-
-@pytest.hookimpl(tryfirst=True)
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Refuse to go on without a case, whatever pytest had against its folder; `-k` chooses after this."""
-    collected = {item.path.resolve() for item in items if isinstance(item, GoldenItem)}
-    missing = sorted(config.stash[_CASES] - collected)
-    if missing:
-        raise pytest.UsageError(
-            f"--golden: expected {missing[0]} to be collected, found it ignored; give its folder alone"
-        )
+    @pytest.hookimpl(tryfirst=True)
+    def pytest_collection_modifyitems(self, items: list[pytest.Item]) -> None:
+        """Refuse to go on without a case, whatever pytest had against its folder; `-k` chooses after this."""
+        collected = {item.path.resolve() for item in items if isinstance(item, GoldenItem)}
+        missing = sorted(self._cases - collected)
+        if missing:
+            raise pytest.UsageError(
+                f"--golden: expected {missing[0]} to be collected, found it ignored; give its folder alone"
+            )
 
 
 class GoldenFolder(pytest.Directory):

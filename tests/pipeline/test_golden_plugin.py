@@ -4,7 +4,7 @@ import os
 import shutil
 import subprocess
 import sys
-import tomllib
+import zipfile
 from pathlib import Path
 
 import pytest
@@ -15,6 +15,8 @@ from pipeline.learner_config import LearnerConfig
 from replay.golden_add import add_case
 from replay.golden_recipe import Recipe
 from replay.schedule import Schedule
+
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")
@@ -34,11 +36,15 @@ def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run_pytest(project: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
-    root = str(Path(__file__).parents[2])
-    alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": root, "PYTHONDONTWRITEBYTECODE": "1"}
-    command = [sys.executable, "-m", "pytest", "-p", "pipeline.pytest_plugin", "-v", *arguments]
+    places = os.pathsep.join([str(ROOT), str(ROOT / "pipeline" / "pytest_entry")])
+    alone = {"PYTEST_DISABLE_PLUGIN_AUTOLOAD": "1", "PYTHONPATH": places, "PYTHONDONTWRITEBYTECODE": "1"}
+    return pytest_in(project, alone, "-p", "reenact_pytest", "-v", *arguments)
+
+
+def pytest_in(project: Path, environment: dict[str, str], *arguments: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "pytest", *arguments]
     return subprocess.run(
-        command, cwd=project, env=os.environ | alone, capture_output=True, text=True, timeout=120, check=False
+        command, cwd=project, env=os.environ | environment, capture_output=True, text=True, timeout=120, check=False
     )
 
 
@@ -108,6 +114,48 @@ def test_a_folder_that_is_none(project: Path) -> None:
     assert "--golden: nowhere: expected golden cases" in run.stderr
 
 
-def test_it_ships_with_the_package() -> None:
-    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
-    assert project["entry-points"]["pytest11"] == {"reenact": "pipeline.pytest_plugin"}
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The wheel, unpacked where nothing of the checkout is."""
+    folder = tmp_path_factory.mktemp("wheel")
+    build = f"from hatchling.build import build_wheel; build_wheel({str(folder)!r})"
+    subprocess.run([sys.executable, "-c", build], cwd=ROOT, check=True, capture_output=True, text=True)
+    (wheel,) = folder.glob("*.whl")
+    with zipfile.ZipFile(wheel) as archive:
+        archive.extractall(folder / "installed")
+    return folder / "installed"
+
+
+@pytest.fixture
+def namesake(tmp_path: Path, project: Path) -> Path:
+    """A project that has a package of the name of one of ours, which its own test imports."""
+    shutil.copytree(project / "golden", tmp_path / "golden")
+    imports = "import sys\n\nimport pipeline\n\n\n"
+    test = f"{imports}def test_own():\n    assert pipeline.OWN and 'recorders' not in sys.modules\n"
+    (tmp_path / "test_own.py").write_text(test)
+    (tmp_path / "pipeline").mkdir()
+    (tmp_path / "pipeline" / "__init__.py").write_text("OWN = True\n")
+    (tmp_path / "pytest.ini").touch()
+    return tmp_path
+
+
+def loaded_by_itself(installed: Path) -> dict[str, str]:
+    return {"PYTHONPATH": str(installed), "PYTHONDONTWRITEBYTECODE": "1"}
+
+
+def test_a_project_with_a_package_of_the_same_name_is_tested_as_ever(namesake: Path, installed: Path) -> None:
+    run = pytest_in(namesake, loaded_by_itself(installed), "-v")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "test_own.py::test_own PASSED" in run.stdout
+    assert "--golden=DIR" in pytest_in(namesake, loaded_by_itself(installed), "--help").stdout
+
+
+@pytest.mark.parametrize("name", ["pipeline", "replay"])
+def test_where_names_clash_the_cases_are_refused_in_one_line(namesake: Path, installed: Path, name: str) -> None:
+    (namesake / "pipeline").rename(namesake / name)
+    run = pytest_in(namesake, loaded_by_itself(installed), "--golden", "golden")
+    assert run.returncode == 4, run.stdout + run.stderr
+    expected = f"ERROR: --golden: expected the package {name} of reenact, found {namesake / name / '__init__.py'}"
+    assert [line for line in run.stderr.splitlines() if line] == [
+        f"{expected} of the same name in this project; check the cases with `reenact golden check DIR`"
+    ]
