@@ -8,6 +8,7 @@ from rich.table import Table
 from rich.text import Text
 
 from pipeline.printable import printable
+from recorders.quantities import seconds_text
 from recorders.recover import Recovery
 from recorders.salvage import Damage
 from recorders.summary import LogSummary, TopicSummary
@@ -119,8 +120,8 @@ def _unprotected(summary: LogSummary) -> str:
 def _times(summary: LogSummary) -> str:
     if summary.times_ns is None:
         return "no messages"
-    first, last = (time_ns / _NS for time_ns in summary.times_ns)
-    return f"{first:.3f} s to {last:.3f} s, {last - first:.3f} s"
+    first_ns, last_ns = summary.times_ns
+    return f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s"
 
 
 def _missing(topic: TopicSummary) -> str:

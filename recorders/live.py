@@ -35,18 +35,18 @@ class RecordConfig:
         Patterns of topics, such as `/hand/*`; everything is included if no pattern is given.
     split_bytes : int, optional
         Begin another file when one has this many bytes of messages.
-    split_s : float, optional
-        Begin another file with the first message that comes this long after the first one of a file [s].
+    split_ns : int, optional
+        Begin another file with the first message that comes this long after the first one of a file [ns].
     """
 
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
     split_bytes: int | None = None
-    split_s: float | None = None
+    split_ns: int | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        if (self.split_bytes is not None and self.split_bytes < 1) or (self.split_s is not None and self.split_s <= 0):
+        if any(split is not None and split < 1 for split in (self.split_bytes, self.split_ns)):
             raise ConfigError("split: expected a size or a time above 0")
 
     def wants(self, topic: str) -> bool:
@@ -133,9 +133,9 @@ class LiveRecorder:
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
         self.recording = Recording()
-        self._splits = self._config.split_bytes is not None or self._config.split_s is not None
+        self._splits = self._config.split_bytes is not None or self._config.split_ns is not None
         self._refuse_existing()
-        self._first_s: float | None = None  # when the file's first message came
+        self._first_ns: int | None = None  # when the file's first message came
         self._writer = self._open()
 
     def __enter__(self) -> Self:
@@ -255,8 +255,8 @@ class LiveRecorder:
             self._count_gap(record)
         if self._is_full(len(record.data)):
             self._next_file()
-        if self._first_s is None:
-            self._first_s = time.monotonic()
+        if self._first_ns is None:
+            self._first_ns = time.monotonic_ns()
         sequence = record.sequence if numbered else None
         kind = self._type(record)
         self._writer.write(
@@ -284,11 +284,11 @@ class LiveRecorder:
 
     def _is_full(self, more: int) -> bool:
         """Whether a message of so many bytes belongs into another file; there is none without a message."""
-        if self._first_s is None:
+        if self._first_ns is None:
             return False
-        size, seconds = self._config.split_bytes, self._config.split_s
+        size, longest_ns = self._config.split_bytes, self._config.split_ns
         too_large = size is not None and self._written + more > size
-        return too_large or (seconds is not None and time.monotonic() - self._first_s >= seconds)
+        return too_large or (longest_ns is not None and time.monotonic_ns() - self._first_ns >= longest_ns)
 
     def _next_file(self) -> None:
         self._writer.close()
@@ -314,7 +314,7 @@ class LiveRecorder:
         )
         self.recording.paths.append(path)
         self._written = 0
-        self._first_s = None
+        self._first_ns = None
         return writer
 
 

@@ -3,6 +3,7 @@
 import threading
 import time
 from collections.abc import Iterator
+from fractions import Fraction
 from typing import Protocol
 
 from recorders.errors import ConfigError
@@ -56,18 +57,21 @@ class Paced:
     def __init__(self, rate: float) -> None:
         if not 0.1 <= rate <= 1000.0:
             raise ConfigError(f"rate: expected 0.1 to 1000, found {rate}")
-        self._ns_per_log_ns = 1.0 / rate
+        self._rate = Fraction(rate)
         self._last_log_ns: int | None = None
-        self._due_ns = 0.0
+        self._due_ns = 0
+        self._rest = 0  # what the division by the rate has left over so far
         self.slipped_s = 0.0
 
     def wait(self, log_time_ns: int) -> None:
         """Wait for the distance to the message before; the first one, and one that jumps back, are due at once."""
-        now_ns = float(time.monotonic_ns())
+        now_ns = time.monotonic_ns()
         if self._last_log_ns is None:
             self._due_ns = now_ns
         else:
-            self._due_ns += max(0, log_time_ns - self._last_log_ns) * self._ns_per_log_ns
+            recorded_ns = max(0, log_time_ns - self._last_log_ns)
+            apart_ns, self._rest = divmod(recorded_ns * self._rate.denominator + self._rest, self._rate.numerator)
+            self._due_ns += apart_ns
         self._last_log_ns = log_time_ns
         if self._due_ns > now_ns:
             while (left_s := (self._due_ns - time.monotonic_ns()) / _NS_PER_S) > 0.0:

@@ -3,21 +3,20 @@
 import hashlib
 import heapq
 import json
-import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from itertools import count, islice, takewhile
+from functools import cached_property
+from itertools import count, islice
 from pathlib import Path
 
 from recorders.errors import ConfigError, LogError
+from recorders.quantities import MAX_TIME_NS, seconds_text
+from recorders.raw_records import FOREVER_NS
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from replay.engine import read_robot
-
-_NS_PER_S = 1e9
-_LONGEST_S = 2**64 / _NS_PER_S  # what the 64 bits of a log time hold
 
 
 @dataclass(frozen=True)
@@ -30,34 +29,43 @@ class PlaybackConfig:
         Topics to play, by the names in the logs; all if empty.
     renames : mapping of str to str
         Topic names to use in place of those in the logs; no two may become one.
-    start_s, end_s : float
-        Slice of the recorded time, counted from the first message of all logs [s]; it begins within 584 years, which
-        is all that a log's times can tell.
+    start_ns, end_ns : int
+        Slice of the recorded time, counted from the earliest message of all logs [ns]; to the end if `end_ns` is None.
     loops : int
         How often to play it all; 0: for ever.
     """
 
     topics: frozenset[str] = frozenset()
     renames: Mapping[str, str] = field(default_factory=dict)
-    start_s: float = 0.0
-    end_s: float = float("inf")
+    start_ns: int = 0
+    end_ns: int | None = None
     loops: int = 1
 
     def __post_init__(self) -> None:
         """Check ranges."""
-        if not 0.0 <= self.start_s < self.end_s or self.start_s > _LONGEST_S:
+        if not 0 <= self.start_ns <= MAX_TIME_NS or (self.end_ns is not None and self.end_ns <= self.start_ns):
             raise ConfigError(
-                f"slice: expected 0 <= start < end and start up to {_LONGEST_S:g}, "
-                f"found {self.start_s:g} to {self.end_s:g} s"
+                f"slice: expected 0 <= start < end and start up to {seconds_text(MAX_TIME_NS)} s, found {self.span}"
             )
         if self.loops < 0:
             raise ConfigError(f"loops: expected 0 for ever, or a number, found {self.loops}")
+
+    @property
+    def sliced(self) -> bool:
+        """Whether a part of the recorded time is left out."""
+        return self.start_ns > 0 or self.end_ns is not None
+
+    @property
+    def span(self) -> str:
+        """The slice in words."""
+        end = "the end" if self.end_ns is None else f"{seconds_text(self.end_ns)} s"
+        return f"{seconds_text(self.start_ns)} s to {end}"
 
 
 class Playback:
     """The stream that logs and a `PlaybackConfig` make.
 
-    Messages of several logs are merged by log time. Every log's own order is kept.
+    Messages of several logs are merged by log time; every log's own order is kept, also where its times fall.
 
     Raises
     ------
@@ -76,20 +84,14 @@ class Playback:
         self._readers = [LogReader(path) for path in paths]
         self._check_topics()
         self._check_names()
-        self._first_ns = min(
-            (record.log_time_ns for reader in self._readers for record in islice(reader.records(), 1)), default=0
-        )
         if next(self._once(), None) is None:
-            raise LogError(
-                f"expected messages between {self._config.start_s:g} and {self._config.end_s:g} s, found none; "
-                "--start and --end count seconds from the first message of all logs"
-            )
+            raise LogError(self._nothing_found())
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
         contents = [_content(reader) for reader in self._readers]
         config = self._config
-        what = [contents, sorted(config.topics), sorted(config.renames.items()), config.start_s, str(config.end_s)]
+        what = [contents, sorted(config.topics), sorted(config.renames.items()), config.start_ns, config.end_ns]
         return Offer(
             run=hashlib.sha256(json.dumps([*what, config.loops]).encode()).hexdigest()[:32],
             schedule={},
@@ -107,18 +109,35 @@ class Playback:
         return islice((message for _ in rounds for message in self._once()), start, None)
 
     def _once(self) -> Iterator[Stamped]:
-        begin_ns = math.ceil(self._first_ns + self._config.start_s * _NS_PER_S)
-        end_ns = self._first_ns + self._config.end_s * _NS_PER_S
-        logs = (reader.records(topics=self._config.topics or None, start_ns=begin_ns) for reader in self._readers)
-        merged = heapq.merge(*logs, key=lambda record: record.log_time_ns)
-        for record in takewhile(lambda record: record.log_time_ns < end_ns, merged):
-            topic = self._config.renames.get(record.topic, record.topic)
+        config = self._config
+        begin_ns, end_ns = 0, FOREVER_NS
+        if config.sliced:
+            begin_ns = self._first_ns + config.start_ns
+            end_ns = FOREVER_NS if config.end_ns is None else self._first_ns + config.end_ns
+        logs = (
+            reader.records(topics=config.topics or None, start_ns=begin_ns, end_ns=end_ns) for reader in self._readers
+        )
+        for record in heapq.merge(*logs, key=lambda record: record.log_time_ns):
+            topic = config.renames.get(record.topic, record.topic)
             yield record if topic == record.topic else record._replace(topic=topic)
+
+    @cached_property
+    def _first_ns(self) -> int:
+        """Log time of the earliest message of all logs [ns], which need not be the first of its file."""
+        return min((record.log_time_ns for reader in self._readers for record in reader.records()), default=0)
+
+    def _nothing_found(self) -> str:
+        if not self._config.sliced:
+            return f"expected messages in {', '.join(str(reader.path) for reader in self._readers)}, found none"
+        return (
+            f"expected messages in the slice from {self._config.span}, found none; "
+            "--start and --end count seconds from the first message of all logs"
+        )
 
     def _count(self) -> int | None:
         """Return how many messages will be played, as the logs say; None for a part of them, or for ever."""
         config = self._config
-        if config.loops == 0 or config.start_s > 0.0 or config.end_s < float("inf"):
+        if config.loops == 0 or config.sliced:
             return None
         played = self._played()
         return config.loops * sum(

@@ -145,11 +145,11 @@ def replay(
     ] = False,
     loop: Annotated[int, typer.Option(help="With --play: how often; 0 for ever.", min=0, metavar="N")] = 1,
     start: Annotated[
-        float, typer.Option(help="With --play: start so long after the first message.", metavar="SECONDS")
-    ] = 0.0,
+        str | None, typer.Option(help="With --play: start so long after the first message.", metavar="SECONDS")
+    ] = None,
     end: Annotated[
-        float, typer.Option(help="With --play: end so long after the first message.", metavar="SECONDS")
-    ] = float("inf"),
+        str | None, typer.Option(help="With --play: end so long after the first message.", metavar="SECONDS")
+    ] = None,
     topic: Annotated[
         list[str] | None, typer.Option(help="With --play: topic to play; all if left out.", metavar="TOPIC")
     ] = None,
@@ -216,10 +216,11 @@ def _source(
     play: bool,
     names: dict[str, str],
     loop: int,
-    start: float,
-    end: float,
+    start: str | None,
+    end: str | None,
     topics: list[str] | None,
 ) -> "Source":
+    from recorders.quantities import parse_seconds
     from replay.engine import Replay
     from replay.playback import Playback, PlaybackConfig
     from replay.schedule import Schedule
@@ -228,9 +229,12 @@ def _source(
     if play and (as_recorded or epochs is not None):
         raise ConfigError("--play: expected neither --as-recorded nor --epochs beside it")
     if play:
-        chosen = PlaybackConfig(topics=frozenset(topics or ()), renames=names, start_s=start, end_s=end, loops=loop)
+        start_ns = 0 if start is None else parse_seconds(start, "--start")
+        end_ns = None if end is None else parse_seconds(end, "--end")
+        topics_played = frozenset(topics or ())
+        chosen = PlaybackConfig(topics_played, renames=names, start_ns=start_ns, end_ns=end_ns, loops=loop)
         return Playback(logs, chosen)
-    if topics or loop != 1 or start != 0.0 or end != float("inf"):
+    if topics or loop != 1 or start is not None or end is not None:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if as_recorded:
         if len(logs) != 1:

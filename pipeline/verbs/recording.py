@@ -1,6 +1,5 @@
 """The verb record: live Zenoh keys to MCAP."""
 
-import re
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -8,12 +7,9 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import Connect, Json, Listen, Namespace, Overwrite, ZenohConfig, session_config
-from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
     from recorders.live import Recording
-
-_UNITS = {"s": 1.0, "min": 60.0, "h": 3600.0, "KB": 1e3, "MB": 1e6, "GB": 1e9}
 
 
 def record(
@@ -44,12 +40,13 @@ def record(
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from pipeline.signals import until_stopped
     from recorders.live import LiveRecorder, RecordConfig
+    from recorders.quantities import parse_size_or_time
     from recorders.topics import ROBOT_DESCRIPTION
     from recorders.wire.receiver import Receiver, ReceiverConfig
     from recorders.wire.session import open_session
 
-    split_bytes, split_s = _parse_split(split)
-    config = RecordConfig(tuple(include or ()), tuple(exclude or ()), split_bytes, split_s)
+    split_bytes, split_ns = (None, None) if split is None else parse_size_or_time(split, "--split")
+    config = RecordConfig(tuple(include or ()), tuple(exclude or ()), split_bytes, split_ns)
     kept = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
     receiving = ReceiverConfig(name=name, namespace=namespace, live=True, kept=kept)
     session = session_config(listen, connect, zenoh_config, listens=False)
@@ -79,13 +76,3 @@ def _why_empty(recording: "Recording", key: str) -> str:
         f"nothing is recorded: nobody published on {key}, or this session may not read it; "
         "look at --namespace, the endpoint, and access control where the other end has it"
     )
-
-
-def _parse_split(text: str | None) -> tuple[int | None, float | None]:
-    if text is None:
-        return None, None
-    match = re.fullmatch(r"(\d+(?:\.\d+)?)(s|min|h|KB|MB|GB)", text)
-    if match is None:
-        raise ConfigError(f"--split: expected a size or a time, such as 100MB or 10min, found {text!r}")
-    amount = float(match[1]) * _UNITS[match[2]]
-    return (int(amount), None) if match[2].endswith("B") else (None, amount)

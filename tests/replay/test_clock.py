@@ -131,3 +131,17 @@ def wait_for(condition: object, *, timeout_s: float = 5.0) -> None:
     while not condition():  # type: ignore[operator]
         assert time.monotonic() < deadline
         time.sleep(0.005)
+
+
+@pytest.mark.parametrize("began_ns", [0, 1_790_000_000_123_456_789, 2**64 - 10**9])
+@pytest.mark.parametrize("rate", [1.0, 3.0, 1000.0])
+def test_distances_are_kept_to_the_nanosecond(monkeypatch: pytest.MonkeyPatch, began_ns: int, rate: float) -> None:
+    """However long ago the machine started, and whatever the times of the log are."""
+    pretended = PretendedTime()
+    pretended.now_ns = started_ns = 2**60 + 1
+    monkeypatch.setattr("replay.clock.time", pretended)
+    monkeypatch.setattr(pretended, "sleep", lambda seconds: setattr(pretended, "now_ns", pretended.now_ns + 1))
+    clock = Paced(rate)
+    for step in range(3001):
+        clock.wait(began_ns + step)
+    assert pretended.now_ns - started_ns == 3000 // rate
