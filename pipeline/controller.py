@@ -23,6 +23,7 @@ from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
+from recorders.regular import refuse_irregular
 
 FORMAT = "reenact-controller"
 VERSION = 1
@@ -154,6 +155,7 @@ class Controller:
         ControllerError
             If the file is missing, is not such a file, or does not agree with its own digests.
         """
+        refuse_irregular(Path(path), expected="a controller", error=ControllerError)
         try:
             return cls._parse(npz.unpack(_read(Path(path))))
         except (ControllerError, ConfigError) as error:

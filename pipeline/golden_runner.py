@@ -1,6 +1,5 @@
 """Runs golden cases: the learner step by step under observation, and as programs run it."""
 
-import tomllib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -12,11 +11,13 @@ from pipeline.controller import Controller
 from pipeline.golden_observer import ObservedRun
 from pipeline.learner_config import LearnerConfig
 from pipeline.samples import read_samples
+from pipeline.toml_text import MAX_BYTES, parse_toml
 from pipeline.training import CheckpointConfig, Trainer
 from pipeline.trials import try_samples
 from recorders.errors import ConfigError
 from recorders.messages import Message
 from recorders.records import Stamped
+from recorders.regular import refuse_irregular
 from replay.golden_recipe import EpochEnd, Moment, Recipe, State
 from replay.schedule import Schedule
 from replay.session import RecordedSession
@@ -146,10 +147,12 @@ def recipe(
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
+    refuse_irregular(path, expected="a TOML file", error=ConfigError)
     try:
-        with path.open("rb") as file:
-            return tomllib.load(file)
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except ValueError as error:
-        raise ConfigError(f"{path}: expected TOML: {error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: expected TOML in UTF-8") from error
+    return parse_toml(text, str(path), error=ConfigError)

@@ -2,6 +2,7 @@
 
 import csv
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from itertools import pairwise
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.errors import MotionError
+from recorders.regular import refuse_irregular
 
 Floats = NDArray[np.float64]
 
@@ -18,6 +20,7 @@ MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another 
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
 MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken for seconds exceed it below 200 Hz
 
+_POINTS = "numbers are written with a decimal point, not a decimal comma"
 _MAX_CLOCK_S = 1e10  # Unix time gets there in the year 2286
 _CLOCK_DIGITS = 6  # what a float64 keeps of Unix time: microseconds
 
@@ -47,8 +50,9 @@ def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDI
     Raises
     ------
     MotionError
-        The file cannot be read, lacks a column, holds something else than finite numbers of a plausible size, has fewer
-        than two rows, or its times do not increase or leave a gap above `MAX_GAP_S`; the message names line and column.
+        The file cannot be read, lacks a column or has two of one name, has a row longer or shorter than its header,
+        holds something else than finite numbers of a plausible size, has fewer than two rows, or its times do not
+        increase or leave a gap above `MAX_GAP_S`; the message names line and column.
     """
     rows = list(_read_rows(path, choose, max_coordinate))
     if len(rows) < 2:
@@ -73,36 +77,50 @@ def _check_step(where: str, before: float, after: float) -> None:
 
 def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, list[float]]]:
     """Line number and the values of the columns wanted of each row."""
+    refuse_irregular(path, expected="a CSV file", error=MotionError)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(file, strict=True)
-            places: dict[str, int] | None = None
+            header: list[str] | None = None
+            places: dict[str, int] = {}
             for row in reader:
+                where = f"motion '{path}', line {reader.line_num}"
                 if not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#"):
                     continue
-                if places is None:
-                    places = _places(path, [cell.strip() for cell in row], choose)
+                if header is None:
+                    header = [cell.strip() for cell in row]
+                    places = _places(path, header, choose)
                 else:
-                    yield (
-                        reader.line_num,
-                        _values(f"motion '{path}', line {reader.line_num}", row, places, max_coordinate),
-                    )
+                    _check_length(where, row, len(header))
+                    yield reader.line_num, _values(where, row, places, max_coordinate)
             if reader.line_num == 0:
                 raise MotionError(f"motion '{path}': expected CSV text, found an empty file")
     except OSError as error:
         raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
-    except (UnicodeDecodeError, csv.Error) as error:
-        raise MotionError(f"motion '{path}': expected CSV text in UTF-8: {error}") from error
+    except UnicodeDecodeError as error:
+        found = f"found byte {error.object[error.start]:#04x}"
+        raise MotionError(f"motion '{path}': expected CSV text in UTF-8, {found}") from error
+    except csv.Error as error:
+        raise MotionError(f"motion '{path}', line {reader.line_num}: expected CSV text: {error}") from error
 
 
 def _places(path: Path, header: list[str], choose: Choice) -> dict[str, int]:
-    if len(header) == 1 and ";" in header[0]:
-        found = f"found semicolons: {_brief(header[0])}"
-        raise MotionError(f"motion '{path}': expected commas between the columns and points in the numbers, {found}")
+    for mark, name in ((";", "semicolons"), ("\t", "tabs")):
+        if len(header) == 1 and mark in header[0]:
+            expected = "expected commas between the columns and points in the numbers"
+            raise MotionError(f"motion '{path}': {expected}, found {name}: {_brief(header[0])}")
+    if repeated := [column for column, count in Counter(filter(None, header)).items() if count > 1]:
+        raise MotionError(f"motion '{path}': expected each column once, found '{_brief(repeated[0])}' more than once")
     try:
         return {column: header.index(column) for column in choose(header)}
     except MotionError as error:
         raise MotionError(f"motion '{path}': {error}, found {_brief(','.join(header))}") from None
+
+
+def _check_length(where: str, row: list[str], expected: int) -> None:
+    if len(row) != expected:
+        ask = f"; {_POINTS}" if len(row) > expected else ""
+        raise MotionError(f"{where}: expected {expected} cells, found {len(row)}{ask}")
 
 
 def _brief(text: str) -> str:
@@ -113,18 +131,18 @@ def _values(where: str, row: list[str], places: dict[str, int], max_coordinate: 
     values = []
     for column, place in places.items():
         limit, unit = (_MAX_CLOCK_S, "s") if column == "t" else (max_coordinate, "m")
-        text = row[place] if place < len(row) else ""
-        values.append(_value(f"{where}, column {column}", text, limit, unit))
+        values.append(_value(f"{where}, column {column}", row[place], limit, unit))
     return values
 
 
 def _value(where: str, text: str, limit: float, unit: str) -> float:
     try:
-        value = float(text)
+        value = math.nan if "_" in text else float(text)  # Python's 1_000 is nobody's number
     except ValueError:
         value = math.nan
     if not math.isfinite(value):
-        raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'")
+        ask = f"; {_POINTS}" if "," in text else ""
+        raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'{ask}")
     if abs(value) > limit:
         ask = "; are the times in seconds?" if unit == "s" else ""
         raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}{ask}")

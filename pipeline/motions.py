@@ -13,6 +13,7 @@ from pipeline.motion_csv import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.resources import data_path
 from pipeline.robot import RobotConfig
 from recorders.errors import MotionError
+from recorders.regular import refuse_irregular
 
 Floats = NDArray[np.float64]
 
@@ -115,6 +116,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
         return patterns[str(name_or_path)](robot)
     drawings = {path.stem: path for path in sorted(data_path("motions").glob("*.csv"))}
     path = drawings.get(str(name_or_path), Path(name_or_path))
+    refuse_irregular(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = ", ".join([*patterns, *drawings])
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")

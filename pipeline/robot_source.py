@@ -10,6 +10,7 @@ from typing import Any
 from pipeline.robot_tables import as_list, as_name, as_number, as_table, as_vector, check_keys, parse_toml
 from pipeline.urdf import MAX_BYTES, shown
 from recorders.errors import RobotError
+from recorders.regular import refuse_irregular
 
 Vector = tuple[float, float, float]
 
@@ -109,8 +110,9 @@ def read_text(path: Path) -> str:
     Raises
     ------
     RobotError
-        It cannot be read, or is not UTF-8.
+        It cannot be read, is no regular file, or is not UTF-8.
     """
+    refuse_irregular(path, expected="a robot's file", error=RobotError)
     try:
         with path.open(encoding="utf-8") as file:
             return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text

@@ -1,17 +1,15 @@
 """Checked values out of a robot's TOML files: each wrong one is a line that says what was expected and found."""
 
 import math
-import tomllib
 from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.urdf import check_name, check_text, one_line, shown
+from pipeline import toml_text
+from pipeline.urdf import check_name, one_line, shown
 from recorders.errors import RobotError
-
-MAX_BYTES = 32 * 2**10  # 15 joints take two thousand; the time that TOML takes can grow with the square
 
 _NONE: frozenset[str] = frozenset()
 
@@ -22,13 +20,9 @@ def parse_toml(text: str) -> dict[str, Any]:
     Raises
     ------
     RobotError
-        The text is not TOML, or too large.
+        The text is not TOML, too large, or nested too deeply.
     """
-    check_text(text, "robot config", most=MAX_BYTES)
-    try:
-        return tomllib.loads(text)
-    except (ValueError, RecursionError) as error:  # also of integers too long, and of brackets too deep
-        raise RobotError(f"robot config is not TOML: {one_line(str(error))}") from error
+    return toml_text.parse_toml(text, "robot config", error=RobotError)
 
 
 def check_keys(

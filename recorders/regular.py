@@ -1,18 +1,30 @@
-"""A log is a regular file: a pipe would be waited for, a device may have no end."""
+"""A file that the user names is a regular file: a pipe would be waited for, a device may have no end."""
 
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 
-from recorders.errors import LogError
+from recorders.errors import LogError, ReenactError
 
 
-def refuse_irregular(path: Path) -> None:
-    """Raise LogError if something that is no regular file has this name; what is not there is left to who opens it."""
+def refuse_irregular(path: Path, *, expected: str = "an MCAP file", error: type[ReenactError] = LogError) -> None:
+    """Raise `error` if something that is no regular file has this name.
+
+    What is not there is left to who opens it.
+
+    Parameters
+    ----------
+    path : Path
+        The name.
+    expected : str
+        What the file should be, for the message.
+    error : type of ReenactError
+        What is raised.
+    """
     try:
         mode = path.stat().st_mode
     except (OSError, ValueError):
         return
     if S_ISDIR(mode):
-        raise LogError(f"{path}: expected an MCAP file, found a directory")
+        raise error(f"{path}: expected {expected}, found a directory")
     if not S_ISREG(mode):
-        raise LogError(f"{path}: expected an MCAP file, found a pipe, a socket or a device")
+        raise error(f"{path}: expected {expected}, found a pipe, a socket or a device")

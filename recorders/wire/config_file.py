@@ -9,6 +9,7 @@ from typing import Any
 import zenoh
 
 from recorders.errors import WireError
+from recorders.regular import refuse_irregular
 
 _FILES = (
     "transport/auth/usrpwd/dictionary_file",
@@ -31,6 +32,7 @@ def read_config(path: Path) -> zenoh.Config:
     WireError
         If it cannot be read, is not a Zenoh configuration, or names a file that is not there.
     """
+    refuse_irregular(path, expected="a Zenoh configuration file", error=WireError)
     try:
         config = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
     except OSError as error:

@@ -137,7 +137,20 @@ def test_comments_empty_lines_and_other_columns_are_left_alone(tmp_path: Path) -
         ([HEADER, ROWS[0], "0.1,1,2,3,4,five,6"], "line 3, column ry: expected a finite number, found 'five'"),
         ([HEADER, ROWS[0], "0.1,1,2,nan,4,5,6"], "line 3, column lz: expected a finite number, found 'nan'"),
         ([HEADER, ROWS[0], "0.1,1,2,3,inf,5,6"], "line 3, column rx: expected a finite number, found 'inf'"),
-        ([HEADER, ROWS[0], "0.1,1,2,3"], "line 3, column rx: expected a finite number, found ''"),
+        ([HEADER, ROWS[0], "0.1,1,2,3,,5,6"], "line 3, column rx: expected a finite number, found ''"),
+        ([HEADER, ROWS[0], "0.1,1,2,3,1_0,5,6"], "line 3, column rx: expected a finite number, found '1_0'"),
+        ([HEADER, ROWS[0], "0.1,1,2,3"], "line 3: expected 7 cells, found 4$"),
+        (
+            [HEADER, "0,0,32,0,2,0,76,0,32,0,-2,0,76"],
+            "line 2: expected 7 cells, found 13; numbers .* not a decimal comma",
+        ),
+        ([HEADER, ROWS[0] + ",7"], "line 2: expected 7 cells, found 8"),
+        ([HEADER, ROWS[0] + ","], "line 2: expected 7 cells, found 8"),
+        ([HEADER + ",note", ROWS[0]], "line 2: expected 8 cells, found 7"),
+        ([HEADER, '0,"0,32",2,3,4,5,6'], "line 2, column lx: .* found '0,32'; numbers .* not a decimal comma"),
+        ([HEADER + ",lx", ROWS[0] + ",7"], "expected each column once, found 'lx' more than once"),
+        ([HEADER + ",n, n", ROWS[0] + ",7,8"], "expected each column once, found 'n' more than once"),
+        (["\t".join(HEADER.split(",")), "\t".join(ROWS[0].split(","))], "expected commas .* found tabs: t lx ly"),
         (
             [HEADER, ROWS[0], "0.1,1,2,1e300,4,5,6"],
             r"line 3, column lz: expected at most 100 m from zero, found 1e\+300",
@@ -170,10 +183,14 @@ def test_a_bad_csv_is_refused_by_line_and_column(tmp_path: Path, lines: list[str
 
 def test_a_file_that_is_not_text_or_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_bytes(b"t,lx\xff\xfe\n")
-    with pytest.raises(MotionError, match="UTF-8"):
+    with pytest.raises(MotionError, match="expected CSV text in UTF-8, found byte 0xff"):
         read_motion_csv(tmp_path / "m.csv")
     with pytest.raises(MotionError, match="cannot read motion"):
         read_motion_csv(tmp_path / "absent.csv")
+
+
+def test_columns_without_a_name_may_be_many(tmp_path: Path) -> None:
+    assert len(read_motion_csv(write(tmp_path / "m.csv", HEADER + ",,", *(row + ",a,b" for row in ROWS)))) == 2
 
 
 def test_a_file_without_a_byte_is_said_to_be_empty(tmp_path: Path) -> None:
