@@ -40,6 +40,7 @@ class GoldenRunner:
     def train(self, recipe: Recipe) -> dict[str, Any]:
         """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
         trainer = _trained(recipe)
+        trainer.check_learned()
         controller = trainer.controller()
         trials = [] if recipe.as_recorded else [_trial_cm(controller, path) for path in recipe.logs]
         return {**trainer.result(), "errors_cm": trainer.errors_cm, "trials_cm": trials}
@@ -80,7 +81,7 @@ def _trained(recipe: Recipe) -> Trainer:
         checkpoint = CheckpointConfig(Path(folder, "checkpoint.npz"), recipe.resume_after)
         stopped = Trainer(_config(recipe), checkpoint=checkpoint)
         stopped.hello(source.offer())
-        stopped.consume(_until_kept(source.stream(), checkpoint.path))
+        stopped.take(_until_kept(source.stream(), checkpoint.path))
         trainer = Trainer(_config(recipe), checkpoint=checkpoint)
         trainer.consume(source.stream(trainer.hello(source.offer())))
     return trainer

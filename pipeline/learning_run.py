@@ -89,6 +89,7 @@ class _Counts:
 
     ticks: int = 0
     steps: int = 0
+    learned_steps: int = 0
     errors_cm: list[float] = field(default_factory=list)
     scored_m: list[list[float]] = field(default_factory=list)  # (T, 2) of the cycle under way
 
@@ -308,12 +309,14 @@ class LearningRun:
     def _step(self, stamps_ns: list[int], u: Floats, d: Floats) -> None:
         """Predict, then update."""
         phase = self._phase.phase if self._phase else ""
-        outputs = self.learner.step(u, d, learning=phase == LEARN)
+        learning = phase == LEARN
+        outputs = self.learner.step(u, d, learning=learning)
         if phase == EVALUATE:
             self.counts.scored_m += hand_errors(self._kinematics, outputs[:, HANDS:], u).tolist()
         if self._on_steps is not None:
             self._on_steps(Steps(stamps_ns, u, outputs))
         self.counts.steps += len(u)
+        self.counts.learned_steps += len(u) if learning else 0
 
 
 def _parse_marker(message: Stamped) -> Phase:

@@ -117,7 +117,8 @@ class LiveLearner:
         try:
             with self._receiver.reporting_failure():
                 self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts))
-                self._trainer.consume(chain(first, heard))
+                self._trainer.take(chain(first, heard))
+                self._trainer.check_learned(self._stream.losses)
         finally:
             self._trainer.save_checkpoint()
         result = self._trainer.result() | {"run": self._stream.run} | self._counts()

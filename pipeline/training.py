@@ -11,8 +11,8 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport, LearningRun, Steps
 from pipeline.robot import RobotConfig, parse_robot
 from pipeline.samples import Presentation
-from recorders.errors import ConfigError, ControllerError, JointError, MessageError
-from recorders.phase import Phase
+from recorders.errors import ConfigError, ControllerError, JointError, LearningError, MessageError
+from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
@@ -174,6 +174,20 @@ class Trainer:
         ------
         MessageError, JointError
             If a message is not what it should be; it is named, and so is its log.
+        LearningError
+            If no step was taken.
+        """
+        self.take(messages)
+        self._check_steps()
+        return self.result()
+
+    def take(self, messages: Iterator[Stamped]) -> None:
+        """Learn from messages, of which more may come, and end the presentation under way.
+
+        Raises
+        ------
+        MessageError, JointError
+            If a message is not what it should be; it is named, and so is its log.
         """
         run = self._running()
         with self._naming_the_log(run):
@@ -185,7 +199,29 @@ class Trainer:
             self._busy = True
             self._report(run.end())
             self._busy = False
-        return self.result()
+
+    def check_learned(self, why: str = "") -> None:
+        """Check that the whole stream taught something; `why` it may not have done so ends the line.
+
+        Raises
+        ------
+        LearningError
+            If no step was taken in a cycle that is for learning.
+        """
+        self._check_steps(why)
+        counts = self._running().counts
+        if counts.learned_steps == 0:
+            raise LearningError(
+                f"nothing was learned: expected a phase '{LEARN}', found {counts.steps} steps, all in other phases{why}"
+            )
+
+    def _check_steps(self, why: str = "") -> None:
+        counts = self._running().counts
+        if counts.steps == 0:
+            raise LearningError(
+                "nothing was learned: expected ticks that follow upon one another, "
+                f"found {counts.ticks} ticks, no two that make a step{why}"
+            )
 
     def learn(self, replay: Replay) -> dict[str, Any]:
         """Learn from logs that are in memory: what `consume` makes of the stream, but each log is joined only once.
@@ -194,6 +230,8 @@ class Trainer:
         ------
         MessageError, JointError
             If a message is not what it should be; it is named, and so is its log.
+        LearningError
+            If no step was taken.
         """
         self.hello(replay.offer())
         run = self._running()
@@ -206,6 +244,7 @@ class Trainer:
             self._next += 1 + episode.count
             self._tell(run)
         self._report(run.end())
+        self._check_steps()
         return self.result()
 
     @property
@@ -229,7 +268,7 @@ class Trainer:
         return self._running().controller(self._provenance())
 
     def save_checkpoint(self) -> None:
-        """Keep the learner as of its last complete tick, if it is to be kept at all and can be gone on from there.
+        """Keep the learner as of its last complete tick, if it had one, is to be kept, and can be gone on from there.
 
         It cannot while messages of several ticks are interleaved, nor after it was interrupted in the middle of one.
 
@@ -241,7 +280,7 @@ class Trainer:
         run = self._run
         if run is None or self._checkpoint is None or self._busy:
             return
-        if run.counts.ticks == self._whole.ticks:
+        if run.counts.ticks == self._whole.ticks > 0:
             kept = run.controller({**self._provenance(), "checkpoint": {"next": self._whole.next, **run.snapshot()}})
             kept.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks

@@ -44,6 +44,10 @@ class WireError(ReenactError):
     """A network session could not be opened, a consumer did not answer, or a stream has a gap."""
 
 
+class LearningError(ReenactError):
+    """A training came to its end, and nothing was learned."""
+
+
 class CheckFailed(ReenactError):
     """A check was made and does not hold."""
 

@@ -1,14 +1,16 @@
 """Ticks of what anyone publishes: one bad message is refused, one incomplete tick given up, and the rest goes on."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from itertools import combinations
 from typing import NamedTuple, TypeAlias
 
+from recorders.cdr import stamp_ns
 from recorders.errors import JointError, MessageError
 from recorders.fields import FloatArray
 from recorders.messages import JointState
 from recorders.records import Stamped
 from recorders.ticks import RANKS, read_input
-from recorders.topics import LEARNER_TOPICS
+from recorders.topics import LEARNER_TOPICS, SAMPLE_JOINTS
 
 MAX_PENDING = 64
 """Ticks that may wait for more of their messages: how far one publisher may run ahead of another."""
@@ -43,13 +45,62 @@ class LiveTick(NamedTuple):
     after_gap: bool
 
 
+_JOINTS = RANKS[SAMPLE_JOINTS]
+_APART = 4  # two counters that one tick raises by less than this in all are not one counter over both topics
+
+
+class _Numbers:
+    """The producers' numbers of the latest tick, by which whole ticks that never came are seen.
+
+    Numbers count the messages of one topic, or those of several: then they jump between any two ticks, and say nothing
+    of what is missing. Two topics share a counter if their numbers lie side by side, tick after tick, and never were
+    too near for that, or the same.
+    """
+
+    def __init__(self) -> None:
+        self._latest: Sequence[int | None] = ()
+        self._apart: set[tuple[int, int]] = set()  # pairs of topics, by rank, that do not share a counter
+
+    def begin(self) -> None:
+        """Begin a new cycle, whose numbers follow upon nothing."""
+        self._latest = ()
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a tick before the next."""
+        return bool(self._latest)
+
+    def jump(self, numbers: Sequence[int | None]) -> bool:
+        """Take the numbers of the next tick; returns whether a tick between it and the one before never came."""
+        before, self._latest = self._latest or numbers, tuple(numbers)
+        steps = zip(before, numbers, strict=True)
+        found = [(old, new) for old, new in steps if old is not None and new is not None and new > old]
+        if len(found) < len(numbers):
+            return False
+        pairs = list(combinations(range(len(found)), 2))
+        self._apart |= {pair for pair in pairs if _too_near(*(found[rank] for rank in pair))}
+        shared = any(_side_by_side(*(found[rank] for rank in pair)) for pair in pairs if pair not in self._apart)
+        return not shared and all(new > old + 1 for old, new in found)
+
+
+def _too_near(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether the numbers of two topics in two ticks, each old and new, cannot come from one counter."""
+    raised = sum(new - old for old, new in (one, other))
+    return raised < _APART or bool(set(one) & set(other))
+
+
+def _side_by_side(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether the numbers of two topics go on as those of one counter do: both of a tick before both of the next."""
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
 class LiveTicks:
     """Joins messages of any publishers to ticks, exactly on the stamp.
 
     Unlike `TickJoiner` it expects nothing of them. A refused message changes nothing. Time is that of the last complete
     tick, so that no single message can move it. A tick that waits is given up when a later one is complete, as on each
     topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
-    producers, where they give any.
+    producers, where they give any. Joints may come more often than targets: joints alone are no tick.
 
     Parameters
     ----------
@@ -59,12 +110,14 @@ class LiveTicks:
     Attributes
     ----------
     dropped : int
-        Ticks given up so far.
+        Stamps given up so far, as messages of theirs never came.
     """
 
     def __init__(self, check: Check = lambda value: None) -> None:
         self._check = check
         self._pending: dict[int, list[_Part | None]] = {}  # by stamp, in order of arrival
+        self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
+        self._numbers = _Numbers()
         self.dropped = 0
         self.begin()
 
@@ -72,9 +125,10 @@ class LiveTicks:
         """Begin a new cycle: ticks that wait are given up, and time starts anew."""
         self.dropped += len(self._pending)
         self._pending.clear()
+        self._refused_at.clear()
+        self._numbers.begin()
         self._last_ns = -1
-        self._numbers: list[int | None] = []  # of the last complete tick
-        self._lost = False  # whether a tick was given up since then
+        self._lost = False  # whether a tick was given up since the last complete one
 
     def feed(self, record: Stamped, *, numbered: bool) -> LiveTick | None:
         """Take in a message on one of the learner's topics, and return the tick that it completes.
@@ -92,7 +146,11 @@ class LiveTicks:
             If the message is of no use.
         """
         rank = RANKS[record.topic]
-        stamp = self._read(record, rank)
+        try:
+            stamp = self._read(record, rank)
+        except Refused:
+            self._note_refused(record, rank)
+            raise
         tick = self._find(record, rank, stamp)
         tick[rank] = _Part(record, record.sequence if numbered else None)
         present = [part for part in tick if part is not None]
@@ -112,6 +170,18 @@ class LiveTicks:
             kind = "wrong joints" if isinstance(error, JointError) else "implausible"
             raise Refused(kind, f"{record.topic} #{record.sequence}: {error}") from None
         return stamp
+
+    def _note_refused(self, record: Stamped, rank: int) -> None:
+        """Note that there was a target at a stamp, of no use though it is: joints alone at that stamp are a lost tick."""
+        try:
+            stamp = stamp_ns(record.type, record.data)
+        except MessageError:
+            return
+        if rank == _JOINTS or stamp is None or stamp <= self._last_ns:
+            return
+        self._refused_at[stamp] = None
+        if len(self._refused_at) > MAX_PENDING:
+            del self._refused_at[next(iter(self._refused_at))]
 
     def _find(self, record: Stamped, rank: int, stamp: int) -> list[_Part | None]:
         if stamp <= self._last_ns:
@@ -134,17 +204,15 @@ class LiveTicks:
         del self._pending[stamp]
         for earlier in [other for other in self._pending if other < stamp]:
             self._give_up(earlier)
-        numbers = [part.number for part in parts]
-        gap = bool(self._numbers) and (self._lost or self._jumped(numbers))
-        self._last_ns, self._numbers, self._lost = stamp, numbers, False
+        for earlier in [other for other in self._refused_at if other <= stamp]:
+            del self._refused_at[earlier]
+        known, jumped = self._numbers.known, self._numbers.jump([part.number for part in parts])
+        gap = known and (self._lost or jumped)
+        self._last_ns, self._lost = stamp, False
         return LiveTick(stamp, tuple(part.record for part in parts), gap)
 
     def _give_up(self, stamp: int) -> None:
-        del self._pending[stamp]
+        tick = self._pending.pop(stamp)
         self.dropped += 1
-        self._lost = True
-
-    def _jumped(self, numbers: list[int | None]) -> bool:
-        """Whether messages between the last tick and this one never came: on every topic, or one would be waiting."""
-        pairs = zip(self._numbers, numbers, strict=True)
-        return all(old is not None and new is not None and new > old + 1 for old, new in pairs)
+        has_target = any(part is not None for rank, part in enumerate(tick) if rank != _JOINTS)
+        self._lost |= has_target or stamp in self._refused_at

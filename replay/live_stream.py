@@ -53,6 +53,8 @@ class LiveStream:
         How many times ticks were missing between two others.
     ticks : int
         Ticks passed on.
+    steps : int
+        How many of them follow upon another, and so make a step.
     """
 
     def __init__(
@@ -70,9 +72,12 @@ class LiveStream:
         self._joiner = LiveTicks(check)
         self._arrived: Counter[str] = Counter()
         self._repeats = 0
+        self._follows = False  # whether a tick was passed on since the marker in force was
+        self._first_refusal = ""
         self.refused: Counter[str] = Counter()
         self.gaps = 0
         self.ticks = 0
+        self.steps = 0
 
     @property
     def run(self) -> str:
@@ -83,6 +88,14 @@ class LiveStream:
     def dropped(self) -> int:
         """Ticks that were given up, as messages of theirs never came."""
         return self._joiner.dropped
+
+    @property
+    def losses(self) -> str:
+        """What was refused and missing, with the first reason, as the end of a line; empty if nothing was."""
+        counts = {"refused": self.refused.total(), "given up": self.dropped, "gaps": self.gaps}
+        said = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+        first = f"; the first: {self._first_refusal}" if self._first_refusal else ""
+        return f"; {said}{first}" if said else ""
 
     def feed(self, record: Stamped, *, numbered: bool = True) -> tuple[Stamped, ...]:
         """Take in a message and return what of the stream goes on with it; messages on other topics are passed over.
@@ -115,6 +128,7 @@ class LiveStream:
     def refuse(self, topic: str, kind: str, line: str) -> None:
         """Count a message that is not taken, and say so if it is time to."""
         reason = f"{topic}: {kind}"
+        self._first_refusal = self._first_refusal or _printable(line)
         self.refused[reason] += 1
         self._say_sometimes(f"refused, {kind}: {line}", self.refused[reason])
 
@@ -130,7 +144,7 @@ class LiveStream:
         if self._phase is not None and phase.run != self._phase.run:
             phase = replace(phase, run=self._phase.run)
             record = record._replace(data=encode(phase.to_message()))
-        self._phase, self._marked = phase, True
+        self._phase, self._marked, self._follows = phase, True, False
         self._joiner.begin()
         return record
 
@@ -142,6 +156,8 @@ class LiveStream:
                 f"ticks are missing before the one at {tick.stamp_ns} ns: it is not paired with the one before",
                 self.gaps,
             )
+        follows, self._follows = self._follows and not tick.after_gap, True
+        self.steps += follows
         if self._marked and not tick.after_gap:
             return tick.records
         return self._marker(tick), *tick.records
@@ -157,7 +173,7 @@ class LiveStream:
 
     def _say_sometimes(self, line: str, count: int) -> None:
         if str(count).strip("0") == "1":
-            line = line if line.isprintable() else ascii(line)[1:-1]  # it may quote what came from the network
+            line = _printable(line)
             self._say(line if count == 1 else f"{line} ({count} times so far)")
 
 
@@ -201,8 +217,12 @@ class LiveLog:
         counted = self._made(say)
         self._count = sum(1 for _ in self._stream(counted))
         self._run = counted.run
-        if counted.ticks == 0:
-            raise LogError(f"{path}: expected complete ticks on {', '.join(RANKS)}, found none; see `reenact info`")
+        if counted.steps == 0:
+            found = f"{counted.ticks} of them{counted.losses}" if counted.ticks else f"none{counted.losses}"
+            raise LogError(
+                f"{path}: expected complete ticks on {', '.join(RANKS)} that follow upon one another, found {found}; "
+                "see `reenact info`"
+            )
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
@@ -234,6 +254,11 @@ def live_offer(
         robot=dict(robot),
         messages=messages,
     )
+
+
+def _printable(line: str) -> str:
+    """Return a line that may quote what came from the network as a terminal can take it."""
+    return line if line.isprintable() else ascii(line)[1:-1]
 
 
 def _parse(record: Stamped) -> Phase:

@@ -113,6 +113,7 @@ def learn(
             )
         else:
             result = run(trainer, session=session, receiver=receiver, say=console.say)
+    trainer.check_learned()
     trainer.controller().save(out)
     console.show(result | {"controller": str(out)}, as_json=as_json)
 

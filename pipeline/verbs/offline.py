@@ -99,6 +99,7 @@ def train(
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )
         train_on(source, trainer)
+    trainer.check_learned()
     trainer.controller().save(out)
     console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
 

@@ -18,6 +18,7 @@ from pipeline.verbs.options import (
 )
 from pipeline.verbs.stopping import words
 from pipeline.verbs.viewing import View, Viewer, answers_shown
+from recorders.errors import LearningError
 
 if TYPE_CHECKING:
     from pipeline.controller import Controller as Learned
@@ -58,14 +59,13 @@ def serve(
     from pipeline.serving import ServingConfig
     from recorders.wire.session import read_as_it_comes
 
-    told = False
+    last: dict[str, Any] = {}
 
     def end(status: dict[str, Any], served: "Learned") -> None:
-        nonlocal told
-        if out is not None:
+        if out is not None and (status["learned_steps"] or not learn):
             served.save(out)
         console.show(status, as_json=as_json)
-        told = True
+        last.update(status)
 
     if out is not None:
         check_writable(out)
@@ -85,6 +85,20 @@ def serve(
         with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
             run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
     except (KeyboardInterrupt, SystemExit) as stop:
-        if not told:
+        if not last:
             raise
+        if learn:
+            _check_learned(last)
         raise typer.Exit(words(stop)[1]) from stop  # its status says it all
+
+
+def _check_learned(status: dict[str, Any]) -> None:
+    """Raise LearningError if a controller that was to go on learning did not: what it was stays where it is."""
+    if status["learned_steps"]:
+        return
+    refused = f", refused {sum(status['refused'].values())}" if status["refused"] else ""
+    last = f"; the last: {status['last_refusal']}" if status["last_refusal"] else ""
+    raise LearningError(
+        "nothing was learned, and no controller written: --learn: expected targets and joints of one stamp, tick after "
+        f"tick, found {status['accepted']} ticks answered{refused}{last}"
+    )

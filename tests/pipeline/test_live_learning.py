@@ -319,12 +319,17 @@ def test_progress_is_the_share_of_the_stream_where_its_length_is_known(log: Path
     assert {share for _, share in shown} == {None}
 
 
-def test_what_nobody_speaks_to_saves_a_controller_all_the_same(tmp_path: Path) -> None:
-    with learner(tmp_path) as (_, process):
+def test_where_nothing_can_be_learned_no_controller_is_written(ticks: list[list[Stamped]], tmp_path: Path) -> None:
+    far = [altered(record, position=[320.0, 200.0, 760.0]) for tick in ticks for record in tick[:2]]
+    with learner(tmp_path, "--checkpoint", "k.npz") as (endpoint, process), publisher(endpoint) as robot:
+        robot.say(far)
+        wait_for_line(process, "(100 times so far)")
         process.send_signal(signal.SIGINT)
-        result, _ = ended(process)
-    assert (result["ticks"], result["steps"], result["refused"]) == (0, 0, {})
-    assert Controller.load(tmp_path / "c.npz").digest == result["digest"]
+        printed, said = process.communicate(timeout=30)
+    assert (process.returncode, printed) == (2, "")
+    assert "nothing was learned: " in said.splitlines()[-1]
+    assert "found 0 ticks, no two that make a step; refused " in said.splitlines()[-1]
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_a_stream_that_breaks_off_leaves_it_alive_and_one_that_ends_ends_it(

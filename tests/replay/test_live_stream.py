@@ -123,7 +123,9 @@ def test_it_is_said_ever_more_rarely(ticks: list[list[Stamped]]) -> None:
     assert [line.partition(" (")[2] for line in said] == ["", "10 times so far)", "100 times so far)"]
 
 
-@pytest.mark.parametrize("lost", [[1], [0, 2], [0, 1, 2]], ids=["one message", "two", "a whole tick"])
+@pytest.mark.parametrize(
+    "lost", [[1], [0, 2], [0, 1], [0, 1, 2]], ids=["one message", "two", "both targets", "a whole tick"]
+)
 def test_no_pair_is_made_across_a_missing_tick(ticks: list[list[Stamped]], lost: list[int]) -> None:
     heard = [record for record in flat(ticks) if record not in [ticks[4][rank] for rank in lost]]
     live, stream = made(heard)
@@ -131,6 +133,58 @@ def test_no_pair_is_made_across_a_missing_tick(ticks: list[list[Stamped]], lost:
     assert places == [0, 1 + 3 * 4]
     assert parsed(stream[places[1]]) == parsed(stream[0])
     assert (live.gaps, live.dropped, live.ticks) == (1, len(lost) < 3, TICKS - 1)
+
+
+def counted_over_all(ticks: Sequence[Sequence[Stamped]], *, others: int = 0) -> list[Stamped]:
+    """The messages as a recorder numbers them that counts all topics alike, `others` with every tick."""
+    return [
+        record._replace(sequence=1000 + (3 + others) * place + rank)
+        for place, tick in enumerate(ticks)
+        for rank, record in enumerate(tick)
+    ]
+
+
+@pytest.mark.parametrize("others", [0, 1, 97])
+def test_one_count_over_all_topics_has_no_gaps(ticks: list[list[Stamped]], others: int) -> None:
+    live, stream = made(counted_over_all(ticks, others=others))
+    assert (live.gaps, live.steps, len(stream)) == (0, TICKS - 1, 1 + 3 * TICKS)
+
+
+@pytest.mark.parametrize("first", [(0, 0, 0), (7, 8, 9), (500, 3, 40)], ids=str)
+def test_counts_that_began_apart_still_show_a_missing_tick(ticks: list[list[Stamped]], first: Sequence[int]) -> None:
+    apart = [
+        [record._replace(sequence=record.sequence + start) for record, start in zip(tick, first, strict=True)]
+        for tick in ticks
+    ]
+    assert made(flat(apart[:4] + apart[7:]))[0].gaps == 1
+
+
+def with_joints_between(ticks: Sequence[Sequence[Stamped]], *, often: int) -> list[Stamped]:
+    """The messages of a robot whose joints come so many times as often as its targets, with numbers of their own."""
+    heard: list[Stamped] = []
+    for place, (left, right, joints) in enumerate(ticks):
+        stamps = [place * PERIOD_NS + part * PERIOD_NS // often for part in range(often)]
+        same = [altered(joints, stamp_ns=stamp) for stamp in stamps]
+        heard += [left, right]
+        heard += [record._replace(sequence=place * often + part) for part, record in enumerate(same)]
+    return heard
+
+
+@pytest.mark.parametrize("numbered", [True, False])
+def test_joints_more_often_than_targets_are_no_lost_ticks(ticks: list[list[Stamped]], numbered: bool) -> None:
+    live, stream = made(with_joints_between(ticks, often=5), numbered=numbered)
+    assert (live.gaps, live.ticks, live.steps, live.refused) == (0, TICKS, TICKS - 1, {})
+    assert len(stream) == 1 + 3 * TICKS
+
+
+@pytest.mark.parametrize("position", [[np.nan] * 3, [1e9, 0.0, 0.0]], ids=["no number", "far away"])
+def test_a_tick_whose_targets_are_refused_is_a_gap_whoever_numbers_them(
+    ticks: list[list[Stamped]], position: list[float]
+) -> None:
+    bad = [altered(record, position=position) for record in ticks[4][:2]]
+    for numbered in (True, False):
+        live, _ = made([*flat(ticks[:4]), *bad, *ticks[4][2:], *flat(ticks[5:])], numbered=numbered)
+        assert (live.gaps, live.ticks, live.refused.total()) == (1, TICKS - 1, 2)
 
 
 def test_a_tick_begun_before_the_learner_listened_is_no_gap(ticks: list[list[Stamped]]) -> None:
@@ -196,5 +250,5 @@ def test_a_log_is_heard_as_it_would_have_been_live(ticks: list[list[Stamped]], t
 def test_a_log_without_ticks_is_an_error(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "few.mcap", manifest={"kind": "test"}) as writer:
         writer.write(RIGHT_TARGET, PoseStamped(0, np.zeros(3)), log_time_ns=0)
-    with pytest.raises(LogError, match=r"few\.mcap: expected complete ticks"):
+    with pytest.raises(LogError, match=r"few\.mcap: expected complete ticks .* found none; given up 1;"):
         LiveLog(tmp_path / "few.mcap")
