@@ -172,7 +172,7 @@ class LiveTicks:
         return stamp
 
     def _note_refused(self, record: Stamped, rank: int) -> None:
-        """Note that there was a target at a stamp, of no use though it is: joints alone at that stamp are a lost tick."""
+        """Note where there was a target, if of no use: joints alone at that stamp are a lost tick."""
         try:
             stamp = stamp_ns(record.type, record.data)
         except MessageError:

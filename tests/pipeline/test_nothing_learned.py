@@ -61,7 +61,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("train one_tick.mcap --as-live --out new.npz", "found 1 of them"),
         (
             "train millimetres.mcap --as-live --out new.npz",
-            "found none; refused 18, given up 9; the first: /hand/left/target #0: ",
+            "found none; refused 18, given up 9; the first: /hand",
         ),
         ("train evaluated.mcap --as-recorded --out new.npz", "16 steps, all in other phases"),
         ("train evaluated.mcap --as-live --out new.npz", "16 steps, all in other phases"),
