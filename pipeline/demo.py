@@ -27,6 +27,7 @@ from pipeline.training import train
 from pipeline.trials import Trial, robot_of, try_motion
 from pipeline.view import view_controller
 from recorders.errors import CheckFailed, ConfigError, WireError
+from recorders.nameless import write_whole
 from recorders.rerun_hands import FrontalPlane
 from recorders.rerun_recorder import Destination, record_motion
 from recorders.topics import JOINT_STATES
@@ -177,6 +178,7 @@ def _explore_both(
             seed=seed,
             out=logs[0],
             overwrite=True,
+            say=console.say,
             progress=advance,
             on_message=(lambda topic, message, time_ns: None) if watched is None else watched.feed,
         )
@@ -285,6 +287,4 @@ def _clear_folder(out: Path) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(content, indent=2) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, (json.dumps(content, indent=2) + "\n").encode())

@@ -114,6 +114,7 @@ def demonstrate(
     out: str | Path,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Demonstrated:
     """Make an episode of what was shown: teacher and simulated robot follow it, as in `pipeline.exploration.explore`.
 
@@ -126,6 +127,7 @@ def demonstrate(
     out : path of the log
     overwrite : whether a log at `out` may be replaced
     progress : called with the fraction done, 0 to 1
+    say : told, in one line, of a log that a crash left at `out`, and that is set aside
 
     Raises
     ------
@@ -138,7 +140,15 @@ def demonstrate(
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.unreachable)
     notes = {"demonstration": {**shown.source, **asdict(config), "out_of_reach": asdict(found)}}
     made = explore(
-        robot, motion, seed=seed, out=out, notes=notes, must_reach=False, overwrite=overwrite, progress=progress
+        robot,
+        motion,
+        seed=seed,
+        out=out,
+        notes=notes,
+        must_reach=False,
+        overwrite=overwrite,
+        progress=progress,
+        say=say,
     )
     speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
     return Demonstrated(

@@ -55,6 +55,7 @@ def explore(
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
     on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> Exploration:
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
@@ -74,6 +75,7 @@ def explore(
     overwrite : whether a log at `out` may be replaced
     progress : called with the fraction done, 0 to 1
     on_message : told of what is written: topic, message, time [ns]
+    say : told, in one line, of a log that a crash left at `out`, and that is set aside
 
     Raises
     ------
@@ -99,7 +101,7 @@ def explore(
         "simulation": asdict(simulation),
         "exploration": asdict(config),
     }
-    with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
+    with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite, say=say) as writer:
         total_ns = led.settling_ns + led.cycle_ns
         episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
         episode.settle_placed(led, backend, driven_ns=config.settle_ns)  # not for the record

@@ -65,7 +65,7 @@ def learn_live(
     with open_session(session) as opened:
         robot = robot or _answering(opened, receiver.namespace)
         with (
-            _Recording(config, robot) as recording,
+            _Recording(config, robot, say) as recording,
             LearnerVoice(opened, namespace=receiver.namespace) as voice,
             Receiver(opened, config=receiver, say=say) as receiving,
             until_stopped() as stopped,
@@ -88,7 +88,7 @@ def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
 class _Recording:
     """The log of what is learned from, if there is to be one; kept as far as it came if learning fails."""
 
-    def __init__(self, config: LiveConfig, robot: RobotConfig) -> None:
+    def __init__(self, config: LiveConfig, robot: RobotConfig, say: Callable[[str], None]) -> None:
         self._writer: LogWriter | None = None
         if config.record is None:
             return
@@ -98,6 +98,7 @@ class _Recording:
             attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
             overwrite=config.overwrite,
             regular=False,
+            say=say,
         )
 
     def __enter__(self) -> "_Recording":

@@ -25,6 +25,7 @@ from pipeline.simulation import SimulationConfig
 from pipeline.teacher import TeacherConfig
 from pipeline.trials import robot_of
 from recorders.errors import CheckFailed, ConfigError
+from recorders.nameless import write_whole
 from recorders.part_file import part_of
 from replay.schedule import Schedule
 
@@ -169,6 +170,7 @@ def _explore(
         teacher=config.teacher,
         simulation=config.simulation,
         overwrite=True,
+        say=console.say,
         progress=progress,
     )
 
@@ -213,6 +215,4 @@ def _save_controllers(folder: Path, networks: Mapping[str, Networks]) -> None:
 
 
 def _write_json(path: Path, content: dict[str, Any]) -> None:
-    temporary = path.with_suffix(".part")
-    temporary.write_text(json.dumps(content, indent=2, allow_nan=False) + "\n", encoding="utf-8")
-    temporary.replace(path)
+    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())

@@ -12,6 +12,7 @@ from pipeline.paper_page import PAGE
 from pipeline.paper_results import PATTERN_1, PATTERN_2, REPORT, Networks, Paper, drawing_title
 from pipeline.paper_table import Row, rows
 from recorders.errors import ConfigError
+from recorders.nameless import write_whole
 
 _COLUMNS = ("quantity", "ours", "the paper", "teacher", "linear", "seeds", "commands", "printed as")
 _SHORT_RUN = (
@@ -64,7 +65,7 @@ def write_report(
     )
     path = out / REPORT
     try:
-        path.write_text(page, encoding="utf-8")
+        write_whole(path, page.encode())
     except OSError as error:
         raise ConfigError(f"cannot write the report '{path}': {error.strerror}") from error
     return path

@@ -114,7 +114,7 @@ def serve(
         If learning diverged.
     """
     config = config or ServeConfig()
-    writer = _log(controller, config)
+    writer = _log(controller, config, say)
     clerk = Clerk(writer, say)
     node = None
     try:
@@ -340,7 +340,7 @@ class Node:
             query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
 
 
-def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
+def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]) -> LogWriter | None:
     if config.record is None:
         return None
     return LogWriter(
@@ -355,6 +355,7 @@ def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
         attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
         overwrite=config.overwrite,
         regular=False,
+        say=say,
     )
 
 

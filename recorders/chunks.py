@@ -1,12 +1,15 @@
 """Where the chunks of our logs end: a rule of their content alone, so that equal recordings are equal files."""
 
 from collections.abc import Mapping
+from contextlib import closing
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.records import Attachment, Channel, DataEnd, Message, Metadata, Schema
+from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
+
+from recorders.chunk_index import ChunkIndexFile
 
 FLUSH_EVERY = 64  # messages; a crash loses at most these, and flushing this often costs nothing within noise
 
@@ -20,6 +23,8 @@ class ChunkWriter:
     ----------
     file : binary file
         Empty, and buffered: the library leaves a truncated file on an unbuffered one.
+    path : Path
+        What the file is called: the index of its chunks is kept beside it until the end.
 
     Attributes
     ----------
@@ -33,12 +38,14 @@ class ChunkWriter:
     Raises
     ------
     OSError
-        From every method but the two that register, if the file cannot be written.
+        From every method but the two that register and `close`, if the file cannot be written.
     """
 
-    def __init__(self, file: BinaryIO) -> None:
+    def __init__(self, file: BinaryIO, path: Path) -> None:
         # Any: the library says that it is typed, and annotates but half of its methods
         self._mcap: Any = Writer(file, compression=CompressionType.LZ4, enable_data_crcs=True)
+        self._index = ChunkIndexFile(path)
+        vars(self._mcap)["_Writer__chunk_indices"] = self._index  # in place of a list that grows with the log
         self._mcap.start(profile="ros2", library="reenact")
         self.messages = 0
         self.pending = 0
@@ -84,13 +91,24 @@ class ChunkWriter:
         self._end_chunk()
         self._mcap.finish()
 
+    def close(self) -> None:
+        """Give up what is kept beside the file; raises nothing."""
+        self._index.close()
+
     def _end_chunk(self) -> None:
         self._mcap.flush()
         self.pending = 0
 
 
-def copy_regular(source: BinaryIO, target: BinaryIO) -> None:
+def copy_regular(source: BinaryIO, target: BinaryIO, path: Path) -> None:
     """Copy a finished log of a `ChunkWriter`: the same content in the same order, in chunks that end by the rule.
+
+    Parameters
+    ----------
+    source, target : binary file
+        The log, and an empty file.
+    path : Path
+        Where the target is to be.
 
     Raises
     ------
@@ -99,22 +117,27 @@ def copy_regular(source: BinaryIO, target: BinaryIO) -> None:
     ValueError
         If the source does not read back as it was written.
     """
-    copy = ChunkWriter(target)
-    for record in StreamReader(source, validate_crcs=True).records:
-        match record:
-            case DataEnd():
+    copy = ChunkWriter(target, path)
+    with closing(copy):
+        for record in StreamReader(source, validate_crcs=True).records:
+            if isinstance(record, DataEnd):
                 break  # the summary follows, which `finish` makes
-            case Schema():
-                copy.register_schema(record.name, record.encoding, record.data)
-            case Channel():
-                copy.register_channel(record.topic, record.message_encoding, record.schema_id, record.metadata)
-            case Message():
-                copy.add_message(record.channel_id, record.sequence, record.log_time, record.data)
-            case Attachment():
-                copy.add_attachment(record.name, record.data)
-            case Metadata():
-                copy.add_metadata(record.name, record.metadata)
-    copy.finish()
+            _copy(record, copy)
+        copy.finish()
+
+
+def _copy(record: McapRecord, copy: ChunkWriter) -> None:
+    match record:
+        case Schema():
+            copy.register_schema(record.name, record.encoding, record.data)
+        case Channel():
+            copy.register_channel(record.topic, record.message_encoding, record.schema_id, record.metadata)
+        case Message():
+            copy.add_message(record.channel_id, record.sequence, record.log_time, record.data)
+        case Attachment():
+            copy.add_attachment(record.name, record.data)
+        case Metadata():
+            copy.add_metadata(record.name, record.metadata)
 
 
 def _media_type(name: str) -> str:

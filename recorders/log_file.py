@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from contextlib import suppress
+from functools import partial
 from pathlib import Path
 
 from recorders.chunks import ChunkWriter, copy_regular
@@ -32,6 +33,8 @@ class LogFile:
         Whether files of this name may be replaced.
     regular : bool
         Whether a log in which chunks ended early is copied into regular ones.
+    say : callable
+        Told of a log that a crash left, and that is set aside.
 
     Attributes
     ----------
@@ -46,10 +49,22 @@ class LogFile:
         If the file cannot be made.
     """
 
-    def __init__(self, path: Path, *, end: Callable[[ChunkWriter, bool], None], overwrite: bool, regular: bool) -> None:
-        self._file = PartFile(path, overwrite=overwrite)
+    def __init__(
+        self,
+        path: Path,
+        *,
+        end: Callable[[ChunkWriter, bool], None],
+        overwrite: bool,
+        regular: bool,
+        say: Callable[[str], None],
+    ) -> None:
+        self._file = PartFile(path, overwrite=overwrite, say=say)
         self.part = self._file.part
-        self.chunks = ChunkWriter(self._file.stream)
+        try:
+            self.chunks = ChunkWriter(self._file.stream, self.part)
+        except OSError as error:
+            self._file.close(keep=False)
+            raise self._file.error(error) from error
         self._end = end
         self._regular = regular
         self._lock = threading.Lock()
@@ -117,6 +132,7 @@ class LogFile:
             self._untold = None
             if self._sound:
                 self._finish(complete=False)
+            self.chunks.close()
             self._file.close(keep=self.chunks.messages > 0)
 
     def _complete(self) -> None:
@@ -129,16 +145,17 @@ class LogFile:
             if not self._file.is_there():
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
             if self._regular and not self.chunks.regular:
-                self._file.rewrite(copy_regular)
+                self._file.rewrite(partial(copy_regular, path=self.part))
             self._file.publish()
         except (OSError, ValueError) as error:
-            raise (self._file.error(error) if self._file.is_there() else self._file.put_back()) from error
+            raise self._file.failure(error) from error
         finally:
+            self.chunks.close()
             self._file.close(keep=True)
 
     def _finish(self, *, complete: bool) -> None:
         self._sound = False
-        with suppress(OSError):
+        with suppress(OSError):  # there is an error already, or an exception under way
             self._end(self.chunks, complete)
             self.chunks.finish()
 
@@ -160,16 +177,17 @@ class LogFile:
 
     def _sync(self) -> float:
         """Sync, and see that the file is still there; returns when to do so again [s]."""
+        error: OSError | None = None
         try:
             self._file.sync()
-            error = None
-        except OSError as failure:
-            error = self._file.error(failure)
-        if error is not None or not self._file.is_there():
-            with self._lock:
-                if self._sound:
-                    self._finish(complete=False)
-                    self._untold = error or self._file.put_back()
+            if self._file.is_there():
+                return SYNC_EVERY_S
+        except OSError as met:
+            error = met
+        with self._lock:
+            if self._sound:
+                self._finish(complete=False)
+                self._untold = self._file.put_back() if error is None else self._file.error(error)
         return SYNC_EVERY_S
 
     def _stop(self) -> None:

@@ -69,6 +69,24 @@ class NamelessFile:
             os.close(folder)
 
 
+def write_whole(path: Path, data: bytes) -> None:
+    """Write a file that has its name once it is whole, on the disk; a link of that name is replaced, not followed.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    file = NamelessFile(path)
+    try:
+        file.stream.write(data)
+        file.stream.flush()
+        os.fsync(file.stream.fileno())
+        file.replace()
+    finally:
+        file.discard()
+
+
 def free_name(near: Path, ending: str) -> Path:
     """Return the first numbered name beside `near` that no file has just now; it may be taken before it is used."""
     names = (near.with_name(f"{near.name}{ending}{number}") for number in count(1))

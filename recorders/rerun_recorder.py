@@ -248,6 +248,7 @@ def _open_for_writing(path: Path) -> None:
     """Fail early and in one line, where Rerun would add a warning of its own on the terminal."""
     check_place(path)
     try:
-        path.open("wb").close()
+        path.unlink(missing_ok=True)  # a link of that name is replaced, not followed
+        path.open("xb").close()
     except OSError as error:
         raise LogError(f"cannot write the recording '{path}': {error.strerror}") from error

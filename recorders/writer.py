@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -48,9 +48,11 @@ class LogWriter:
     attachments : mapping of bytes by name
         Files that belong to the log, such as the URDF and the robot's configuration.
     overwrite : bool
-        Whether a log of this name may be replaced; a `.part` that nobody writes any more is then set aside, not lost.
+        Whether a log of this name may be replaced. A `.part` that nobody writes any more is set aside in any case.
     regular : bool
         Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
+    say : callable
+        Told, in one line, of what was set aside.
 
     Raises
     ------
@@ -67,6 +69,7 @@ class LogWriter:
         attachments: Mapping[str, bytes] = _NOTHING,
         overwrite: bool = False,
         regular: bool = True,
+        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.path = Path(path)
         self._given = dict(manifest)
@@ -76,7 +79,7 @@ class LogWriter:
         self._schemas: dict[str, int] = {}
         self._channels: dict[tuple[str, str, bool], int] = {}
         self._numbered: Counter[str] = Counter()
-        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular)
+        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular, say=say)
         self.part = self._file.part
         try:
             self._file.change(lambda: self._begin(attachments))

@@ -121,7 +121,16 @@ def demonstrate(
             )
         shown = _read(source, hand, topic, map_)
     with leaving_log(out), console.progress(f"demonstrate {shown.name}") as advance:
-        result = run(follower, shown, config=config, seed=seed, out=out, overwrite=overwrite, progress=advance)
+        result = run(
+            follower,
+            shown,
+            config=config,
+            seed=seed,
+            out=out,
+            overwrite=overwrite,
+            progress=advance,
+            say=console.say,
+        )
     console.show(result.to_dict(), as_json=as_json)
 
 

@@ -89,6 +89,7 @@ def explore(
             overwrite=overwrite,
             progress=advance,
             on_message=on_message,
+            say=console.say,
         )
     console.show(asdict(summary) | {"path": str(summary.path)}, as_json=as_json)
 

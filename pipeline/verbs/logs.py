@@ -48,7 +48,7 @@ def recover(
     from recorders.recover import recover as run
 
     with console.progress("recover") as advance:
-        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance)
+        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance, say=console.say)
     if as_json:
         console.show(recovery.to_dict(), as_json=True)
         return

@@ -1,6 +1,7 @@
 """The file of a log while it is written: one writer's alone, whole under its name, and never another's."""
 
 import errno
+import fcntl
 import os
 import shutil
 import time
@@ -132,14 +133,43 @@ def test_without_a_message_nothing_of_anothers_is_removed(tmp_path):
     assert log.part.read_bytes() == b"another's"
 
 
-def test_what_a_crash_left_is_set_aside_and_never_lost(tmp_path):
-    path = tmp_path / "log.mcap"
-    part = tmp_path / "log.mcap.part"
-    for number in (1, 2):
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_crashes_left_is_set_aside_in_order_said_and_never_lost(tmp_path, overwrite):
+    path, part = tmp_path / "log.mcap", tmp_path / "log.mcap.part"
+    told = []
+    for number in range(12):
         part.write_bytes(b"%d" % number)
-        LogWriter(path, manifest={}, overwrite=True).abort()  # without a message: it leaves nothing of its own
-    kept = {entry.name: entry.read_bytes() for entry in tmp_path.iterdir()}
-    assert kept == {"log.mcap.part.1": b"1", "log.mcap.part.2": b"2"}
+        LogWriter(path, manifest={}, overwrite=overwrite, say=told.append).abort()  # it leaves nothing of its own
+        if number == 3:
+            (tmp_path / "log.mcap.part.0002").unlink()  # its number is not given away again
+    kept = [entry.read_bytes() for entry in sorted(tmp_path.iterdir())]
+    assert kept == [b"0", *(b"%d" % number for number in range(2, 12))]
+    assert told[-1] == (
+        f"{part} was left by a recording that did not come to its end; it is now {part}.0012, and `reenact recover` "
+        "makes a log of it"
+    )
+    assert len(told) == 12
+
+
+def test_an_empty_file_that_a_crash_left_goes(tmp_path):
+    (tmp_path / "log.mcap.part").touch()
+    with LogWriter(tmp_path / "log.mcap", manifest={}):
+        pass
+    assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_where_nothing_tells_whether_another_writes_it_is_refused_unless_told(tmp_path, monkeypatch):
+    def no_locks(*args):
+        raise OSError(errno.ENOLCK, "no locks here")
+
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    part = tmp_path / "log.mcap.part"
+    part.write_bytes(b"precious")
+    with pytest.raises(LogError, match=r"log.mcap.part is left from an unfinished recording, or another writes it"):
+        LogWriter(tmp_path / "log.mcap", manifest={})
+    assert part.read_bytes() == b"precious"
+    LogWriter(tmp_path / "log.mcap", manifest={}, overwrite=True).close()
+    assert (tmp_path / "log.mcap.part.0001").read_bytes() == b"precious"
 
 
 def seen_while_rewriting(folder):

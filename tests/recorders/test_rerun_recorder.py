@@ -237,3 +237,11 @@ def test_the_viewer_environment_switches_the_analytics_of_rerun_off(
     assert "usage data" not in result.stderr
     assert list(home.iterdir()) == []
     assert [file.name for file in (config_home / "rerun").iterdir()] == ["analytics.json"]
+
+
+def test_a_recording_takes_the_place_of_a_link_and_leaves_what_it_points_to(tmp_path: Path) -> None:
+    (tmp_path / "empty").touch()
+    (tmp_path / "x.rrd").symlink_to(tmp_path / "empty")
+    record_motion(tmp_path / "x.rrd", **motion())
+    assert not (tmp_path / "x.rrd").is_symlink()
+    assert (tmp_path / "empty").read_bytes() == b""
