@@ -23,10 +23,11 @@ from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
-from recorders.regular import refuse_irregular
+from recorders.regular import begins_with, refuse_irregular
 
 FORMAT = "reenact-controller"
 VERSION = 1
+_ZIP_MAGIC = b"PK\x03\x04"
 _CONSTANTS = ("input_centre", "output_centre", "pending")
 _HEADER_TEXTS = ("robot_toml", "robot_urdf", "state_digest", "connections_digest")
 
@@ -222,6 +223,13 @@ def _read(path: Path) -> bytes:
         return path.read_bytes()
     except OSError as error:
         raise ControllerError(error.strerror or str(error)) from error
+
+
+def is_controller(path: Path) -> bool:
+    """Whether a file is a controller by its name, or begins as one does, whatever it is called."""
+    if path.suffix.lower() == ".npz":
+        return True
+    return path.is_file() and begins_with(path, _ZIP_MAGIC)
 
 
 def check_writable(path: str | os.PathLike[str]) -> None:

@@ -2,17 +2,16 @@
 
 from pathlib import Path
 
-from pipeline.controller import Controller
+from pipeline.controller import Controller, is_controller
 from pipeline.controller_compare import ControllerDifference, first_difference
 from recorders.errors import ReenactError
-from recorders.reader import LogReader
+from recorders.parts import is_log
+from recorders.session_reader import open_log
 from replay.compare import Divergence, first_divergence
-
-_KINDS = (".mcap", ".npz")
 
 
 def diff(a: Path, b: Path) -> Divergence | ControllerDifference | None:
-    """Return where two logs (.mcap) or two controllers (.npz) first differ, None if they do not.
+    """Return where two recordings or two controllers first differ, None if they do not.
 
     `str()` of what is returned is one line for the user, `dataclasses.asdict` the same for JSON.
 
@@ -21,9 +20,8 @@ def diff(a: Path, b: Path) -> Divergence | ControllerDifference | None:
     ReenactError
         If the files are not of one kind, or one of them cannot be read.
     """
-    kinds = {path.suffix.lower() for path in (a, b)}
-    if len(kinds) != 1 or not kinds <= set(_KINDS):
-        raise ReenactError(f"expected two logs (.mcap) or two controllers (.npz), found {a.name} and {b.name}")
-    if kinds == {".npz"}:
+    if is_log(a) and is_log(b):
+        return first_divergence(open_log(a), open_log(b))
+    if is_controller(a) and is_controller(b):
         return first_difference(Controller.load(a), Controller.load(b))
-    return first_divergence(LogReader(a), LogReader(b))
+    raise ReenactError(f"expected two logs (.mcap) or two controllers (.npz), found {a.name} and {b.name}")

@@ -10,7 +10,8 @@ from pipeline.motion_csv import read_table
 from pipeline.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from recorders.errors import LogError, MotionError
 from recorders.messages import PoseStamped
-from recorders.reader import LogReader
+from recorders.parts import Log, Parts
+from recorders.session_reader import open_log
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET
 from replay.engine import naming, renamed
 
@@ -72,13 +73,13 @@ def pose_topics(topic: str | None, *, hand: str | None) -> dict[str, str]:
     return {name: side for name, side in _TOPICS.items() if hand in (None, side)}
 
 
-def read_log_paths(path: Path, topics: Mapping[str, str], *, renames: Mapping[str, str] = _NO_RENAMES) -> Shown:
+def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str, str] = _NO_RENAMES) -> Shown:
     """Read hands from the poses of a log, timed by their stamps.
 
     Parameters
     ----------
-    path : Path
-        A log of any writer, with CDR messages.
+    path : Path or Parts
+        A log of any writer, or a session in parts, with CDR messages.
     topics : mapping of str to str
         Hand by topic.
     renames : mapping of str to str
@@ -93,7 +94,8 @@ def read_log_paths(path: Path, topics: Mapping[str, str], *, renames: Mapping[st
     MotionError
         A hand has fewer than two usable poses.
     """
-    reader = LogReader(path)
+    reader = open_log(path)
+    path = reader.path
     tracks = {side: PoseTrack() for side in topics.values()}
     with naming(path):
         for record in renamed(reader, renames, topics):
@@ -147,6 +149,10 @@ def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[
     raise MotionError("the header lacks columns: expected t and lx,ly,lz, rx,ry,rz, both, or x,y,z with a hand")
 
 
-def _file_sha256(path: Path) -> str:
-    with path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+def _file_sha256(log: Log) -> str:
+    """Return the SHA-256 of a file, or of several one after the other."""
+    digest = hashlib.sha256()
+    for path in log.paths if isinstance(log, Parts) else (log,):
+        with path.open("rb") as file:
+            hashlib.file_digest(file, lambda: digest)
+    return digest.hexdigest()

@@ -13,6 +13,7 @@ from pipeline.motion_csv import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.resources import data_path
 from pipeline.robot import RobotConfig
 from recorders.errors import MotionError
+from recorders.parts import is_log
 from recorders.regular import refuse_irregular
 
 Floats = NDArray[np.float64]
@@ -114,13 +115,22 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     patterns = dict(zip(PATTERNS, (circles, eight), strict=True))
     if str(name_or_path) in patterns:
         return patterns[str(name_or_path)](robot)
-    drawings = {path.stem: path for path in sorted(data_path("motions").glob("*.csv"))}
+    drawings = _drawings()
     path = drawings.get(str(name_or_path), Path(name_or_path))
     refuse_irregular(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = ", ".join([*patterns, *drawings])
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
     return read_motion_csv(path)
+
+
+def is_recorded(name_or_path: str | Path) -> bool:
+    """Whether a motion is given as a recording: no name of a motion, but a log or the parts of a session."""
+    return str(name_or_path) not in (*PATTERNS, *_drawings()) and is_log(Path(name_or_path))
+
+
+def _drawings() -> dict[str, Path]:
+    return {path.stem: path for path in sorted(data_path("motions").glob("*.csv"))}
 
 
 def read_motion_csv(path: str | Path) -> Motion:

@@ -1,7 +1,6 @@
 """What can be a robot's targets and joints: a check for messages that may come from anyone."""
 
 from collections.abc import Callable, Mapping
-from pathlib import Path
 from types import MappingProxyType
 
 import numpy as np
@@ -11,7 +10,8 @@ from recorders.errors import ConfigError, MessageError
 from recorders.fields import FloatArray
 from recorders.live_ticks import Check
 from recorders.messages import JointState
-from recorders.reader import LogReader
+from recorders.parts import Log
+from recorders.session_reader import open_log
 from recorders.ticks import JointMap
 from replay.engine import read_robot
 from replay.live_stream import LiveLog
@@ -49,7 +49,7 @@ def plausible(robot: RobotConfig) -> Check:
 
 
 def heard_live(
-    log: Path,
+    log: Log,
     *,
     robot: RobotConfig | None = None,
     epochs: int = 1,
@@ -66,7 +66,7 @@ def heard_live(
         If the log cannot be read, or holds nothing to learn from.
     """
     if robot is None:
-        texts = read_robot(LogReader(log))
+        texts = read_robot(open_log(log))
         if not texts:
             raise ConfigError(f"{log}: expected the robot in the log, found none; give it with --robot")
         robot = parse_robot(texts["toml"], texts["urdf"])

@@ -10,8 +10,8 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import open_log
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from replay.clock import Pausable
@@ -37,7 +37,7 @@ class Guarded:
 
     def __init__(self, source: Source, against: Path, *, everything: bool) -> None:
         self._source = source
-        self._recorded = LogReader(against)
+        self._recorded = open_log(against)
         self._topics = None if everything else _SESSION_TOPICS
 
     def offer(self) -> Offer:

@@ -2,15 +2,15 @@
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import LogError
-from recorders.reader import LogReader
+from recorders.parts import Log
 from recorders.records import Stamped
+from recorders.session_reader import Reader, open_log
 from recorders.ticks import JointMap, Tick, join_ticks
 from recorders.topics import SESSION_PHASE
 from replay.digests import link
@@ -156,13 +156,13 @@ class Samples:
     robot: RobotConfig
 
 
-def read_samples(path: Path, *, robot: RobotConfig | None = None) -> Samples:
+def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
     """Read the samples of a log; of a recorded session, those of its first presentation.
 
     Parameters
     ----------
-    path : Path
-        A log.
+    path : Path or Parts
+        A log, or a session in parts.
     robot : RobotConfig, optional
         The robot, for a log that carries none.
 
@@ -173,7 +173,7 @@ def read_samples(path: Path, *, robot: RobotConfig | None = None) -> Samples:
     MessageError, JointError, RobotError
         If its messages or its robot are not what they should be.
     """
-    reader = LogReader(path)
+    reader = open_log(path)
     texts = read_robot(reader)
     if texts:
         robot = parse_robot(texts["toml"], texts["urdf"])
@@ -188,7 +188,7 @@ def read_samples(path: Path, *, robot: RobotConfig | None = None) -> Samples:
     return Samples(presented.u, presented.d[:, HANDS:].copy(), robot)
 
 
-def _first_presentation(reader: LogReader) -> Iterator[Stamped]:
+def _first_presentation(reader: Reader) -> Iterator[Stamped]:
     """Yield all messages of an episode, and of a session those between its first two phase markers."""
     under_way = not reader.counts.get(SESSION_PHASE)
     for message in reader:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pipeline.controller import Controller
 from pipeline.evaluation import HandErrors, hand_errors, linear_joints, predicted_joints
 from pipeline.kinematics import Kinematics
-from pipeline.motions import load_motion
+from pipeline.motions import is_recorded, load_motion
 from pipeline.robot import RobotConfig, parse_robot
 from pipeline.samples import Samples, read_samples
 from recorders.errors import ControllerError
@@ -58,7 +58,7 @@ def robot_of(controller: Controller) -> RobotConfig:
 
 
 def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path | None = None) -> Trial:
-    """Try a controller on a log (`.mcap`), a CSV file or a motion known by name.
+    """Try a controller on a recording, a CSV file or a motion known by name.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path 
     fitted = None if linear_from is None else read_samples(linear_from, robot=robot)
     if fitted is not None:
         _check_joints(controller, fitted, name=str(linear_from))
-    if Path(motion).suffix == ".mcap":
+    if is_recorded(motion):
         samples = read_samples(Path(motion), robot=robot)
         return try_samples(controller, samples, name=Path(motion).stem, fitted=fitted)
     loaded = load_motion(motion, robot)

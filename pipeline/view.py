@@ -14,13 +14,14 @@ from pipeline.robot import RobotConfig, load_robot, parse_robot
 from pipeline.trials import robot_of, try_motion
 from recorders.cdr import decode
 from recorders.errors import ConfigError, LogError
-from recorders.reader import LogReader
+from recorders.parts import Log
 from recorders.rerun_blueprint import controller_blueprint, in_sight, motion_blueprint
 from recorders.rerun_hands import HANDS
 from recorders.rerun_learning import log_activity, send_learning_styles, send_network
 from recorders.rerun_recorder import Destination, send_motion
 from recorders.rerun_robot import RobotModel
 from recorders.rerun_track import TIMELINE, Instants, Track
+from recorders.session_reader import Reader, open_log
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET
 from replay.engine import naming, read_robot, renamed
 
@@ -31,7 +32,7 @@ _NO_RENAMES: Mapping[str, str] = {}
 
 
 def view_log(
-    path: Path, destination: Destination, *, robot: str | None = None, renames: Mapping[str, str] = _NO_RENAMES
+    path: Log, destination: Destination, *, robot: str | None = None, renames: Mapping[str, str] = _NO_RENAMES
 ) -> int:
     """Send a log as a recording: the robot by its measured joints, else by the commands that it was given.
 
@@ -40,8 +41,8 @@ def view_log(
 
     Parameters
     ----------
-    path : Path
-        The log.
+    path : Path or Parts
+        The log, or a session in parts.
     destination : Destination
         File or viewer.
     robot : str, optional
@@ -61,7 +62,7 @@ def view_log(
     ReenactError
         A message or the robot is not what it should be.
     """
-    reader = LogReader(path)
+    reader = open_log(path)
     config = load_robot(robot) if robot is not None else _recorded_robot(reader)
     rows = MotionRows(config, joints_topic=_joints_topic(reader, renames))
     with naming(path):
@@ -139,14 +140,14 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     return len(track.times_s)
 
 
-def _recorded_robot(reader: LogReader) -> RobotConfig:
+def _recorded_robot(reader: Reader) -> RobotConfig:
     texts = read_robot(reader)
     if not texts:
         raise ConfigError(f"{reader.path}: the log carries no robot; give one with --robot")
     return parse_robot(texts["toml"], texts["urdf"])
 
 
-def _joints_topic(reader: LogReader, renames: Mapping[str, str]) -> str:
+def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
     topics = {renames.get(topic, topic) for topic in reader.topics}
     found = [topic for topic in JOINT_TOPICS if topic in topics]
     if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics:

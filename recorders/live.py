@@ -1,7 +1,6 @@
 """The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
 
 import fnmatch
-import re
 import time
 from collections import Counter, deque
 from collections.abc import Callable
@@ -9,9 +8,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
+from uuid import uuid4
 
 from recorders.cdr import decode
 from recorders.errors import ConfigError, LogError, MessageError, WireError
+from recorders.parts import PART, part_path, parts_in
 from recorders.records import Stamped
 from recorders.ros import is_known, typestore
 from recorders.topics import type_of
@@ -101,7 +102,7 @@ class LiveRecorder:
     Parameters
     ----------
     out : Path
-        Log to write; with a split, `NAME_0.mcap`, `NAME_1.mcap` and so on.
+        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on.
     config : RecordConfig
         What is recorded.
     overwrite : bool
@@ -134,6 +135,7 @@ class LiveRecorder:
         self._attachments: dict[str, bytes] = {}
         self.recording = Recording()
         self._splits = self._config.split_bytes is not None or self._config.split_ns is not None
+        self._session = uuid4().hex  # names what the parts are parts of
         self._refuse_existing()
         self._first_ns: int | None = None  # when the file's first message came
         self._writer = self._open()
@@ -291,6 +293,7 @@ class LiveRecorder:
         return too_large or (longest_ns is not None and time.monotonic_ns() - self._first_ns >= longest_ns)
 
     def _next_file(self) -> None:
+        self._writer.note(self._part(len(self.recording.paths) - 1, more=True))
         self._writer.close()
         self._writer = self._open()
         if self._notes:
@@ -298,16 +301,20 @@ class LiveRecorder:
 
     def _refuse_existing(self) -> None:
         """Look for all the files that a split may come to, not only once it does."""
-        name = re.compile(re.escape(self._out.stem) + r"_\d+\.mcap(\.part)?")
-        taken = sorted(path for path in self._out.parent.glob("*") if name.fullmatch(path.name))
+        taken = parts_in(self._out.parent, self._out.stem)
         if taken and self._splits and not self._overwrite:
             raise LogError(f"{taken[0]} exists: choose another name, or --overwrite")
 
+    def _part(self, number: int, *, more: bool) -> dict[str, Any]:
+        """Return what the manifest of a part says of its place in the session."""
+        return {PART: {"session": self._session, "number": number, "more": more}}
+
     def _open(self) -> LogWriter:
-        path = self._out.with_name(f"{self._out.stem}_{len(self.recording.paths)}.mcap") if self._splits else self._out
+        number = len(self.recording.paths)
+        path = part_path(self._out, number) if self._splits else self._out
         writer = LogWriter(
             path,
-            manifest={"kind": "recording"},
+            manifest={"kind": "recording", **(self._part(number, more=False) if self._splits else {})},
             attachments=self._attachments,
             overwrite=self._overwrite,
             regular=False,

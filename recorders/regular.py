@@ -28,3 +28,13 @@ def refuse_irregular(path: Path, *, expected: str = "an MCAP file", error: type[
         raise error(f"{path}: expected {expected}, found a directory")
     if not S_ISREG(mode):
         raise error(f"{path}: expected {expected}, found a pipe, a socket or a device")
+
+
+def begins_with(path: Path, magic: bytes) -> bool:
+    """Whether a file begins with these bytes, whatever it is called; raises LogError if it cannot be read."""
+    refuse_irregular(path, expected="a file")
+    try:
+        with path.open("rb") as file:
+            return file.read(len(magic)) == magic
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -5,13 +5,13 @@ import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain, count, islice
-from pathlib import Path
 
 from recorders.cdr import encode
 from recorders.errors import JointError, LogError, MessageError
+from recorders.parts import Log
 from recorders.phase import Phase
-from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import Reader, open_log
 from recorders.stream import Offer
 from recorders.ticks import TickJoiner
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
@@ -32,8 +32,8 @@ class Episode:
 
     Parameters
     ----------
-    path : Path
-        A log.
+    path : Path or Parts
+        A log, or a session in parts.
     renames : mapping of str to str
         Our topic names for those that the log uses, so that a log recorded by others trains; those of topics that it
         does not have count for nothing.
@@ -57,9 +57,9 @@ class Episode:
         If a message is not what it should be, or a tick is not complete.
     """
 
-    def __init__(self, path: Path, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
-        self.path = path
-        self._reader = LogReader(path)
+    def __init__(self, path: Log, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        self._reader = open_log(path)
+        self.path = self._reader.path
         self.topics = tuple(self._reader.topics)
         self._renames = {foreign: ours for foreign, ours in renames.items() if foreign in self.topics}
         self.robot = read_robot(self._reader)
@@ -109,7 +109,7 @@ class Episode:
             raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
 
 
-def renamed(reader: LogReader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
+def renamed(reader: Reader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
     """Yield the messages of a log on some topics, by our names for them.
 
     Raises
@@ -140,7 +140,7 @@ def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where:
         raise LogError(f"{where}: --map: expected a topic {', '.join(unknown)}, found none; there are: {found}")
 
 
-def read_robot(reader: LogReader) -> dict[str, str]:
+def read_robot(reader: Reader) -> dict[str, str]:
     """Return `toml` and `urdf` of the robot that a log carries; empty if it lacks one, as another recorder's does.
 
     Raises
@@ -157,7 +157,7 @@ def read_robot(reader: LogReader) -> dict[str, str]:
 
 
 @contextmanager
-def naming(path: Path) -> Iterator[None]:
+def naming(path: Log) -> Iterator[None]:
     """Put the log's path before what is wrong with one of its messages."""
     try:
         yield
@@ -170,7 +170,7 @@ class Replay:
 
     Parameters
     ----------
-    paths : sequence of Path
+    paths : sequence of Path or Parts
         Logs; a cycle presents them in this order, each under a phase marker of its own.
     schedule : Schedule
         Epochs and phases.
@@ -186,7 +186,7 @@ class Replay:
         If a message is not what it should be.
     """
 
-    def __init__(self, paths: Sequence[Path], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+    def __init__(self, paths: Sequence[Log], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
         if not paths:
             raise LogError("expected at least one log, found none")
         self.schedule = schedule

@@ -8,8 +8,10 @@ from pathlib import Path
 from typing import NamedTuple
 
 from recorders.errors import LogError
+from recorders.parts import Log
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import Reader, open_log
 from recorders.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
 from recorders.writer import RESERVED, LogWriter
 from replay.digests import framed
@@ -49,13 +51,15 @@ class _Key(NamedTuple):
         return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
 
 
-def slim(source: Path, target: Path, *, physics: bool) -> None:
+def slim(source: Log, target: Path, *, physics: bool) -> None:
     """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
 
     Parameters
     ----------
-    source, target : Path
-        The log, and where the copy goes.
+    source : Path or Parts
+        The log, or a session in parts, which becomes one log.
+    target : Path
+        Where the copy goes.
     physics : bool
         Whether the hands as measured are needed, which no learner hears.
 
@@ -64,8 +68,8 @@ def slim(source: Path, target: Path, *, physics: bool) -> None:
     LogError
         If the log cannot be read, or the copy cannot be written.
     """
-    reader = LogReader(source)
-    if set(reader.topics) <= set(CASE_TOPICS):
+    reader = open_log(source)
+    if isinstance(source, Path) and set(reader.topics) <= set(CASE_TOPICS):
         target.write_bytes(source.read_bytes())
         return
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
@@ -156,5 +160,5 @@ def _key(record: Stamped) -> _Key:
     return _Key(CASE_TOPICS.index(record.topic), record.sequence, int.from_bytes(digest[:8], "little"))
 
 
-def _attachments(reader: LogReader) -> dict[str, str]:
+def _attachments(reader: Reader) -> dict[str, str]:
     return {name: hashlib.sha256(reader.attachment(name)).hexdigest() for name in reader.attachments}

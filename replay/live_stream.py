@@ -4,15 +4,15 @@ import hashlib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
-from pathlib import Path
 
 from recorders.cdr import decode_as, encode
 from recorders.errors import LogError, MessageError
 from recorders.live_ticks import MAX_MESSAGE, Check, LiveTick, LiveTicks, Refused
 from recorders.messages import String
+from recorders.parts import Log
 from recorders.phase import LEARN, Phase
-from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import open_log
 from recorders.stream import Offer
 from recorders.ticks import RANKS
 from recorders.topics import SESSION_PHASE
@@ -182,7 +182,7 @@ class LiveLog:
 
     Parameters
     ----------
-    path : Path
+    path : Path or Parts
         A recording, by whomever, with phase markers or without.
     epochs : int
         Epochs of the run.
@@ -201,15 +201,15 @@ class LiveLog:
 
     def __init__(
         self,
-        path: Path,
+        path: Log,
         *,
         epochs: int = 1,
         check: Check = lambda value: None,
         renames: Mapping[str, str] = _NO_RENAMES,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
-        self.path = path
-        self._reader = LogReader(path)
+        self._reader = open_log(path)
+        self.path = self._reader.path
         self._renames = dict(renames)
         self._epochs = epochs
         self._check = check

@@ -7,13 +7,14 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import count, islice
-from pathlib import Path
 
 from recorders.errors import ConfigError, LogError
+from recorders.manifest import content_sha256
+from recorders.parts import Log
 from recorders.quantities import MAX_TIME_NS, seconds_text
 from recorders.raw_records import FOREVER_NS
-from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import Reader, SessionReader, open_log
 from recorders.stream import Offer
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from replay.engine import read_robot
@@ -77,11 +78,11 @@ class Playback:
         If a topic that is played could not be published.
     """
 
-    def __init__(self, paths: Sequence[Path], config: PlaybackConfig | None = None) -> None:
+    def __init__(self, paths: Sequence[Log], config: PlaybackConfig | None = None) -> None:
         if not paths:
             raise LogError("expected at least one log, found none")
         self._config = config or PlaybackConfig()
-        self._readers = [LogReader(path) for path in paths]
+        self._readers = [open_log(path) for path in paths]
         self._check_topics()
         self._check_names()
         if next(self._once(), None) is None:
@@ -174,8 +175,10 @@ class Playback:
             )
 
 
-def _content(reader: LogReader) -> str:
+def _content(reader: Reader) -> str:
     """Return the hash that names a log's content: its own, or that of the file if it has none."""
+    if isinstance(reader, SessionReader):
+        return content_sha256(reader)
     recorded = reader.manifest.get("content_sha256")
     if isinstance(recorded, str):
         return recorded

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Mapping
 from itertools import islice
-from pathlib import Path
 
 from recorders.cdr import decode
 from recorders.errors import LogError
 from recorders.messages import String
+from recorders.parts import Log
 from recorders.phase import Phase
-from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import open_log
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from replay.engine import naming, read_robot, renamed
@@ -24,8 +24,8 @@ class RecordedSession:
 
     Parameters
     ----------
-    path : Path
-        A log with phase markers.
+    path : Path or Parts
+        A log or a session in parts, with phase markers.
     epochs : int, optional
         How many epochs the session had; needed if the log does not say, as the rates fall over them.
     renames : mapping of str to str
@@ -42,10 +42,10 @@ class RecordedSession:
         If the log cannot be read, has no markers or those of several runs, or nobody says how many epochs there were.
     """
 
-    def __init__(self, path: Path, *, epochs: int | None = None, renames: Mapping[str, str] = _NO_RENAMES) -> None:
-        self.path = path
+    def __init__(self, path: Log, *, epochs: int | None = None, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        self._reader = open_log(path)
+        self.path = self._reader.path
         self._renames = dict(renames)
-        self._reader = LogReader(path)
         self._robot = read_robot(self._reader)
         self._count, runs = 0, list[str]()
         for message in self.stream():
@@ -85,7 +85,7 @@ class RecordedSession:
         return Schedule.from_dict(recorded).to_dict()
 
 
-def _phase(path: Path, message: Stamped) -> Phase:
+def _phase(path: Log, message: Stamped) -> Phase:
     with naming(path):
         marker = decode(message.type, message.data)
         if not isinstance(marker, String):

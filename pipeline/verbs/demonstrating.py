@@ -146,10 +146,11 @@ def _axes(plane: str | None) -> tuple[str, str] | None:
 def _read(source: str, hand: str | None, topic: str | None, map_: list[str] | None) -> "Shown":
     from pipeline.hand_paths import pose_topics, read_csv_paths, read_log_paths
     from pipeline.resources import data_path
+    from recorders.parts import is_log
 
     drawing = data_path("motions", f"{source}.csv")
     path = drawing if drawing.is_file() else Path(source)
-    if path.suffix == ".mcap":
+    if is_log(path):
         return read_log_paths(path, pose_topics(topic, hand=hand), renames=renames(map_))
     if topic or map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")

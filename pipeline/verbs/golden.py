@@ -1,6 +1,7 @@
 """Golden-log regression: make a case, check cases."""
 
 from pathlib import Path
+from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
@@ -62,12 +63,31 @@ def add(
     restore(folder)
     old = load_case(folder).recipe if folder.exists() else None
     asked = {"epochs": epochs, "resume_after": resume_after}
-    made = recipe(logs or (), config, old=old, as_recorded=as_recorded, physics=physics, **asked)
-    with console.progress("golden add") as advance:
+    with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
+        files = _as_files(logs or [], Path(temporary), session=bool(as_recorded))
+        made = recipe(files, config, old=old, as_recorded=as_recorded, physics=physics, **asked)
         case = add_case(folder, made, GoldenRunner(), reason=reason, progress=advance)
     size = sum(path.stat().st_size for path in case.folder.iterdir())
     result = {"case": str(case.folder), "bytes": size, "digest": case.expected["digest"]}
     console.show({**result, "errors_cm": case.expected["errors_cm"]}, as_json=as_json)
+
+
+def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
+    """Return the recordings as one log each; sessions in parts are joined in a folder, as a case needs them."""
+    from recorders.parts import Parts, one_session, recordings
+    from replay.golden_log import slim
+
+    found = [one_session(logs)] if session and logs else recordings(logs, console.say)
+    files: list[Path] = []
+    for place, log in enumerate(found):
+        if isinstance(log, Parts):
+            joined = folder / str(place) / log.name
+            joined.parent.mkdir()
+            slim(log, joined, physics=True)
+            files.append(joined)
+        else:
+            files.append(log)
+    return files
 
 
 @app.command(epilog="Example: reenact golden check golden --json")

@@ -221,6 +221,7 @@ def _source(
     end: str | None,
     topics: list[str] | None,
 ) -> "Source":
+    from recorders.parts import one_session, recordings
     from recorders.quantities import parse_seconds
     from replay.engine import Replay
     from replay.playback import Playback, PlaybackConfig
@@ -234,11 +235,9 @@ def _source(
         end_ns = None if end is None else parse_seconds(end, "--end")
         topics_played = frozenset(topics or ())
         chosen = PlaybackConfig(topics_played, renames=names, start_ns=start_ns, end_ns=end_ns, loops=loop)
-        return Playback(logs, chosen)
+        return Playback(recordings(logs, console.say), chosen)
     if topics or loop != 1 or start is not None or end is not None:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if as_recorded:
-        if len(logs) != 1:
-            raise ConfigError(f"--as-recorded: expected one log, found {len(logs)}")
-        return RecordedSession(logs[0], epochs=epochs, renames=names)
-    return Replay(logs, Schedule(epochs=epochs or 150), renames=names)
+        return RecordedSession(one_session(logs), epochs=epochs, renames=names)
+    return Replay(recordings(logs, console.say), Schedule(epochs=epochs or 150), renames=names)

@@ -75,6 +75,7 @@ def train(
     from pipeline.plausible import heard_live
     from pipeline.robot import load_robot
     from pipeline.training import Trainer, train_on
+    from recorders.parts import one_session, recordings
     from replay.engine import Replay
     from replay.schedule import Schedule
     from replay.session import RecordedSession
@@ -86,12 +87,11 @@ def train(
         raise ConfigError("expected one of --as-recorded and --as-live, found both")
     source: Source
     if as_recorded:
-        source = RecordedSession(_only(logs, "--as-recorded"), epochs=epochs, renames=renames(map_))
+        source = RecordedSession(one_session(logs), epochs=epochs, renames=renames(map_))
     elif as_live:
-        heard = _only(logs, "--as-live")
-        source = heard_live(heard, robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
+        source = heard_live(one_session(logs), robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
     else:
-        source = Replay(logs, Schedule(epochs=epochs or 150), renames=renames(map_))
+        source = Replay(recordings(logs, console.say), Schedule(epochs=epochs or 150), renames=renames(map_))
     with leaving(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             LearnerConfig(seed=seed),
@@ -159,16 +159,10 @@ def diff(
 def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
     """Let the controller, and then the teacher, lead the simulated robot; return how far its hands are off."""
     from pipeline.deployment import deploy
-    from pipeline.motions import load_motion
+    from pipeline.motions import is_recorded, load_motion
     from pipeline.trials import robot_of
 
-    if Path(motion).suffix == ".mcap":
+    if is_recorded(motion):
         raise ConfigError(f"--deploy: expected circles, eight or a CSV file, found the log {motion}")
     with console.progress("deploy") as advance:
         return deploy(controller, load_motion(motion, robot_of(controller)), progress=advance).summary()
-
-
-def _only(logs: list[Path], option: str) -> Path:
-    if len(logs) != 1:
-        raise ConfigError(f"{option}: expected one log, found {len(logs)}")
-    return logs[0]

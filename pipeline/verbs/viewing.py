@@ -32,7 +32,10 @@ Viewer = Annotated[
 
 
 def view(
-    shown: Annotated[Path, typer.Argument(help="A log or a controller.", metavar="LOG.mcap|CONTROLLER.npz")],
+    shown: Annotated[
+        list[Path],
+        typer.Argument(help="A log, the parts of a session, or a controller.", metavar="LOG.mcap|CONTROLLER.npz"),
+    ],
     save: Annotated[
         Path | None,
         typer.Option(
@@ -58,31 +61,34 @@ def view(
 
     It shows robot, hands, joints, errors and network; nothing leaves the machine.
     """
+    from pipeline.controller import is_controller
     from pipeline.view import view_controller, view_log
+    from recorders.parts import is_log, one_session
     from recorders.rerun_recorder import Destination, check_place
     from recorders.rerun_viewer import check_url, open_viewer
 
     if save is not None and viewer is not None:
         raise ConfigError("expected one of --save and --viewer, found both")
-    is_controller = shown.suffix == ".npz"
-    if is_controller and (robot is not None or map_):
+    learned = len(shown) == 1 and not is_log(shown[0]) and is_controller(shown[0])
+    if learned and (robot is not None or map_):
         raise ConfigError("--robot and --map are for logs: a controller carries its robot")
-    if not is_controller and motion is not None:
+    if not learned and motion is not None:
         raise ConfigError("--motion is for controllers: a log shows the motion that it holds")
-    if not shown.is_file():
-        raise ConfigError(f"{shown}: expected a log or a controller (.npz), found no such file")
+    log = one_session(shown)
+    if isinstance(log, Path) and not log.is_file():
+        raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
     url = None
     if save is not None:
         check_place(save)
     else:
         url = check_url(viewer) if viewer is not None else open_viewer()
     to = Destination(path=save, url=url)
-    if is_controller:
-        ticks = view_controller(shown, to, motion=motion or "circles")
+    if learned:
+        ticks = view_controller(shown[0], to, motion=motion or "circles")
     else:
-        ticks = view_log(shown, to, robot=robot, renames=renames(map_))
+        ticks = view_log(log, to, robot=robot, renames=renames(map_))
     where = str(save) if save is not None else url
-    console.show({"shown": str(shown), "samples": ticks, "recording": where}, as_json=as_json)
+    console.show({"shown": str(log), "samples": ticks, "recording": where}, as_json=as_json)
 
 
 @contextmanager

@@ -25,11 +25,12 @@ from short_motion import write_short_motion
 from pipeline.controller import Controller
 from pipeline.robot import load_robot
 from recorders.cdr import decode_as, encode
-from recorders.errors import WireError
+from recorders.errors import LogError, WireError
 from recorders.live import LiveRecorder
 from recorders.messages import Float64MultiArray, PoseStamped, String
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.session_reader import open_log
 from recorders.stream import Offer
 from recorders.topics import (
     LEARNER_DIGEST,
@@ -253,23 +254,25 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
         result = stop(process)
     assert isinstance(result["paths"], list)
     assert len(result["paths"]) > 2
-    sequences = [record.sequence for path in result["paths"] for record in LogReader(tmp_path / path)]
-    assert sequences == list(range(300))
+    assert [record.sequence for record in open_log(tmp_path / "log.mcap")] == list(range(300))
+    Path(tmp_path, result["paths"][-1]).unlink()
+    with pytest.raises(LogError, match=f"part {len(result['paths']) - 1} is missing"):
+        open_log(tmp_path)
 
 
 def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
     with recorder(tmp_path, "--split", "0.2s") as (session, process):
         time.sleep(0.5)
-        assert [path.name for path in tmp_path.iterdir()] == ["log_0.mcap.part"]
+        assert [path.name for path in tmp_path.iterdir()] == ["log_000.mcap.part"]
         with Producer(session) as producer:
 
             def another_file() -> bool:
                 producer.publish(LEFT_TARGET, pose(0), log_time_ns=0)
-                return (tmp_path / "log_2.mcap.part").exists()
+                return (tmp_path / "log_002.mcap.part").exists()
 
             await_that(another_file)
         result = stop(process)
-    assert result["paths"] == ["log_0.mcap", "log_1.mcap", "log_2.mcap"]
+    assert result["paths"] == ["log_000.mcap", "log_001.mcap", "log_002.mcap"]
     files = [[record.sequence for record in LogReader(tmp_path / path)] for path in result["paths"]]
     assert all(files)
     assert [number for file in files for number in file] == list(range(sum(map(len, files))))
