@@ -8,8 +8,11 @@ from concurrent.futures import BrokenExecutor, CancelledError, Executor, Process
 from contextlib import contextmanager
 
 from pipeline.many_runs import RunsError
+from recorders.descriptors import need_descriptors
 from recorders.errors import ConfigError, WireError
 
+_DESCRIPTORS = 48  # the logs that are read, and the queues between the processes
+_OF_A_WORKER = 4  # its pipes
 _RETRIES = 3  # of a run whose Dask worker went away
 
 
@@ -18,9 +21,15 @@ def local_processes(workers: int | None = None) -> Iterator[Executor]:
     """Compute in fresh processes of this machine, by default one for each core that it lends us.
 
     If the block ends by an exception, the processes are stopped with the work that they have.
+
+    Raises
+    ------
+    ConfigError
+        If this process may not open as many files as that takes.
     """
     context = multiprocessing.get_context("spawn")
     count = workers or len(os.sched_getaffinity(0))
+    need_descriptors(_DESCRIPTORS + count * _OF_A_WORKER, purpose="a pool of processes")
     others = set(multiprocessing.active_children())
     with ProcessPoolExecutor(count, mp_context=context, initializer=_leave_signals_to_the_parent) as pool:
         try:
@@ -64,6 +73,7 @@ def dask_cluster(address: str, *, worker_wait_s: float = 30.0) -> Iterator[Execu
         f"expected a worker of the Dask scheduler at {address}, found none for {worker_wait_s:g} s: "
         f"start one (dask worker {address}), or leave --scheduler out"
     )
+    need_descriptors(_DESCRIPTORS, purpose="a cluster")
     with connected(address) as client:
         if not await_worker(client, worker_wait_s):
             raise no_worker

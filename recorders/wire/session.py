@@ -13,6 +13,7 @@ from typing import Any, Self
 
 import zenoh
 
+from recorders.descriptors import need_descriptors
 from recorders.errors import WireError
 from recorders.wire.config_file import endpoints, read_config, reason, said
 
@@ -20,6 +21,7 @@ DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""
 
 _READING_AS_IT_COMES = "(rx: (handover: app), acc: (handover: app), net: (handover: app), app: (worker_threads: 2))"
+_DESCRIPTORS = 48  # a session takes 10, each connection one more, and its log, its files and questions some others
 _RETRY_S = 0.1
 _CLOSING_TRIES = 50
 _NOBODY = "Unable to connect"  # how Zenoh's error begins when no endpoint let a client in
@@ -133,7 +135,10 @@ def open_session(config: SessionConfig) -> AbstractContextManager[zenoh.Session]
     WireError
         If the configuration is not usable, an endpoint to listen on is in use already, or nobody listens at the
         endpoints to connect to, or lets this session in, within `wait_s`.
+    ConfigError
+        If this process may not open as many files as a session takes.
     """
+    need_descriptors(_DESCRIPTORS, purpose="Zenoh")
     return _closing(_open(config.resolved()))
 
 
