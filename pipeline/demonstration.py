@@ -12,12 +12,13 @@ from numpy.typing import NDArray
 from pipeline.exploration import explore
 from pipeline.hand_paths import Shown
 from pipeline.kinematics import Kinematics
-from pipeline.motions import Motion
+from pipeline.motions import Motion, check_targets
+from pipeline.plausible import plausible
 from pipeline.pose_track import HandPath
 from pipeline.reach import CHOICES, OutOfReach, bring_within_reach
 from pipeline.robot import RobotConfig
 from pipeline.teacher import Teacher
-from recorders.errors import ConfigError, MotionError
+from recorders.errors import ConfigError, MessageError, MotionError
 
 Floats = NDArray[np.float64]
 
@@ -137,6 +138,7 @@ def demonstrate(
         As `explore` does.
     """
     placed = to_motion(robot, shown, config=config)
+    check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.unreachable)
     notes = {"demonstration": {**shown.source, **asdict(config), "out_of_reach": asdict(found)}}
     made = explore(
@@ -182,7 +184,9 @@ def to_motion(robot: RobotConfig, shown: Shown, *, config: DemonstrationConfig) 
         if path is None:
             hands.append(np.broadcast_to(centre, (len(times_s), 3)))
         else:
-            hands.append(np.round(_place(_resample(path, times_s), robot, centre, config), 9))
+            placed = _place(_resample(path, times_s), robot, centre, config)
+            _check_extent(shown.name, placed, robot)
+            hands.append(np.round(placed, 9))
     # To the nanosecond: k / hz is not a number of them for every rate.
     return Motion(shown.name, np.round(times_s - times_s[0], 9), hands[0], hands[1], closed=False)
 
@@ -200,6 +204,14 @@ def source_axes(plane: tuple[str, str]) -> Floats:
         raise ConfigError(f"plane: expected two different axes, such as -x and y, found {','.join(plane):.40}")
     left, up = (np.array(_AXES[name]) * (1 - 2 * (axis != name)) for axis, name in zip(plane, names, strict=True))
     return np.stack([left, up, np.cross(left, up)])
+
+
+def _check_extent(name: str, points: Floats, robot: RobotConfig) -> None:
+    """Check that a path, shape (T, 3), can be one of the robot's hands in metres."""
+    try:
+        plausible(robot).check_extent(float((points.max(axis=0) - points.min(axis=0)).max()) / 2.0)
+    except MessageError as error:
+        raise MotionError(f"{name}: {error}; bring it to metres with --scale") from None
 
 
 def _sample_times(shown: Shown, hz: float) -> Floats:

@@ -2,6 +2,7 @@
 
 import hashlib
 from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +17,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import LearningRun
 from pipeline.robot import parse_robot
 from recorders.cdr import stamp_ns
-from recorders.errors import ConfigError
+from recorders.errors import ConfigError, JointError, MessageError
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
@@ -69,7 +70,8 @@ class ObservedRun:
             if message.topic == SESSION_PHASE:
                 yield from self._marker(message)
             else:
-                yield from self._feed(message)
+                with self._naming_the_log():
+                    yield from self._feed(message)
         self._run.end()
         if self._resume_after is not None:
             raise ConfigError(
@@ -78,6 +80,17 @@ class ObservedRun:
             )
         if self._run.phase is not None:
             yield EpochEnd(self._run.phase.epoch, self._learner.state())
+
+    @contextmanager
+    def _naming_the_log(self) -> Iterator[None]:
+        try:
+            yield
+        except (MessageError, JointError) as error:
+            raise type(error)(f"{self._log()}: {error}") from error
+
+    def _log(self) -> str:
+        """Name of the log that is presented; a session is one, whatever its markers name."""
+        return "" if self._run.phase is None else self._names.get(self._run.phase.log, next(iter(self._names.values())))
 
     def _begin(self) -> tuple[LearningRun, _ObservedLearner]:
         robot = self._offer.robot

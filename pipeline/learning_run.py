@@ -12,6 +12,7 @@ from pipeline.evaluation import hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
+from pipeline.plausible import plausible
 from pipeline.robot import RobotConfig
 from pipeline.samples import HANDS, CommandedPairs, Presentation
 from recorders.cdr import decode
@@ -127,7 +128,7 @@ class LearningRun:
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
         self._pairs = CommandedPairs(robot.joints)
-        self._joiner = TickJoiner()
+        self._joiner = TickJoiner(plausible(robot))
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, HANDS))
         self._d = np.empty((PIECE, len(output_centre)))

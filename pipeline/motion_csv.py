@@ -20,6 +20,7 @@ MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another 
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
 MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken for seconds exceed it below 200 Hz
 
+_MM = 1e4  # a coordinate between 100 m and this is taken to be one in millimetres
 _POINTS = "numbers are written with a decimal point, not a decimal comma"
 _MAX_CLOCK_S = 1e10  # Unix time gets there in the year 2286
 _CLOCK_DIGITS = 6  # what a float64 keeps of Unix time: microseconds
@@ -144,6 +145,6 @@ def _value(where: str, text: str, limit: float, unit: str) -> float:
         ask = f"; {_POINTS}" if "," in text else ""
         raise MotionError(f"{where}: expected a finite number, found '{_brief(text)}'{ask}")
     if abs(value) > limit:
-        ask = "; are the times in seconds?" if unit == "s" else ""
+        ask = "; are the times in seconds?" if unit == "s" else ": looks like millimetres" if abs(value) <= _MM else ""
         raise MotionError(f"{where}: expected at most {limit:g} {unit} from zero, found {value:g}{ask}")
     return value

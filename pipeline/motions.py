@@ -10,9 +10,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.motion_csv import MAX_COORDINATE_M, MAX_TIME_S, read_table
+from pipeline.plausible import plausible
 from pipeline.resources import data_path
 from pipeline.robot import RobotConfig
-from recorders.errors import MotionError
+from recorders.errors import MessageError, MotionError
 from recorders.parts import is_log
 from recorders.regular import refuse_irregular
 
@@ -110,7 +111,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     Raises
     ------
     MotionError
-        The motion is unknown, or its file is malformed.
+        The motion is unknown, or its file is malformed or holds what cannot be a target of the robot.
     """
     patterns = dict(zip(PATTERNS, (circles, eight), strict=True))
     if str(name_or_path) in patterns:
@@ -121,7 +122,20 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     if not path.is_file():
         known = ", ".join([*patterns, *drawings])
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
-    return read_motion_csv(path)
+    motion = read_motion_csv(path)
+    check_targets(motion, robot)
+    return motion
+
+
+def check_targets(motion: Motion, robot: RobotConfig) -> None:
+    """Check that a motion's targets can be the robot's; raises MotionError, naming sample and hand."""
+    check = plausible(robot)
+    for sample, hands in enumerate(motion.targets.tolist()):
+        for hand, target in zip(("left", "right"), hands, strict=True):
+            try:
+                check.check_target(target)
+            except MessageError as error:
+                raise MotionError(f"motion '{motion.name}', sample {sample}, {hand} hand: {error}") from None
 
 
 def is_recorded(name_or_path: str | Path) -> bool:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.plausible import plausible
 from pipeline.robot import RobotConfig, parse_robot
 from recorders.errors import LogError
 from recorders.parts import Log
@@ -115,17 +116,17 @@ class Presentation:
     links: list[bytes]
 
     @classmethod
-    def of(cls, messages: Iterable[Stamped], joints: tuple[str, ...]) -> "Presentation":
+    def of(cls, messages: Iterable[Stamped], robot: RobotConfig) -> "Presentation":
         """Join the messages of one presentation to ticks, and these to steps, as `LearningRun.feed` does.
 
         Raises
         ------
         MessageError, JointError
-            If a message is not what it should be, or lacks one of the `joints`.
+            If a message is not what it should be, or cannot be of the robot.
         """
-        ticks = list(join_ticks(messages))
-        pairs = CommandedPairs(joints)
-        u, d = np.empty((len(ticks), HANDS)), np.empty((len(ticks), HANDS + len(joints)))
+        ticks = list(join_ticks(messages, plausible(robot)))
+        pairs = CommandedPairs(robot.joints)
+        u, d = np.empty((len(ticks), HANDS)), np.empty((len(ticks), HANDS + len(robot.joints)))
         for row, tick in enumerate(ticks):
             pairs.fill(tick, u[row], d[row])
         return cls(
@@ -182,7 +183,7 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
             f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"
         )
     with naming(path):
-        presented = Presentation.of(_first_presentation(reader), robot.joints)
+        presented = Presentation.of(_first_presentation(reader), robot)
     if not len(presented.u):
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
     return Samples(presented.u, presented.d[:, HANDS:].copy(), robot)

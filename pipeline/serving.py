@@ -13,7 +13,7 @@ from pipeline.controller import Controller
 from pipeline.evaluation import WASHOUT_STEPS, hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import state_digest
-from pipeline.plausible import MAX_DISTANCE_M
+from pipeline.plausible import MAX_DISTANCE_M, Implausible, plausible
 from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
 from pipeline.serving_calls import ServingCalls
@@ -25,7 +25,7 @@ from recorders.errors import ConfigError, ControllerError, JointError, MessageEr
 from recorders.messages import JointState, PoseStamped, String
 from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
-from recorders.ticks import JointMap, Tick
+from recorders.ticks import Tick
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 
 Floats = NDArray[np.float64]
@@ -141,7 +141,7 @@ class ServedController:
         self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
         self._places = {topic: place for place, topic in enumerate(self._topics)}
         self._centres = self._robot.left_centre.tolist(), self._robot.right_centre.tolist()
-        self._joints = JointMap(controller.joints)
+        self._check = plausible(self._robot)
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
         self._limits = np.array([self._robot.lower, self._robot.upper])
@@ -330,13 +330,14 @@ class ServedController:
             raise undecodable(record, error) from None
         (x, y, z), (x_0, y_0, z_0), usual = position, self._centres[hand], self._config.outside_m
         if not (abs(x - x_0) <= usual and abs(y - y_0) <= usual and abs(z - z_0) <= usual):  # nor is NaN usual
-            self._check_far(record, position, hand)
+            self._check_far(record, position)
         return stamp, position
 
-    def _check_far(self, record: Stamped, position: Position, hand: int) -> None:
-        distances = [abs(a - b) for a, b in zip(position, self._centres[hand], strict=True)]
-        if not all(distance <= MAX_DISTANCE_M for distance in distances):
-            raise unusable(record, position, f"within {MAX_DISTANCE_M:g} m of the pattern")
+    def _check_far(self, record: Stamped, position: Position) -> None:
+        try:
+            self._check.check_target(position)
+        except Implausible as error:
+            raise unusable(record, error) from None
         self._outside += 1
 
     def _read_joints(self, record: Stamped) -> tuple[int, JointState]:
@@ -344,14 +345,13 @@ class ServedController:
             raise wrong_type(record, JointState.TYPE)
         try:
             joints = decode_as(JointState, record.data)
-            positions = self._joints.positions(joints)
+            self._check.check_joints(joints)
         except JointError as error:
             raise RefusedError(Refusal.WRONG_JOINTS, f"{record.topic}: {error}") from None
+        except Implausible as error:
+            raise unusable(record, error) from None
         except MessageError as error:
             raise undecodable(record, error) from None
-        lower, upper = self._robot.lower, self._robot.upper
-        if not (np.abs(positions - (lower + upper) / 2.0) <= 1.5 * (upper - lower)).all():  # one range beyond a limit
-            raise unusable(record, positions.tolist(), "near the joints' limits")
         return joints.stamp_ns, joints
 
     def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:

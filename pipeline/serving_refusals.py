@@ -1,9 +1,8 @@
 """Why a served controller refuses a message, and in which words."""
 
-from collections.abc import Sequence
 from enum import StrEnum
-from math import isfinite
 
+from pipeline.plausible import Implausible
 from recorders.errors import MessageError
 from recorders.records import Stamped
 
@@ -40,8 +39,6 @@ def wrong_type(record: Stamped, expected: str) -> RefusedError:
     return RefusedError(Refusal.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
 
 
-def unusable(record: Stamped, values: Sequence[float], expected: str) -> RefusedError:
-    """Return the error of numbers that are not finite, or not where `expected` says."""
-    if not all(map(isfinite, values)):
-        return RefusedError(Refusal.NOT_FINITE, f"{record.topic}: expected finite numbers, found {values}")
-    return RefusedError(Refusal.OUT_OF_RANGE, f"{record.topic}: expected numbers {expected}, found {values}")
+def unusable(record: Stamped, error: Implausible) -> RefusedError:
+    """Return the error of numbers that are not finite, or cannot be the robot's."""
+    return RefusedError(Refusal.OUT_OF_RANGE if error.finite else Refusal.NOT_FINITE, f"{record.topic}: {error}")

@@ -238,7 +238,7 @@ class Trainer:
         presentations: dict[Episode, Presentation] = {}
         for episode in replay.episodes:
             with naming(episode.path):
-                presentations[episode] = Presentation.of(episode, run.robot.joints)
+                presentations[episode] = Presentation.of(episode, run.robot)
         for marker, episode in replay.presentations():
             self._report(run.present(marker, presentations[episode]))
             self._next += 1 + episode.count

@@ -1,15 +1,13 @@
 """Ticks of what anyone publishes: one bad message is refused, one incomplete tick given up, and the rest goes on."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from itertools import combinations
-from typing import NamedTuple, TypeAlias
+from typing import NamedTuple
 
 from recorders.cdr import stamp_ns
 from recorders.errors import JointError, MessageError
-from recorders.fields import FloatArray
-from recorders.messages import JointState
 from recorders.records import Stamped
-from recorders.ticks import RANKS, read_input
+from recorders.ticks import RANKS, Check, pass_all, read_input
 from recorders.topics import LEARNER_TOPICS, SAMPLE_JOINTS
 
 MAX_PENDING = 64
@@ -17,9 +15,6 @@ MAX_PENDING = 64
 
 MAX_MESSAGE = 64 << 10
 """Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
-
-Check: TypeAlias = Callable[[FloatArray | JointState], None]
-"""Raises JointError or MessageError for a target [m] (3,) or joints that cannot be the robot's."""
 
 
 class Refused(MessageError):
@@ -113,7 +108,7 @@ class LiveTicks:
         Stamps given up so far, as messages of theirs never came.
     """
 
-    def __init__(self, check: Check = lambda value: None) -> None:
+    def __init__(self, check: Check = pass_all) -> None:
         self._check = check
         self._pending: dict[int, list[_Part | None]] = {}  # by stamp, in order of arrival
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival

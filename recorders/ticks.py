@@ -1,9 +1,9 @@
 """Ticks: the three messages of one sample, joined exactly on the stamp of their headers."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from math import isfinite
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -18,6 +18,9 @@ MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
 RANKS = {topic.name: rank for rank, topic in enumerate(LEARNER_TOPICS)}
 """Place of each of the learner's topics in a tick."""
+
+Check: TypeAlias = Callable[[FloatArray | JointState], None]
+"""Raises JointError or MessageError for a target [m] (3,) or joints that cannot be the robot's."""
 
 _MAX_LAYOUTS = 64
 _REMEMBERED = 8192  # messages of each kind, a few MB
@@ -56,15 +59,25 @@ class _OpenTick:
         self.values: list[Any] = [None] * len(LEARNER_TOPICS)  # targets (3,) and joints, by rank
 
 
+def pass_all(value: FloatArray | JointState) -> None:
+    """Let every target and all joints pass, where no robot is known that they could be of."""
+
+
 class TickJoiner:
     """Joins the messages of one cycle to ticks.
 
     Within a tick the messages may come in any order, and topics may run ahead of one another; on each topic stamps
     must grow. Messages on other topics are passed over. Between cycles, which repeat the stamps, call `finish` (the
     cycle is over) or `clear` (it is given up).
+
+    Parameters
+    ----------
+    check : callable
+        What is asked of a target or of joints beyond finite numbers in a target.
     """
 
-    def __init__(self) -> None:
+    def __init__(self, check: Check = pass_all) -> None:
+        self._check = check
         self._open: dict[int, _OpenTick] = {}
         self._last = [-1] * len(LEARNER_TOPICS)
 
@@ -74,13 +87,19 @@ class TickJoiner:
         Raises
         ------
         MessageError
-            If the message has the wrong type, does not decode, holds NaN or infinity in a position, comes twice or out
-            of order, or completes a tick while an earlier one lacks a message.
+            If the message has the wrong type, does not decode, holds NaN or infinity in a target, comes twice or out
+            of order, or completes a tick while an earlier one lacks a message; or if it does not pass the check.
+        JointError
+            If its joints do not pass the check.
         """
         rank = RANKS.get(record.topic)
         if rank is None:
             return ()
         stamp, value = read_input(record, rank)
+        try:
+            self._check(value)
+        except (JointError, MessageError) as error:
+            raise type(error)(f"{_name(record)}: {error}") from None
         if stamp <= self._last[rank]:
             raise _out_of_order(record, stamp, self._last[rank])
         self._last[rank] = stamp
@@ -124,15 +143,15 @@ class TickJoiner:
         return Tick(stamp, left, right, joints, tuple(tick.records))  # type: ignore[arg-type]  # None is none of them
 
 
-def join_ticks(records: Iterable[Stamped]) -> Iterator[Tick]:
+def join_ticks(records: Iterable[Stamped], check: Check = pass_all) -> Iterator[Tick]:
     """Yield the ticks of one cycle, such as a whole episode log.
 
     Raises
     ------
-    MessageError
+    MessageError, JointError
         As `TickJoiner.feed` and `TickJoiner.finish` do.
     """
-    joiner = TickJoiner()
+    joiner = TickJoiner(check)
     for record in records:
         yield from joiner.feed(record)
     joiner.finish()
@@ -195,7 +214,8 @@ def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState
     Raises
     ------
     MessageError
-        If it has the wrong type, does not decode, or holds NaN or infinity in a position.
+        If it has the wrong type, does not decode, or is a target that holds NaN or infinity: which of the joints are a
+        robot's is not known here.
     """
     expected, read, read_remembered = _INPUTS[rank]
     if record.type != expected:
@@ -215,7 +235,6 @@ def _read_target(data: bytes) -> tuple[int, FloatArray]:
 
 def _read_joints(data: bytes) -> tuple[int, JointState]:
     joints = decode_as(JointState, data)
-    _refuse_nan(joints.position, joints.stamp_ns)  # robots publish NaN for an effort or velocity that they do not know
     return joints.stamp_ns, joints
 
 

@@ -7,14 +7,14 @@ from dataclasses import replace
 
 from recorders.cdr import decode_as, encode
 from recorders.errors import LogError, MessageError
-from recorders.live_ticks import MAX_MESSAGE, Check, LiveTick, LiveTicks, Refused
+from recorders.live_ticks import MAX_MESSAGE, LiveTick, LiveTicks, Refused
 from recorders.messages import String
 from recorders.parts import Log
 from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
 from recorders.session_reader import open_log
 from recorders.stream import Offer
-from recorders.ticks import RANKS
+from recorders.ticks import RANKS, Check, pass_all
 from recorders.topics import SESSION_PHASE
 from replay.engine import read_robot, renamed
 from replay.schedule import Schedule
@@ -61,7 +61,7 @@ class LiveStream:
         self,
         *,
         epochs: int = 1,
-        check: Check = lambda value: None,
+        check: Check = pass_all,
         phase: Phase | None = None,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
@@ -204,7 +204,7 @@ class LiveLog:
         path: Log,
         *,
         epochs: int = 1,
-        check: Check = lambda value: None,
+        check: Check = pass_all,
         renames: Mapping[str, str] = _NO_RENAMES,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
