@@ -12,10 +12,10 @@ from recorders.errors import LogError
 from recorders.parts import Log
 from recorders.records import Stamped
 from recorders.session_reader import Reader, open_log
-from recorders.ticks import JointMap, Tick, join_ticks
+from recorders.ticks import RANKS, JointMap, Tick, join_ticks
 from recorders.topics import SESSION_PHASE
 from replay.digests import link
-from replay.engine import naming, read_robot
+from replay.engine import naming, read_robot, renamed
 
 Floats = NDArray[np.float64]
 
@@ -190,9 +190,9 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
 
 
 def _first_presentation(reader: Reader) -> Iterator[Stamped]:
-    """Yield all messages of an episode, and of a session those between its first two phase markers."""
+    """Yield the learner's messages of an episode, and of a session those between its first two phase markers."""
     under_way = not reader.counts.get(SESSION_PHASE)
-    for message in reader:
+    for message in renamed(reader, {}, (SESSION_PHASE, *RANKS)):
         if message.topic == SESSION_PHASE:
             if under_way:
                 return

@@ -22,7 +22,7 @@ from recorders.rerun_recorder import Destination, send_motion
 from recorders.rerun_robot import RobotModel
 from recorders.rerun_track import TIMELINE, Instants, Track
 from recorders.session_reader import Reader, open_log
-from recorders.topics import LEFT_TARGET, RIGHT_TARGET
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, type_of
 from replay.engine import naming, read_robot, renamed
 
 PERIOD_S = 0.1
@@ -148,13 +148,16 @@ def _recorded_robot(reader: Reader) -> RobotConfig:
 
 
 def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
-    topics = {renames.get(topic, topic) for topic in reader.topics}
+    topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
     found = [topic for topic in JOINT_TOPICS if topic in topics]
-    if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics:
+    if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics.keys():
         raise LogError(
             f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {', '.join(JOINT_TOPICS)}, "
             f"found {', '.join(sorted(topics)) or 'nothing'}; give foreign names with --map"
         )
+    for topic in (LEFT_TARGET, RIGHT_TARGET, found[0]):
+        if topics[topic] not in ("", type_of(topic)):
+            raise LogError(f"{reader.path}: {topic}: expected {type_of(topic)}, found {topics[topic][:80]!r}")
     return found[0]
 
 

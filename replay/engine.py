@@ -14,7 +14,7 @@ from recorders.records import Stamped
 from recorders.session_reader import Reader, open_log
 from recorders.stream import Offer
 from recorders.ticks import TickJoiner
-from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
+from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
 from replay.digests import StreamDigest
 from replay.schedule import Schedule
 
@@ -110,21 +110,27 @@ class Episode:
 
 
 def renamed(reader: Reader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
-    """Yield the messages of a log on some topics, by our names for them.
+    """Yield the messages of a log on some topics, by our names for them, those without a type as of our topic's.
 
     Raises
     ------
     LogError
-        If the log cannot be read, or has no topic of a name that is to be replaced.
+        If the log cannot be read, has no topic of a name that is to be replaced, or one of another type than our topic.
     """
     if not renames:
-        yield from reader.records(topics=topics)
+        yield from map(typed, reader.records(topics=topics))
         return
     check_renames(renames, reader.topics, where=str(reader.path))
+    _check_types(renames, reader.topics, where=str(reader.path))
     for record in reader.records():
         topic = renames.get(record.topic, record.topic)
         if topic in topics:
-            yield record._replace(topic=topic)
+            yield typed(record._replace(topic=topic))
+
+
+def typed(record: Stamped) -> Stamped:
+    """Return a message with the type of its topic in the table of topics, if its writer has named none."""
+    return record if record.type else record._replace(type=type_of(record.topic))
 
 
 def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where: str) -> None:
@@ -138,6 +144,14 @@ def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where:
     if unknown := sorted(renames.keys() - set(topics)):
         found = ", ".join(sorted(set(topics))) or "none"
         raise LogError(f"{where}: --map: expected a topic {', '.join(unknown)}, found none; there are: {found}")
+
+
+def _check_types(renames: Mapping[str, str], topics: Mapping[str, str], *, where: str) -> None:
+    for foreign, ours in sorted(renames.items()):
+        if (found := topics[foreign]) and type_of(ours) not in ("", found):
+            raise LogError(
+                f"{where}: --map {foreign}={ours}: expected a topic of {type_of(ours)}, found one of {found[:80]!r}"
+            )
 
 
 def read_robot(reader: Reader) -> dict[str, str]:

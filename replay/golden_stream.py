@@ -11,6 +11,7 @@ from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
 from replay.compare import first_divergence
+from replay.engine import typed
 from replay.golden_case import Case
 from replay.golden_finding import LEARNING, Finding, of_message
 from replay.golden_recipe import Recipe
@@ -33,13 +34,13 @@ def expected_stream(case: Case) -> Iterator[Stamped]:
     """Yield the messages of the run, phase markers included."""
     recipe = case.recipe
     if recipe.as_recorded:
-        yield from LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE))
+        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE)))
         return
     presentations = enumerate(_presentations(recipe, len(case.logs)))
     for number, (epoch, cycle, phase, log) in presentations:
         marker = Phase(str(case.expected.get("run")), epoch, cycle, phase, case.logs[log].ticks_sha256)
         yield Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, encode(marker.to_message()), number, 0)
-        yield from LogReader(recipe.logs[log]).records(topics=_INPUTS)
+        yield from map(typed, LogReader(recipe.logs[log]).records(topics=_INPUTS))
 
 
 def _by_marker(stream: Iterator[Stamped]) -> Iterator[list[Stamped]]:

@@ -30,14 +30,15 @@ def split(log: Path, out: Path, at: Sequence[int], *, numbered: bool = True) -> 
 
 
 def write_foreign(path: Path, records: Sequence[Stamped]) -> Path:
-    """Write messages as another program does, by the library, and nothing of ours with them."""
+    """Write messages as another program does, by the library; a topic without a type has no schema."""
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
         channels: dict[str, int] = {}
         for record in records:
             if record.topic not in channels:
-                schema = writer.register_schema(record.type, "ros2msg", schema_text(record.type).encode())
+                kind = record.type
+                schema = writer.register_schema(kind, "ros2msg", schema_text(kind).encode()) if kind else 0
                 channels[record.topic] = writer.register_channel(record.topic, "cdr", schema)
             time_ns = record.log_time_ns
             writer.add_message(channels[record.topic], time_ns, record.data, time_ns, record.sequence)
