@@ -133,6 +133,7 @@ class Follower:
             commands=self._carried_out,
             refused=self.refused,
             slipped_s=self.slipped_s,
+            joints=self._backend.robot.joints,
         )
 
     def _is_done(self, stamp_ns: int, posture: Floats) -> bool:

@@ -8,7 +8,7 @@ One robot stands in a namespace:
 - `NAMESPACE/@robot/reset`: a query that carries a posture; the robot stands there at time 0 and answers alike.
 - `NAMESPACE/@robot/joints`: a query; answered with the joints as they are.
 - `NAMESPACE/@robot/status`: a query; answered with a `RobotStatus` as JSON.
-- `NAMESPACE/@robot/alive`: a liveliness token.
+- `NAMESPACE/@robot/alive`: a liveliness token; whoever only watches looks at `recorders.wire.node_keys`.
 - `NAMESPACE/robot_description` and `NAMESPACE/robot_config`: queries for the texts of URDF and TOML, for late joiners.
 
 A command is a JointState that names all joints of the robot, in any order. Its stamp is the robot's time at which it
@@ -40,6 +40,16 @@ MAX_COMMAND = 1 << 16
 """Larger commands, or more than fit in so much together, are refused unread [bytes]; one of 15 joints takes 404."""
 
 _LENGTH = 4  # bytes
+_STATUS_TYPES: dict[str, type] = {
+    "robot": str,
+    "real_time": bool,
+    "time_ns": int,
+    "period_ns": int,
+    "commands": int,
+    "refused": int,
+    "slipped_s": float,
+    "joints": tuple,
+}
 
 
 def robot_key(namespace: str, verb: str) -> str:
@@ -125,6 +135,7 @@ class RobotStatus:
     period_ns : how long a command holds [ns]
     commands, refused : how many commands it has carried out and refused
     slipped_s : how far its time has fallen behind the clock on the wall [s]
+    joints : names of its joints, in order; none if it does not say
     """
 
     robot: str
@@ -134,6 +145,7 @@ class RobotStatus:
     commands: int
     refused: int
     slipped_s: float
+    joints: tuple[str, ...] = ()
 
     def to_json(self) -> bytes:
         """Return the status as JSON."""
@@ -143,12 +155,15 @@ class RobotStatus:
     def from_json(cls, data: bytes) -> Self:
         """Read a status back; raises WireError if it is not one."""
         try:
-            status = cls(**json.loads(data))
-        except (ValueError, TypeError, RecursionError):
+            found = json.loads(data)
+            status = cls(**found | {"joints": tuple(found.get("joints", ()))})
+        except (ValueError, TypeError, AttributeError, RecursionError):
             raise WireError(f"expected the status of a robot, found {data[:80]!r}") from None
-        for name, kind in cls.__annotations__.items():
+        for name, kind in _STATUS_TYPES.items():
             if type(getattr(status, name)) is not kind:
                 raise WireError(f"status of a robot: found {name} {getattr(status, name)!r:.40}, of the wrong type")
+        if not all(isinstance(joint, str) for joint in status.joints):
+            raise WireError("status of a robot: expected names of joints, found something else")
         if status.period_ns <= 0:
             raise WireError(f"status of a robot: expected a period above 0, found {status.period_ns} ns")
         return status

@@ -1,13 +1,23 @@
 """Who is there already when a controller begins to serve: other controllers, a robot that may refuse its commands."""
 
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 import zenoh
 
+from pipeline.printable import printable
 from pipeline.robot_wire import RobotStatus, robot_key
-from recorders.errors import WireError
+from recorders.errors import JointError, WireError
 
 _ANSWER_S = 1.0  # who is there already answers within milliseconds
+_LOCKSTEP = (
+    "the robot moves in lockstep: it refuses a command unless the targets are stamped with its own time; "
+    "for any others start it with --real-time"
+)
+_SHOWN = 5  # joints in a line
+_MAX_NAME = 100
+_MAX_LINES = 100  # anybody may answer, again and again
 
 
 def controller_key(namespace: str, name: str, verb: str) -> str:
@@ -48,18 +58,93 @@ def refuse_company(session: zenoh.Session, name: str, *, namespace: str, beside_
     )
 
 
-def note_lockstep(session: zenoh.Session, *, namespace: str, say: Callable[[str], None]) -> None:
-    """Say so if the robot takes no command but at its own time, which whoever sends the targets may not know."""
-    for reply in session.get(robot_key(namespace, "status"), timeout=_ANSWER_S):
-        if reply.ok is not None and _is_lockstep(reply.ok.payload.to_bytes()):
-            say(
-                "the robot moves in lockstep: it refuses a command unless the targets are stamped with its own time; "
-                "for any others start it with --real-time"
-            )
+class RobotCheck:
+    """Asks the robot of a namespace whether it can follow a controller's commands, when it begins and when it comes.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    joints : tuple of str
+        Joints that the controller commands.
+    namespace : str
+        First part of every key.
+    say : callable
+        Told, once each, what whoever sends the targets may not know.
+    """
+
+    def __init__(
+        self, session: zenoh.Session, joints: tuple[str, ...], *, namespace: str, say: Callable[[str], None]
+    ) -> None:
+        self._session = session
+        self._joints = joints
+        self._namespace = namespace
+        self._say = say
+        self._said: set[str] = set()
+        self._came = threading.Event()
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Notice every robot that comes while the block runs; `check_newcomer` looks at it."""
+        key = robot_key(self._namespace, "alive")
+        with self._session.liveliness().declare_subscriber(key, self._on_token):
+            yield
+
+    def check(self) -> None:
+        """Ask the robot that is there already, if one is.
+
+        Raises
+        ------
+        JointError
+            If its joints are not those of the controller.
+        """
+        if (difference := self._ask()) is not None:
+            raise JointError(f"{difference}; serve a controller of this robot, or choose its --namespace")
+
+    def check_newcomer(self) -> None:
+        """Ask a robot that has come since the last call, and warn if its joints are not those of the controller."""
+        if self._came.is_set():
+            self._came.clear()
+            if (difference := self._ask()) is not None:
+                self._say_once(f"warning: {difference}; it refuses the commands")
+
+    def _ask(self) -> str | None:
+        """Return in what a robot differs, if it answers and does."""
+        for reply in self._session.get(robot_key(self._namespace, "status"), timeout=_ANSWER_S):
+            if reply.ok is None:
+                continue
+            try:
+                status = RobotStatus.from_json(reply.ok.payload.to_bytes())
+            except WireError:  # not a robot of ours: whatever it is will say itself what it refuses
+                continue
+            if difference := self._difference(status):
+                return difference
+            if not status.real_time:
+                self._say_once(_LOCKSTEP)
+        return None
+
+    def _difference(self, status: RobotStatus) -> str | None:
+        ours, theirs = set(self._joints), set(status.joints)
+        if not theirs or ours == theirs:
+            return None
+        parts = [_named("it lacks", ours - theirs), _named("the controller lacks", theirs - ours)]
+        who = printable(status.robot[:_MAX_NAME])
+        return f"robot '{who}' has other joints than the controller: {', '.join(filter(None, parts))}"
+
+    def _say_once(self, line: str) -> None:
+        if line not in self._said and len(self._said) < _MAX_LINES:
+            self._said.add(line)
+            self._say(line)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._came.set()
 
 
-def _is_lockstep(status: bytes) -> bool:
-    try:
-        return not RobotStatus.from_json(status).real_time
-    except WireError:  # not a robot of ours: whatever it is will say itself what it refuses
-        return False
+def _named(words: str, joints: set[str]) -> str:
+    """Return the first of some joints behind words, and how many more there are; nothing without any."""
+    if not joints:
+        return ""
+    first = [printable(name[:_MAX_NAME]) for name in sorted(joints)[:_SHOWN]]
+    more = f" and {len(joints) - _SHOWN} more" if len(joints) > _SHOWN else ""
+    return f"{words} {', '.join(first)}{more}"

@@ -17,7 +17,7 @@ import zenoh
 from pipeline.controller import Controller
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.serve_clerk import UNNUMBERED, Clerk
-from pipeline.serve_company import controller_key, note_lockstep, refuse_company
+from pipeline.serve_company import RobotCheck, controller_key, refuse_company
 from pipeline.serving import ServedController, ServingConfig
 from pipeline.serving_refusals import Refusal
 from pipeline.unpaused import unpaused
@@ -34,6 +34,8 @@ from recorders.wire.frames import (
     message_key,
     unpack,
 )
+from recorders.wire.node import running_node
+from recorders.wire.node_status import NodeSource
 from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writer import LogWriter
 
@@ -65,6 +67,8 @@ class ServeConfig:
         Whether a log of this name may be replaced.
     beside_others : bool
         Whether to serve in a namespace in which others of other names serve: all of them then send commands.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
 
     Raises
     ------
@@ -78,6 +82,7 @@ class ServeConfig:
     record: Path | None = None
     overwrite: bool = False
     beside_others: bool = False
+    metrics_port: int | None = None
 
     def __post_init__(self) -> None:
         check_name(self.name)
@@ -108,6 +113,8 @@ def serve(
         If the controller cannot be served.
     WireError
         If no session can be opened, or another controller serves in the namespace.
+    JointError
+        If the robot of the namespace has other joints.
     LogError
         If the log cannot be begun; at the end, if it could not be written.
     ConfigError
@@ -120,9 +127,22 @@ def serve(
     try:
         with clerk:
             node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk, on_command)
-            with open_session(session) as opened, unpaused(), node.declared(opened):
-                clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)}")
-                node.wait()
+            with (
+                open_session(session) as opened,
+                unpaused(),
+                node.declared(opened) as robot,
+                running_node(
+                    opened,
+                    node.source(),
+                    config=session,
+                    namespace=config.namespace,
+                    metrics_port=config.metrics_port,
+                    report=clerk.say,
+                ),
+            ):
+                where = ", ".join(session.listen or session.connect)
+                clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)} at {where}")
+                node.wait(robot)
     finally:
         if node is not None and node.serves:
             on_end(node.status(), node.controller())
@@ -173,18 +193,26 @@ class Node:
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
-    def declared(self, session: zenoh.Session) -> Iterator[None]:
+    def declared(self, session: zenoh.Session) -> Iterator[RobotCheck]:
         """Declare publisher, subscribers, status and, last, the liveliness token: who sees it may send targets.
+
+        Yields
+        ------
+        What looks at robots that come later.
 
         Raises
         ------
         WireError
             If another controller serves in the namespace.
+        JointError
+            If the robot that is there has other joints.
         """
         name, namespace = self._config.name, self._config.namespace
         refuse_company(session, name, namespace=namespace, beside_others=self._config.beside_others)
-        note_lockstep(session, namespace=namespace, say=self._clerk.say)
+        robot = RobotCheck(session, self._served.joints, namespace=namespace, say=self._clerk.say)
         with ExitStack() as stack:
+            stack.enter_context(robot.watching())
+            robot.check()
             self._publisher = stack.enter_context(
                 publishing(
                     session,
@@ -203,13 +231,39 @@ class Node:
             self.serves = True  # before anybody can know, and end it
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             stack.enter_context(self._looking_after_held())
-            yield
+            yield robot
 
-    def wait(self) -> None:
-        """Return never; raises what serving failed of, or what a signal's handler raises."""
+    def wait(self, robot: RobotCheck) -> None:
+        """Return never; raises what serving failed of, or what a signal's handler raises.
+
+        Parameters
+        ----------
+        robot : RobotCheck
+            Looks at robots that come meanwhile.
+        """
         while self._failure is None:
             time.sleep(_LOOK_S)  # a signal that comes just before a wait begins does not end it
+            robot.check_newcomer()
         raise self._failure
+
+    def source(self) -> NodeSource:
+        """Return what this node says of itself to whoever watches; none of it waits for a command, nor keeps one."""
+        return NodeSource(
+            "controller",
+            self._config.name,
+            state=lambda: "learning" if self._served.learning else "serving",
+            counts=self._counts,
+            latency_us=lambda: _percentiles(self._latencies()),
+            digests=lambda: {"controller": self._served.controller_digest},
+        )
+
+    def _counts(self) -> dict[str, int]:
+        return {"commands": self._commands, "recorded": self._clerk.written} | self._served.counts()
+
+    def _latencies(self) -> list[int]:
+        with self._lock:
+            recent = list(self._recent)
+        return [latency for _, latency in recent]
 
     def status(self) -> dict[str, Any]:
         """Return what the controller says of itself, and counts, rate and latencies of this node, as JSON has it.
@@ -219,14 +273,15 @@ class Node:
         """
         with self._lock:
             self._take_held()
-            status = self._served.status()
+            status = self._served.status_later()  # worked out below: no command waits for that
             recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
         return {
             "name": self._config.name,
-            **status,
+            "topics": list(self._ears),
+            **status(),
             "commands": commands,
             "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
-            "latency_us": _percentiles([latency for _, latency in recent]),
+            "latency_us": _percentiles([latency for _, latency in recent]) | {"commands": len(recent)},
             "recording": self._clerk.records,
             "recorded": self._clerk.written,
         }
@@ -403,7 +458,7 @@ def _sequence(topic: str, sample: zenoh.Sample) -> int:
     return messages[0].sequence if messages else UNNUMBERED
 
 
-def _percentiles(latencies_ns: list[int]) -> dict[str, float | int | None]:
+def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:
     values = np.percentile(latencies_ns, [50, 90, 99, 100]).tolist() if latencies_ns else [None] * 4
     named = zip(("p50", "p90", "p99", "max"), values, strict=True)
-    return {name: None if value is None else value / 1e3 for name, value in named} | {"commands": len(latencies_ns)}
+    return {name: None if value is None else value / 1e3 for name, value in named}

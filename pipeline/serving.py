@@ -1,6 +1,7 @@
 """The learned controller at work: hand targets in, joint commands out, learning on if asked; no transport."""
 
 import struct
+import time
 from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -19,7 +20,7 @@ from pipeline.samples import CommandedPairs
 from pipeline.serving_calls import ServingCalls
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
-from pipeline.serving_restart import RESTART_AFTER, RestartWatch
+from pipeline.serving_restart import LEAP_NS, RESTART_AFTER, RestartWatch
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ControllerError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
@@ -100,9 +101,11 @@ class ServedController:
     A phase marker begins a new cycle, within which stamps start anew: the washout is made again. In a cycle marked for
     another phase than `learn` nothing is learned.
 
-    A message stamped no later than the last tick answered is stale, and refused. But after `RESTART_AFTER` stale ticks
-    in a row, each topic's stamps rising, their publisher's clock has begun anew, or the tick answered came from ahead
-    of it: a new cycle begins with the next tick, which `say` is told the first time.
+    A message stamped no later than the last tick answered is stale, and one stamped more than `LEAP_NS` later than the
+    time that has passed since then is ahead; both are refused, so that a single tick from nowhere moves no robot, and
+    keeps no later one from doing so. But after `RESTART_AFTER` such ticks in a row, stale or ahead, each topic's stamps
+    rising and no tick answered between them, their publisher's clock has begun anew, or the tick answered came from
+    another clock: a new cycle begins with the next tick, which `say` is told the first time.
 
     Parameters
     ----------
@@ -112,6 +115,11 @@ class ServedController:
         Learning, washout, what is reported.
     say : callable
         Told a line of the first message refused for each reason, and of the first clock that began anew.
+
+    Attributes
+    ----------
+    controller_digest : str
+        Digest of the controller as it was loaded.
 
     Raises
     ------
@@ -135,6 +143,7 @@ class ServedController:
                 f"expected a controller of two hands and the joints of {self._robot.name}, "
                 f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints)}"
             )
+        self.controller_digest = controller.digest
         self._learner = controller.learner()
         self._encoder = CommandEncoder(controller.joints)
         self._poses = PoseReader()
@@ -163,7 +172,8 @@ class ServedController:
         self._accepted = self._outside = self._learned = 0
         self._learning = self._config.learn
         self._open: dict[int, tuple[list[Any], list[Any]]] = {}  # by stamp: values and records, each as in `topics`
-        self._behind = RestartWatch(len(self._topics))
+        self._behind, self._ahead = RestartWatch(len(self._topics)), RestartWatch(len(self._topics))
+        self._answered_ns = 0  # when the last tick was answered, by the monotonic clock
         self._restarted = False
         self._begin()
         self._warm_up()
@@ -172,6 +182,16 @@ class ServedController:
     def topics(self) -> tuple[str, ...]:
         """The topics of which a tick consists."""
         return self._topics
+
+    @property
+    def joints(self) -> tuple[str, ...]:
+        """The joints that are commanded."""
+        return self._controller.joints
+
+    @property
+    def learning(self) -> bool:
+        """Whether it learns at present."""
+        return self._learning
 
     @property
     def between_ticks(self) -> bool:
@@ -219,7 +239,7 @@ class ServedController:
         if self._open or self._fresh or self._config.learn:
             return None
         stamp = self._calls.answer(left, right, self._last_stamp)
-        if stamp < 0:
+        if stamp < 0 or (stamp - self._last_stamp > LEAP_NS and self._is_ahead(stamp)):
             return None
         self._unsettled = True
         self._last_stamp = stamp
@@ -237,8 +257,10 @@ class ServedController:
             return
         self._unsettled = False
         self._accepted += 1
-        if self._behind.noted:
+        self._answered_ns = time.monotonic_ns()
+        if self._behind.noted or self._ahead.noted:
             self._behind.reset()
+            self._ahead.reset()
         self._learner.check(self._calls.settle(advance=not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
@@ -255,11 +277,14 @@ class ServedController:
         `digest` is the state digest now, pending u included; `hand_error_cm` is eq. (10) over the last predictions
         that met their d.
         """
+        return self.status_later()()
+
+    def status_later(self) -> Callable[[], dict[str, Any]]:
+        """Return what works out the status of now, whatever happens to the controller meanwhile."""
         self.settle()
         clipped = zip(self._robot.joints, self._calls.clipped.tolist(), strict=True)
-        return {
-            "controller": self._controller.digest,
-            "digest": state_digest(self._learner.state(), self._pairs.pending),
+        figures = {
+            "controller": self.controller_digest,
             "learning": self._learning,
             "accepted": self._accepted,
             "refused": dict(self._refused),
@@ -267,8 +292,20 @@ class ServedController:
             "outside": self._outside,
             "clipped": {name: count for name, count in clipped if count},
             "learned_steps": self._learned,
-            "hand_error_cm": self._error_cm(),
         }
+        state, pending, scored = self._learner.state(), self._pairs.pending, tuple(self._scored)
+        return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": self._error_cm(scored)}
+
+    def counts(self) -> dict[str, int]:
+        """Return what was counted so far; may be called from any thread."""
+        refused = dict(self._refused)
+        by_reason = {f"refused {reason}": count for reason, count in refused.items()}
+        return {
+            "accepted": self._accepted,
+            "refused": sum(refused.values()),
+            "outside": self._outside,
+            "learned_steps": self._learned,
+        } | by_reason
 
     def controller(self) -> Controller:
         """Return the controller as it is now, with what it was made from."""
@@ -301,16 +338,18 @@ class ServedController:
         self._last_stamp = -1
         self._fresh = True
         self._behind.reset()
+        self._ahead.reset()
 
-    def _begin_anew(self, stamp: int) -> None:
+    def _begin_anew(self, stamp: int, reason: Refusal) -> None:
         """Begin a cycle without a marker, as stamps have."""
         if not self._restarted:
             self._say(
-                f"{RESTART_AFTER} ticks in a row are stale, the last at {stamp} ns after one at {self._last_stamp} ns: "
-                "a new cycle begins with the next"
+                f"{RESTART_AFTER} ticks in a row are {reason}, the last at {stamp} ns after one at "
+                f"{self._last_stamp} ns: a new cycle begins with the next"
             )
         self._restarted = True
         self._begin()
+        self._last_stamp, self._answered_ns = stamp, time.monotonic_ns()  # by the clock that is followed from now on
 
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
@@ -357,9 +396,10 @@ class ServedController:
     def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
         if stamp <= self._last_stamp:
             line = f"{record.topic}: expected a stamp after {self._last_stamp} ns, found {stamp} ns"
-            if self._behind.note(place, stamp):
-                self._begin_anew(stamp)
-            raise RefusedError(Refusal.STALE, line)
+            raise self._out_of_time(Refusal.STALE, line, stamp, self._behind.note(place, stamp))
+        if self._is_ahead(stamp):
+            line = f"{record.topic}: expected a stamp soon after {self._last_stamp} ns, found {stamp} ns"
+            raise self._out_of_time(Refusal.AHEAD, line, stamp, self._ahead.note(place, stamp))
         tick = self._open.get(stamp)
         if tick is None:
             if len(self._open) >= MAX_OPEN:
@@ -369,6 +409,17 @@ class ServedController:
         elif tick[1][place] is not None:
             raise RefusedError(Refusal.REPEATED, f"{record.topic}: a second message at {stamp} ns")
         return tick
+
+    def _is_ahead(self, stamp: int) -> bool:
+        """Whether a stamp is farther from the last than time can have passed, by any clock that runs as ours does."""
+        leap = stamp - self._last_stamp
+        return self._last_stamp >= 0 and leap > LEAP_NS and leap > LEAP_NS + time.monotonic_ns() - self._answered_ns
+
+    def _out_of_time(self, reason: Refusal, line: str, stamp: int, goes_on: bool) -> RefusedError:
+        """Return the error of a stale message or one ahead; begin anew if enough of them go on there."""
+        if goes_on:
+            self._begin_anew(stamp, reason)
+        return RefusedError(reason, line)
 
     def _drop_before(self, stamp: int) -> None:
         for older in [other for other in self._open if other < stamp]:
@@ -416,8 +467,8 @@ class ServedController:
             self._scored.append((u[0].copy(), outputs[0, 6:]))
             self._learned += self._learning
 
-    def _error_cm(self) -> float | None:
-        if self._kinematics is None or not self._scored:
+    def _error_cm(self, scored: tuple[tuple[Floats, Floats], ...]) -> float | None:
+        if self._kinematics is None or not scored:
             return None
-        targets, postures = (np.array(column) for column in zip(*self._scored, strict=True))
+        targets, postures = (np.array(column) for column in zip(*scored, strict=True))
         return float(hand_errors(self._kinematics, postures, targets).mean() * 100.0)

@@ -11,6 +11,7 @@ class Refusal(StrEnum):
     """Why a message is refused; the last good command is held."""
 
     STALE = "stale"  # not newer than the last targets that were accepted
+    AHEAD = "ahead"  # much later than the time that has passed since then
     REPEATED = "repeated"  # the same topic and stamp as one that waits for its partner
     WRONG_TYPE = "wrong type"
     UNDECODABLE = "undecodable"

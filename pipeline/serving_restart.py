@@ -1,11 +1,14 @@
-"""When stamps that lie behind are a publisher that began anew, and no longer messages that come late."""
+"""When stamps out of time are a publisher whose clock began anew, and no longer messages that come late or astray."""
 
 RESTART_AFTER = 10
-"""Ticks in a row that must lie behind: more than are under way between two nodes, and two seconds at 5 Hz."""
+"""Ticks in a row that must be out of time: more than are under way between two nodes, and two seconds at 5 Hz."""
+
+LEAP_NS = 10 * 10**9
+"""How much farther than time has passed a stamp may leap: a recording that is played fast has gaps."""
 
 
 class RestartWatch:
-    """Notices that every topic of a tick goes on, message after message, behind what was answered last.
+    """Notices that every topic of a tick goes on, message after message, away from what was answered last.
 
     Parameters
     ----------
@@ -29,7 +32,7 @@ class RestartWatch:
         self._counts = [0] * self._topics
 
     def note(self, place: int, stamp: int) -> bool:
-        """Note a message behind; True once `RESTART_AFTER` in a row rose on every topic."""
+        """Note a message out of time; True once `RESTART_AFTER` in a row rose on every topic."""
         self.noted = True
         rises = stamp > self._stamps[place]
         self._counts[place] = self._counts[place] + 1 if rises else 1

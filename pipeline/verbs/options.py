@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -60,6 +61,11 @@ Await = Annotated[
 ]
 Wait = Annotated[float, typer.Option(help="How long to wait for the other end to appear.", min=0, metavar="SECONDS")]
 
+_EXPOSED = (
+    "warning: listens beyond this machine at {}: without credentials, whoever reaches it may read everything, command "
+    "the robot and feed the learner; see data/zenoh/README.md"
+)
+
 
 def help_without_verb(ctx: typer.Context) -> None:
     """Print the help, and end with status 2, where the command line names no verb."""
@@ -76,14 +82,20 @@ def session_config(
     listens: bool,
     wait_s: float = 10.0,
 ) -> "SessionConfig":
-    """Return where a session listens and connects; a verb that `listens` does so by default, the others connect."""
-    from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig
+    """Return where a session listens and connects; a verb that `listens` does so by default, the others connect.
+
+    Warns on standard error of endpoints that other machines may reach.
+    """
+    from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, beyond_loopback
 
     config = SessionConfig(
         listen=tuple(listen or ()), connect=tuple(connect or ()), config_file=config_file, wait_s=wait_s
     )
     default = (DEFAULT_ENDPOINT,)
-    return config.resolved(listen=default) if listens else config.resolved(connect=default)
+    resolved = config.resolved(listen=default) if listens else config.resolved(connect=default)
+    if exposed := beyond_loopback(resolved.listen):
+        console.say(_EXPOSED.format(", ".join(exposed)))
+    return resolved
 
 
 def renames(pairs: list[str] | None) -> dict[str, str]:

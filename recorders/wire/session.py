@@ -1,5 +1,6 @@
 """Opens Zenoh sessions: loopback only, no scouting, nothing listening unless asked."""
 
+import ipaddress
 import json
 import os
 import re
@@ -115,6 +116,45 @@ class SessionConfig:
         for name, value in settings.items():
             config.insert_json5(name, json.dumps(value))
         return config
+
+
+def beyond_loopback(listen: Sequence[str]) -> list[str]:
+    """Return the endpoints that others than the processes of this machine may reach.
+
+    A host name counts as loopback only if every address that it stands for is one.
+
+    Parameters
+    ----------
+    listen : sequence of str
+        Endpoints as a resolved `SessionConfig` has them.
+    """
+    return [endpoint for endpoint in listen if not _is_loopback(endpoint)]
+
+
+def _is_loopback(endpoint: str) -> bool:
+    found = _ENDPOINT.fullmatch(endpoint)
+    if found is None or found["host"] is None:
+        return endpoint.startswith("unixsock-stream/")
+    try:
+        addresses = socket.getaddrinfo(found["host"].strip("[]"), None)
+    except (OSError, UnicodeError):
+        return False
+    return all(_is_loopback_address(str(address[0])) for *_, address in addresses)
+
+
+def _is_loopback_address(address: str) -> bool:
+    parsed = ipaddress.ip_address(address)
+    mapped = parsed.ipv4_mapped if isinstance(parsed, ipaddress.IPv6Address) else None
+    return (mapped or parsed).is_loopback
+
+
+def endpoint_of(connect: Sequence[str], destination: str) -> str | None:
+    """Return the endpoint, of those that a session connects to, at which one of its links ends; None if at none.
+
+    By port: a link names the address that a host name stood for. Where several share one, the link's own is returned.
+    """
+    found = [endpoint for endpoint in connect if _port(endpoint) == _port(destination)]
+    return found[0] if len(found) == 1 else destination if found else None
 
 
 def read_as_it_comes() -> None:

@@ -178,7 +178,8 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
     assert status["rate_hz"] > 0
     assert summary["name"] == "anna"
     assert summary["digest"] == status["digest"]
-    assert said.splitlines() == ["anna serves lab/asimo/joint_commands"]
+    (line,) = said.splitlines()
+    assert line == f"anna serves lab/asimo/joint_commands at {watcher.endpoint}"
 
 
 @pytest.mark.parametrize("listens", [True, False])
@@ -346,7 +347,7 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
         line = complaint(reenact(*second, "--name", "anna", cwd=tmp_path))
         assert line.endswith("choose a --namespace, or allow both with --beside-others and another --name")
         with start(*second, "--name", "berta", "--beside-others", "--json", cwd=tmp_path) as beside:
-            assert wait_for_line(beside, "serves") == "berta serves reenact/joint_commands\n"
+            assert wait_for_line(beside, "serves") == f"berta serves reenact/joint_commands at {watcher.endpoint}\n"
             for record in targets(1, samples.targets[0]):
                 watcher.put(record)
             assert [watcher.command()[0] for _ in range(2)] == [1, 1]

@@ -1,5 +1,6 @@
 """The served controller answers as an evaluation does, refuses what is no target, and learns as a training does."""
 
+import time
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
@@ -307,13 +308,13 @@ def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_
     said: list[str] = []
     config = ServingConfig(learn=learn, washout_steps=0)
     served = ServedController(controller, config=config, say=said.append)
-    ahead = [whole_tick(10**18 + k) for k in (0, 1)]
-    assert len(feed(served, ahead[0])) == 1
+    assert len(feed(served, whole_tick(10**18))) == 1
     stale = [whole_tick(k) for k in range(1, RESTART_AFTER + 1)]
     assert feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS]) == []
     assert len(feed(served, whole_tick(RESTART_AFTER + 1))) == 1
     assert served.status()["refused"] == {"stale": RESTART_AFTER * (3 if learn else 2)}
-    assert len(feed(served, ahead[1])) == 1
+    again = [whole_tick(10**18 + k) for k in range(1, RESTART_AFTER + 2)]
+    assert len(feed(served, [m for tick in again for m in tick if learn or m.topic != SAMPLE_JOINTS])) == 1
     feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS])
     assert [line for line in said if "a new cycle begins" in line] == [
         f"{RESTART_AFTER} ticks in a row are stale, the last at {RESTART_AFTER} ns after one at {10**18} ns: "
@@ -324,6 +325,35 @@ def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_
 def whole_tick(stamp_ns: int) -> list[Stamped]:
     robot = load_robot("asimo")
     return [*pair(stamp_ns), record(SAMPLE_JOINTS, JointState(stamp_ns, robot.joints, robot.comfort))]
+
+
+@pytest.mark.parametrize("usual", [False, True])
+def test_a_pair_from_far_ahead_moves_no_robot_and_delays_no_later_one(controller: Controller, usual: bool) -> None:
+    served, undisturbed = ServedController(controller), ServedController(controller)
+    feed(served, pair(1))
+    feed(undisturbed, pair(1))
+    for k in range(2, 3 * RESTART_AFTER):
+        forged = pair(10**18 + k, CENTRE + 0.1)
+        if usual:
+            assert served.answer_usual(forged[0].data, forged[1].data) is None
+        assert feed(served, forged) == []
+        assert [c.data for c in feed(served, pair(k))] == [c.data for c in feed(undisturbed, pair(k))] != []
+    assert served.status()["refused"] == {"ahead": 2 * (3 * RESTART_AFTER - 2)}
+
+
+def test_a_pause_is_no_leap_but_a_clock_that_leaps_is_followed(
+    controller: Controller, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    now_ns = 5
+    monkeypatch.setattr(time, "monotonic_ns", lambda: now_ns)
+    served = ServedController(controller)
+    assert len(feed(served, pair(1))) == 1
+    served.settle()
+    now_ns += 3600 * 10**9
+    assert len(feed(served, pair(1 + 3600 * 10**9))) == 1  # as long as the pause was
+    leapt = [message for k in range(RESTART_AFTER + 1) for message in pair(10**18 + k)]
+    assert [command.stamp_ns for command in feed(served, leapt)] == [10**18 + RESTART_AFTER]
+    assert served.status()["refused"] == {"ahead": 2 * RESTART_AFTER}
 
 
 def test_late_messages_that_do_not_go_on_begin_nothing(controller: Controller) -> None:

@@ -1,0 +1,77 @@
+"""Reports connections that are lost, nodes that are gone, and when either is back."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from datetime import datetime
+
+import zenoh
+
+from recorders.wire.node_keys import node_key, node_of
+from recorders.wire.session import SessionConfig, endpoint_of
+
+LASTING = ("robot", "controller")
+"""Nodes that end only when they are told to; all others also end by themselves, and are not missed."""
+
+_MAX_KNOWN = 1000  # anyone may declare a token: later ones are not looked after
+
+
+class _Losses:
+    """Knows what was there; what goes is lost, and what was lost may come back."""
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._lock = threading.Lock()
+        self._is_there: dict[str, bool] = {}
+
+    def note(self, what: str, *, is_there: bool) -> None:
+        """Note that something is there, or is not any more; report it if that is a change."""
+        with self._lock:
+            before = self._is_there.get(what)
+            if before is None and (not is_there or len(self._is_there) >= _MAX_KNOWN):
+                return
+            self._is_there[what] = is_there
+        if before is not None and before != is_there:
+            now = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
+            self._report(f"{'back' if is_there else 'lost'} {what} at {now}")
+
+
+@contextmanager
+def watching_connections(
+    session: zenoh.Session, config: SessionConfig, *, namespace: str, report: Callable[[str], None]
+) -> Iterator[None]:
+    """Report in one line, with the time, what goes and what comes back while the block runs.
+
+    These are the connections to the endpoints that a session connects to, and the robots and controllers of the
+    namespace, wherever they are connected. Zenoh tells of both as it happens; a cut that neither end notices, such as
+    a pulled cable, takes as long as its lease, 10 s. To be entered after the session's own tokens are declared.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    config : SessionConfig
+        Where it connects, resolved.
+    namespace : str
+        First part of every key.
+    report : callable
+        Takes a line; called on threads of Zenoh's.
+    """
+    losses = _Losses(report)
+
+    def on_link(event: zenoh.LinkEvent) -> None:
+        endpoint = endpoint_of(config.connect, str(event.link.dst))
+        if endpoint is not None:
+            losses.note(endpoint, is_there=event.kind == zenoh.SampleKind.PUT)
+
+    def on_token(sample: zenoh.Sample) -> None:
+        node = node_of(namespace, str(sample.key_expr))
+        if node is not None and node.kind in LASTING:
+            losses.note(str(node), is_there=sample.kind == zenoh.SampleKind.PUT)
+
+    tokens = node_key(namespace, "*", "*", "alive")
+    with (
+        session.info.declare_link_events_listener(on_link, history=True),
+        session.liveliness().declare_subscriber(tokens, on_token, history=True),
+    ):
+        yield
