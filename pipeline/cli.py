@@ -11,7 +11,19 @@ from typer.core import TyperGroup
 
 from pipeline import console
 from pipeline.printable import printable
-from pipeline.verbs import demonstrating, exploring, golden, logs, network, offline, paper, recording, serving, viewing
+from pipeline.verbs import (
+    demonstrating,
+    exploring,
+    golden,
+    logs,
+    network,
+    offline,
+    paper,
+    recording,
+    serving,
+    status,
+    viewing,
+)
 from pipeline.verbs.options import help_without_verb
 from pipeline.verbs.stopping import words
 from recorders.errors import ReenactError
@@ -66,6 +78,7 @@ app.command(
     "Before, in a second terminal: reenact learn --out controller.npz"
 )(network.replay)
 app.command(epilog="Example: reenact serve controller.npz --record served.mcap")(serving.serve)
+app.command(epilog="Example: reenact status --watch")(status.status)
 app.command(epilog="Example: reenact evaluate controller.npz eight --deploy")(offline.evaluate)
 app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(offline.diff)
 app.command(epilog="Example: reenact info session.mcap")(logs.info)

@@ -33,6 +33,11 @@ class LearnerVoice:
         An open session.
     namespace : str
         First part of every key.
+
+    Attributes
+    ----------
+    digests : dict of str to str
+        State and stream digest, as reported last.
     """
 
     def __init__(self, session: zenoh.Session, *, namespace: str) -> None:
@@ -41,6 +46,7 @@ class LearnerVoice:
         self._producer = Producer(session, namespace=namespace)
         self._said = 0
         self._stack = ExitStack()
+        self.digests: dict[str, str] = {}
 
     def __enter__(self) -> Self:
         self._stack.enter_context(self._producer)
@@ -63,7 +69,7 @@ class LearnerVoice:
     def report(self, report: CycleReport, **counts: Any) -> None:
         """Say what a cycle has come to, with further counts in its status."""
         where = {"epoch": report.epoch, "cycle": report.cycle, "phase": report.phase}
-        digests = {"state": report.digest, "stream": report.stream_digest}
+        digests = self.digests = {"state": report.digest, "stream": report.stream_digest}
         say: Callable[..., Stamped] = self._producer.publish
         say(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
         status = where | {"ticks": report.ticks} | counts

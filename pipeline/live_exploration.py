@@ -21,6 +21,9 @@ from recorders.phase import Phase
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
+from recorders.wire.node import running_node
+from recorders.wire.node_keys import node_name
+from recorders.wire.node_status import NodeSource
 from recorders.wire.session import SessionConfig, open_session
 from replay.schedule import Schedule
 from replay.zenoh_transport import SenderConfig, ZenohTransport
@@ -179,6 +182,7 @@ def explore_live(
     teacher: TeacherConfig = _TEACHER,
     config: ExplorationConfig = _EXPLORATION,
     progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
 ) -> LiveExploration:
     """Let the teacher lead a robot node through a motion, and stream the session to the consumers that are awaited.
 
@@ -198,6 +202,8 @@ def explore_live(
         Parameters.
     progress : callable
         Called with the fraction done, 0 to 1.
+    say : callable
+        Told, a line each, what it loses sight of.
 
     Raises
     ------
@@ -214,8 +220,15 @@ def explore_live(
         )
         live.settle()
         robot.wait()
-        transport = ZenohTransport(opened, config=replace(sender, batch=1))
-        consumers = transport.deliver(live.offer(), live.stream_from)
+        node = NodeSource(
+            "explorer",
+            node_name(presented.name),
+            state=lambda: "exploring" if live.messages else "waiting",
+            counts=lambda: {"messages": live.messages},
+        )
+        with running_node(opened, node, config=session, namespace=sender.namespace, report=say):
+            transport = ZenohTransport(opened, config=replace(sender, batch=1))
+            consumers = transport.deliver(live.offer(), live.stream_from)
     return LiveExploration(
         run=live.offer().run,
         robot=robot.robot.name,

@@ -20,6 +20,7 @@ from pipeline.training import Trainer
 from recorders.errors import ConfigError, WireError
 from recorders.records import Stamped
 from recorders.wire.frames import Frame, Kind
+from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Event, Live, Offered, Receiver
 from replay.live_stream import LIVE_TOPICS, LiveStream, live_offer
 
@@ -124,6 +125,21 @@ class LiveLearner:
         result = self._trainer.result() | {"run": self._stream.run} | self._counts()
         self._take_leave(result)
         return result
+
+    def source(self, name: str) -> NodeSource:
+        """Return what this learner says of itself to whoever watches."""
+        return NodeSource(
+            "learner",
+            name,
+            state=lambda: "learning live" if self._stream.ticks else "waiting",
+            counts=lambda: {
+                "ticks": self._stream.ticks,
+                "dropped": self._stream.dropped,
+                "gaps": self._stream.gaps,
+                "refused": sum(tuple(self._stream.refused.values())) + sum(tuple(self._receiver.refused.values())),
+            },
+            digests=lambda: self._voice.digests,
+        )
 
     def _heard(self, stopped: Callable[[], bool], keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
         """Yield the stream that a learner can take, until it is over; in a pause, what came before it is learned."""

@@ -13,6 +13,7 @@ from pipeline.signals import until_stopped
 from pipeline.training import Trainer
 from recorders.errors import ConfigError, WireError
 from recorders.records import Stamped
+from recorders.wire.node import running_node
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writer import LogWriter
@@ -26,6 +27,7 @@ def learn_live(
     session: SessionConfig,
     receiver: ReceiverConfig,
     config: LiveConfig | None = None,
+    metrics_port: int | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Learn from what anyone publishes, until Ctrl-C, SIGTERM, enough ticks, or the end of a stream that awaits this.
@@ -42,8 +44,10 @@ def learn_live(
         Where it listens or connects; its name and namespace.
     config : LiveConfig
         When it ends, and what it keeps.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
     say : callable
-        Told, a line each, that the learner is ready, and of what it refuses.
+        Told, a line each, that the learner is ready, of what it refuses, and of what it loses sight of.
 
     Returns
     -------
@@ -71,11 +75,19 @@ def learn_live(
             until_stopped() as stopped,
         ):
             learner = LiveLearner(trainer, robot, config, receiving, voice, say=say)
-            say(
-                f"{receiver.name} learns {robot.name} from {receiver.namespace}/** "
-                f"at {', '.join(session.listen or session.connect)}; Ctrl-C ends it"
-            )
-            return learner.run(stopped, keep=recording.keep)
+            with running_node(
+                opened,
+                learner.source(receiver.name),
+                config=session,
+                namespace=receiver.namespace,
+                metrics_port=metrics_port,
+                report=say,
+            ):
+                say(
+                    f"{receiver.name} learns {robot.name} from {receiver.namespace}/** "
+                    f"at {', '.join(session.listen or session.connect)}; Ctrl-C ends it"
+                )
+                return learner.run(stopped, keep=recording.keep)
 
 
 def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:

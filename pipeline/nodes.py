@@ -8,6 +8,8 @@ from pipeline.training import Trainer
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.wire.frames import batch_topic
+from recorders.wire.node import running_node
+from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.clock import Clock, Unpaced, paced
@@ -18,6 +20,7 @@ OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in 
 """What the learner listens to: a message here that is not of its stream is refused aloud."""
 
 _UNPACED = Unpaced()
+_NAME_DIGITS = 8  # of a session's identifier, by which a replay is told from others
 
 
 def learn(
@@ -25,12 +28,14 @@ def learn(
     *,
     session: SessionConfig,
     receiver: ReceiverConfig,
+    metrics_port: int | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Wait for a stream over Zenoh, learn from all of it, and return what is to be said of it.
 
-    `say` is told, a line each, when the learner is ready and what it refuses. A checkpoint, if there is to be one, is
-    also kept when the learner is stopped.
+    `say` is told, a line each, when the learner is ready, what it refuses, and what it loses sight of. A checkpoint, if
+    there is to be one, is also kept when the learner is stopped. With a `metrics_port`, its status is there for
+    Prometheus, on 127.0.0.1.
 
     Raises
     ------
@@ -43,6 +48,14 @@ def learn(
         open_session(session) as opened,
         LearnerVoice(opened, namespace=receiver.namespace) as voice,
         Receiver(opened, config=receiver, say=say) as receiving,
+        running_node(
+            opened,
+            _learner(trainer, receiving, voice, name=receiver.name),
+            config=session,
+            namespace=receiver.namespace,
+            metrics_port=metrics_port,
+            report=say,
+        ),
     ):
         trainer.report_to(voice.report)
         trainer.show_steps_to(voice.show)
@@ -57,19 +70,37 @@ def learn(
             raise
 
 
+def _learner(trainer: Trainer, receiver: Receiver, voice: LearnerVoice, *, name: str) -> NodeSource:
+    """Return what a learner that waits for a stream says of itself to whoever watches."""
+
+    def state() -> str:
+        return "waiting" if receiver.offer is None else "learning"
+
+    def counts() -> dict[str, int]:
+        return {
+            "ticks": trainer.ticks,
+            "messages": receiver.progress.next,
+            "refused": sum(tuple(receiver.refused.values())),
+        }
+
+    return NodeSource("learner", name, state=state, counts=counts, digests=lambda: voice.digests)
+
+
 def replay(
     source: Source,
     *,
     session: SessionConfig,
     sender: SenderConfig,
     clock: Clock = _UNPACED,
+    metrics_port: int | None = None,
     on_progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Send a stream to the consumers that are awaited, and return their results.
 
-    `say` is told, in one line, if nobody listens to a stream that nobody need await. `on_progress` is told nothing of a
-    stream whose length nobody knows.
+    `say` is told, a line each, if nobody listens to a stream that nobody need await, and what it loses sight of.
+    `on_progress` is told nothing of a stream whose length nobody knows. With a `metrics_port`, the status of the replay
+    is there for Prometheus, on 127.0.0.1.
 
     Raises
     ------
@@ -91,6 +122,15 @@ def replay(
             on_progress(consumed / offer.messages)
 
     with open_session(session) as opened:
-        transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say)
-        results = transport.deliver(offer, counted)
+        node = NodeSource(
+            "replay",
+            str(opened.info.zid())[:_NAME_DIGITS],
+            state=lambda: "sending" if sent else "waiting",
+            counts=lambda: {"messages": sent},
+        )
+        with running_node(
+            opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port, report=say
+        ):
+            transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say)
+            results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}

@@ -14,7 +14,7 @@ from pipeline.backend import VisibleRobot
 from pipeline.follower import Follower, FollowerConfig
 from pipeline.robot import RobotConfig
 from pipeline.robot_inbox import MAX_WAITING, Inbox
-from pipeline.robot_wire import MAX_COMMAND, config_key, robot_key, unpack_commands
+from pipeline.robot_wire import MAX_COMMAND, config_key, robot_digest, robot_key, unpack_commands
 from pipeline.simulation import Simulation
 from pipeline.telemetry import joints_message
 from recorders.cdr import encode
@@ -24,6 +24,9 @@ from recorders.records import Stamped
 from recorders.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
 from recorders.wire.direct import direct
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
+from recorders.wire.node import running_node
+from recorders.wire.node_keys import node_name
+from recorders.wire.node_status import NodeSource
 from recorders.wire.producer import Producer
 from recorders.wire.session import SessionConfig, open_session
 
@@ -126,6 +129,26 @@ class RobotNode:
             self._run_with_the_clock()
         while True:
             self._handle_next(timeout_s=_QUIET_S)
+
+    def source(self) -> NodeSource:
+        """Return what this node says of itself to whoever watches."""
+        robot = self._backend.robot
+        return NodeSource(
+            "robot",
+            node_name(robot.name),
+            state=lambda: "real time" if self._config.real_time else "lockstep",
+            counts=self._counts,
+            digests=lambda: {"robot": robot_digest(robot.toml_text, robot.urdf_text)},
+        )
+
+    def _counts(self) -> dict[str, int]:
+        status = self._robot.status
+        return {
+            "commands": status.commands,
+            "refused": status.refused,
+            "messages": self._producer.published,
+            "slipped_ms": round(status.slipped_s * 1e3),
+        }
 
     def _run_with_the_clock(self) -> NoReturn:
         period_s = self._config.period_ns / 1e9
@@ -258,9 +281,12 @@ def run_robot(
     session: SessionConfig,
     namespace: str = DEFAULT_NAMESPACE,
     config: FollowerConfig | None = None,
+    metrics_port: int | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> NoReturn:
     """Simulate a robot and let it follow commands over Zenoh, until an exception ends it, such as a signal's.
+
+    With a `metrics_port`, its status is there for Prometheus too, on 127.0.0.1.
 
     Raises
     ------
@@ -273,6 +299,7 @@ def run_robot(
     with (
         open_session(session) as opened,
         RobotNode(backend, opened, namespace=namespace, config=config, say=say) as node,
+        running_node(opened, node.source(), config=session, namespace=namespace, metrics_port=metrics_port, report=say),
     ):
         say(f"{robot.name} waits for commands at {', '.join(session.listen or session.connect)}")
         node.run()

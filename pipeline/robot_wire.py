@@ -20,6 +20,7 @@ topic has said and as what is lost on the way is sent again: it changes nothing.
 ROS 2 knows that from a topic that is transient local.
 """
 
+import hashlib
 import json
 from collections.abc import Iterable
 from dataclasses import asdict, dataclass
@@ -60,6 +61,11 @@ def robot_key(namespace: str, verb: str) -> str:
 def config_key(namespace: str) -> str:
     """Return the key on which a robot answers with the text of its TOML file."""
     return f"{namespace}/robot_config"
+
+
+def robot_digest(toml: str, urdf: str) -> str:
+    """Return the SHA-256 of a robot's two texts, by which a robot and a controller show that they mean the same one."""
+    return hashlib.sha256(f"{toml}\0{urdf}".encode()).hexdigest()
 
 
 def pack_commands(commands: Iterable[bytes]) -> bytes:

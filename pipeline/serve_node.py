@@ -16,6 +16,7 @@ import zenoh
 
 from pipeline.controller import Controller
 from pipeline.robot import TOML_FILE, URDF_FILE
+from pipeline.robot_wire import robot_digest
 from pipeline.serve_clerk import UNNUMBERED, Clerk
 from pipeline.serve_company import RobotCheck, controller_key, refuse_company
 from pipeline.serving import ServedController, ServingConfig
@@ -126,7 +127,7 @@ def serve(
     node = None
     try:
         with clerk:
-            node = Node(ServedController(controller, config=config.serving, say=clerk.say), config, clerk, on_command)
+            node = Node(controller, config, clerk, on_command)
             with (
                 open_session(session) as opened,
                 unpaused(),
@@ -157,7 +158,7 @@ class Node:
 
     Parameters
     ----------
-    served : ServedController
+    controller : Controller
         Answers the targets.
     config : ServeConfig
         Name and namespace.
@@ -174,13 +175,13 @@ class Node:
 
     def __init__(
         self,
-        served: ServedController,
+        controller: Controller,
         config: ServeConfig,
         clerk: Clerk,
         on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
-        self._served = served
+        self._served = served = ServedController(controller, config=config.serving, say=clerk.say)
         self._config = config
         self._clerk = clerk
         self._lock = threading.Lock()  # several connections have several reading threads
@@ -190,6 +191,10 @@ class Node:
         self.serves = False
         self._ears = {topic: _Ear(topic) for topic in (*served.topics, SESSION_PHASE)}
         self._held: _Heard | None = None
+        self._digests = {
+            "controller": controller.digest,
+            "robot": robot_digest(controller.robot_toml, controller.robot_urdf),
+        }
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
@@ -254,7 +259,7 @@ class Node:
             state=lambda: "learning" if self._served.learning else "serving",
             counts=self._counts,
             latency_us=lambda: _percentiles(self._latencies()),
-            digests=lambda: {"controller": self._served.controller_digest},
+            digests=lambda: self._digests,
         )
 
     def _counts(self) -> dict[str, int]:

@@ -116,11 +116,6 @@ class ServedController:
     say : callable
         Told a line of the first message refused for each reason, and of the first clock that began anew.
 
-    Attributes
-    ----------
-    controller_digest : str
-        Digest of the controller as it was loaded.
-
     Raises
     ------
     ControllerError, RobotError
@@ -143,7 +138,6 @@ class ServedController:
                 f"expected a controller of two hands and the joints of {self._robot.name}, "
                 f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints)}"
             )
-        self.controller_digest = controller.digest
         self._learner = controller.learner()
         self._encoder = CommandEncoder(controller.joints)
         self._poses = PoseReader()
@@ -284,7 +278,7 @@ class ServedController:
         self.settle()
         clipped = zip(self._robot.joints, self._calls.clipped.tolist(), strict=True)
         figures = {
-            "controller": self.controller_digest,
+            "controller": self._controller.digest,
             "learning": self._learning,
             "accepted": self._accepted,
             "refused": dict(self._refused),

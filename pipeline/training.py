@@ -158,6 +158,11 @@ class Trainer:
         return None if self._run is None else self._run.so_far()
 
     @property
+    def ticks(self) -> int:
+        """Ticks of the run so far; 0 before there is one."""
+        return 0 if self._run is None else self._run.counts.ticks
+
+    @property
     def epochs(self) -> int:
         """Epochs of the run that was accepted."""
         return self._running().learner.config.epochs

@@ -48,6 +48,10 @@ class LearningError(ReenactError):
     """A training came to its end, and nothing was learned."""
 
 
+class UnreachedError(WireError):
+    """Nothing listens where a session is to connect."""
+
+
 class CheckFailed(ReenactError):
     """A check was made and does not hold."""
 

@@ -17,6 +17,7 @@ from recorders.records import Stamped
 from recorders.ros import is_known, typestore
 from recorders.topics import type_of
 from recorders.wire.frames import Frame, Kind
+from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Event, Live, Offered, Receiver
 from recorders.writer import LogWriter
 
@@ -185,6 +186,25 @@ class LiveRecorder:
         if until_end and self.recording.broken:
             raise WireError(f"{self._out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
+
+    def source(self, name: str) -> NodeSource:
+        """Return what this recorder says of itself to whoever watches."""
+        return NodeSource(
+            "recorder",
+            name,
+            state=lambda: "recording a stream" if self._streaming else "recording",
+            counts=self._counts,
+        )
+
+    def _counts(self) -> dict[str, int]:
+        recording = self.recording
+        totals = {"gaps": recording.gaps, "opaque": recording.opaque, "refused": recording.refused}
+        return {
+            "messages": recording.messages,
+            "bytes": recording.size,
+            "left_out": recording.left_out,
+            "broken": len(recording.broken),
+        } | {name: sum(tuple(counted.values())) for name, counted in totals.items()}
 
     def _is_over(self, receiver: Receiver) -> bool:
         """Whether a stream has ended, and its sender needs no more from here; one that is gone is left."""

@@ -14,6 +14,7 @@ from pipeline.verbs.options import (
     ListenFirst,
     Namespace,
     Overwrite,
+    Prometheus,
     Robot,
     Seed,
     Wait,
@@ -104,6 +105,7 @@ def robot(
     connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
 ) -> None:
     """Simulate a robot that follows joint commands over Zenoh.
 
@@ -112,11 +114,13 @@ def robot(
     from pipeline.follower import FollowerConfig
     from pipeline.robot import load_robot
     from pipeline.robot_node import run_robot
+    from recorders.wire.metrics import check_metrics
 
+    check_metrics(prometheus)
     config = load_robot(robot)
     following = FollowerConfig(rate_hz=rate, real_time=real_time)
     session = session_config(listen, connect, zenoh_config, listens=True)
-    run_robot(config, session=session, namespace=namespace, config=following, say=console.say)
+    run_robot(config, session=session, namespace=namespace, config=following, metrics_port=prometheus, say=console.say)
 
 
 def _drive(
@@ -142,5 +146,6 @@ def _drive(
             session=session_config(None, connect, zenoh_config, listens=False, wait_s=wait_s),
             sender=sender,
             progress=advance,
+            say=console.say,
         )
     return asdict(live)

@@ -16,6 +16,7 @@ from pipeline.verbs.options import (
     Logs,
     Namespace,
     Overwrite,
+    Prometheus,
     Renames,
     Seed,
     StreamsRobot,
@@ -62,6 +63,7 @@ def learn(
     connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
     overwrite: Overwrite = False,
     view: View = False,
     viewer: Viewer = None,
@@ -83,10 +85,12 @@ def learn(
     from pipeline.robot import load_robot
     from pipeline.training import CheckpointConfig
     from recorders.part_file import check_place
+    from recorders.wire.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
 
     if not live and (ticks is not None or epochs is not None or record is not None or overwrite):
         raise ConfigError("--ticks, --epochs, --record and --overwrite: expected --live beside them")
+    check_metrics(prometheus)
     check_writable(out)
     if checkpoint is not None:
         check_writable(checkpoint)
@@ -109,10 +113,16 @@ def learn(
         if live:
             lasting = LiveConfig(epochs=epochs or 1, ticks=ticks, record=record, overwrite=overwrite)
             result = learn_live(
-                trainer, robot=config, session=session, receiver=receiver, config=lasting, say=console.say
+                trainer,
+                robot=config,
+                session=session,
+                receiver=receiver,
+                config=lasting,
+                metrics_port=prometheus,
+                say=console.say,
             )
         else:
-            result = run(trainer, session=session, receiver=receiver, say=console.say)
+            result = run(trainer, session=session, receiver=receiver, metrics_port=prometheus, say=console.say)
     trainer.check_learned()
     trainer.controller().save(out)
     console.show(result | {"controller": str(out)}, as_json=as_json)
@@ -168,6 +178,7 @@ def replay(
     connect: Connect = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
     as_json: Json = False,
 ) -> None:
     """Replay logs over Zenoh, into learners or to whoever listens.
@@ -177,9 +188,11 @@ def replay(
     """
     from pipeline.nodes import replay as run
     from pipeline.playing import Guarded, keyboard
+    from recorders.wire.metrics import check_metrics
     from replay.clock import Paced, Pausable, Unpaced
     from replay.zenoh_transport import SenderConfig
 
+    check_metrics(prometheus)
     source = _source(logs, epochs, as_recorded, play, renames(map_), loop, start, end, topic)
     if against is not None:
         source = Guarded(source, against, everything=play)
@@ -202,6 +215,7 @@ def replay(
             session=session,
             sender=sender,
             clock=clock if rate is not None else pace,
+            metrics_port=prometheus,
             on_progress=advance,
             say=console.say,
         )

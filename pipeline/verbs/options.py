@@ -53,6 +53,10 @@ ConnectInstead = Annotated[
     ),
 ]
 Namespace = Annotated[str, typer.Option(help="First part of every Zenoh key.", metavar="KEY")]
+Prometheus = Annotated[
+    int | None,
+    typer.Option(help="Port on 127.0.0.1 at which Prometheus may read the status.", min=1, max=65535, metavar="PORT"),
+]
 ZenohConfig = Annotated[
     Path | None, typer.Option(help="Zenoh configuration (JSON5): credentials, TLS, access control.", metavar="FILE")
 ]

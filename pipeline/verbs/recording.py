@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.verbs.options import Connect, Json, Listen, Namespace, Overwrite, ZenohConfig, session_config
+from pipeline.verbs.options import Connect, Json, Listen, Namespace, Overwrite, Prometheus, ZenohConfig, session_config
 
 if TYPE_CHECKING:
     from recorders.live import Recording
@@ -35,6 +35,7 @@ def record(
     connect: Connect = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
     as_json: Json = False,
 ) -> None:
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
@@ -42,9 +43,12 @@ def record(
     from recorders.live import LiveRecorder, RecordConfig
     from recorders.quantities import parse_size_or_time
     from recorders.topics import ROBOT_DESCRIPTION
+    from recorders.wire.metrics import check_metrics
+    from recorders.wire.node import running_node
     from recorders.wire.receiver import Receiver, ReceiverConfig
     from recorders.wire.session import open_session
 
+    check_metrics(prometheus)
     split_bytes, split_ns = (None, None) if split is None else parse_size_or_time(split, "--split")
     config = RecordConfig(tuple(include or ()), tuple(exclude or ()), split_bytes, split_ns)
     kept = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
@@ -57,6 +61,14 @@ def record(
         ) as recorder,  # first, as it refuses a name that is taken
         open_session(session) as opened,
         Receiver(opened, config=receiving, say=console.say) as receiver,
+        running_node(
+            opened,
+            recorder.source(name),
+            config=session,
+            namespace=namespace,
+            metrics_port=prometheus,
+            report=console.say,
+        ),
         until_stopped() as stopped,
     ):
         where = ", ".join(session.listen or session.connect)

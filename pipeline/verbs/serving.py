@@ -13,6 +13,7 @@ from pipeline.verbs.options import (
     ListenFirst,
     Namespace,
     Overwrite,
+    Prometheus,
     ZenohConfig,
     session_config,
 )
@@ -43,6 +44,7 @@ def serve(
     connect: ConnectInstead = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
     overwrite: Overwrite = False,
     view: View = False,
     viewer: Viewer = None,
@@ -57,6 +59,7 @@ def serve(
     from pipeline.serve_node import ServeConfig
     from pipeline.serve_node import serve as run
     from pipeline.serving import ServingConfig
+    from recorders.wire.metrics import check_metrics
     from recorders.wire.session import read_as_it_comes
 
     last: dict[str, Any] = {}
@@ -67,6 +70,7 @@ def serve(
         console.show(status, as_json=as_json)
         last.update(status)
 
+    check_metrics(prometheus)
     if out is not None:
         check_writable(out)
     config = ServeConfig(
@@ -76,6 +80,7 @@ def serve(
         record=record,
         overwrite=overwrite,
         beside_others=beside_others,
+        metrics_port=prometheus,
     )
     session = session_config(listen, connect, zenoh_config, listens=True)
     if not session.listen:

@@ -7,7 +7,7 @@ from datetime import datetime
 
 import zenoh
 
-from recorders.wire.node_keys import node_key, node_of
+from recorders.wire.node_keys import NodeId, node_key, node_of
 from recorders.wire.session import SessionConfig, endpoint_of
 
 LASTING = ("robot", "controller")
@@ -38,11 +38,11 @@ class _Losses:
 
 @contextmanager
 def watching_connections(
-    session: zenoh.Session, config: SessionConfig, *, namespace: str, report: Callable[[str], None]
+    session: zenoh.Session, config: SessionConfig, *, own: NodeId, namespace: str, report: Callable[[str], None]
 ) -> Iterator[None]:
     """Report in one line, with the time, what goes and what comes back while the block runs.
 
-    These are the connections to the endpoints that a session connects to, and the robots and controllers of the
+    These are the connections to the endpoints that a session connects to, and all other robots and controllers of the
     namespace, wherever they are connected. Zenoh tells of both as it happens; a cut that neither end notices, such as
     a pulled cable, takes as long as its lease, 10 s. To be entered after the session's own tokens are declared.
 
@@ -52,6 +52,8 @@ def watching_connections(
         An open session.
     config : SessionConfig
         Where it connects, resolved.
+    own : NodeId
+        The node that this session is of.
     namespace : str
         First part of every key.
     report : callable
@@ -66,7 +68,7 @@ def watching_connections(
 
     def on_token(sample: zenoh.Sample) -> None:
         node = node_of(namespace, str(sample.key_expr))
-        if node is not None and node.kind in LASTING:
+        if node is not None and node != own and node.kind in LASTING:
             losses.note(str(node), is_there=sample.kind == zenoh.SampleKind.PUT)
 
     tokens = node_key(namespace, "*", "*", "alive")

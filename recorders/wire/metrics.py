@@ -1,5 +1,7 @@
 """The status of a node for Prometheus, on loopback alone."""
 
+import os
+import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
@@ -11,23 +13,28 @@ if TYPE_CHECKING:
     from prometheus_client.metrics_core import Metric
 
 _HOST = "127.0.0.1"
+_TAKEN = "--prometheus: expected a free port of 127.0.0.1, found {}: {}; choose another"
 _MISSING = "--prometheus: expected the package prometheus-client; install it with `pip install 'reenact[metrics]'`"
 
 
 def check_metrics(port: int | None) -> None:
-    """Check that what metrics need is installed, if they are asked for.
+    """Check, before anything is begun, that metrics can be served if they are asked for.
 
     Raises
     ------
     ConfigError
-        If it is not.
+        If prometheus-client is not installed, or the port is in use.
     """
     if port is None:
         return
     try:
-        import prometheus_client  # noqa: F401, PLC0415  # an extra, and only for those who ask
+        import prometheus_client  # noqa: F401, PLC0415  # an extra, for those who ask
+
+        socket.create_server((_HOST, port)).close()
     except ImportError as error:
         raise ConfigError(_MISSING) from error
+    except OSError as error:
+        raise ConfigError(_TAKEN.format(port, os.strerror(error.errno or 0))) from error
 
 
 @contextmanager
@@ -44,12 +51,11 @@ def metrics_served(meter: NodeMeter, port: int | None) -> Iterator[None]:
     Raises
     ------
     ConfigError
-        If the port is in use, or prometheus-client is not installed.
+        If the port is in use.
     """
     if port is None:
         yield
         return
-    check_metrics(port)
     from prometheus_client import CollectorRegistry, start_http_server  # noqa: PLC0415
 
     registry = CollectorRegistry(auto_describe=False)
@@ -57,7 +63,7 @@ def metrics_served(meter: NodeMeter, port: int | None) -> Iterator[None]:
     try:
         server, thread = start_http_server(port, addr=_HOST, registry=registry)
     except OSError as error:
-        raise ConfigError(f"--prometheus: port {port} of {_HOST}: {error.strerror}; choose another") from error
+        raise ConfigError(_TAKEN.format(port, os.strerror(error.errno or 0))) from error
     try:
         yield
     finally:

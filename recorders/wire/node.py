@@ -7,6 +7,7 @@ import zenoh
 
 from recorders.wire.connection_watch import watching_connections
 from recorders.wire.metrics import metrics_served
+from recorders.wire.node_keys import NodeId
 from recorders.wire.node_status import NodeSource, declared_node
 from recorders.wire.session import SessionConfig
 
@@ -46,6 +47,6 @@ def running_node(
     with (
         declared_node(session, source, namespace=namespace) as meter,
         metrics_served(meter, metrics_port),
-        watching_connections(session, config, namespace=namespace, report=report),
+        watching_connections(session, config, own=NodeId(source.kind, source.name), namespace=namespace, report=report),
     ):
         yield

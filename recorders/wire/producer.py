@@ -25,6 +25,11 @@ class Producer:
         An open session.
     namespace : str
         First part of every key.
+
+    Attributes
+    ----------
+    published : int
+        How many messages it has published.
     """
 
     def __init__(self, session: zenoh.Session, *, namespace: str = DEFAULT_NAMESPACE) -> None:
@@ -33,7 +38,7 @@ class Producer:
         self._namespace = namespace
         self._publishers: dict[str, zenoh.Publisher] = {}
         self._numbered: Counter[str] = Counter()
-        self._published = 0
+        self.published = 0
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -57,10 +62,10 @@ class Producer:
             The producer's time [ns], for whoever records.
         """
         record = Stamped(topic, message.TYPE, encode(message), self._numbered[topic], log_time_ns)
-        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self._published, (record,)))
+        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self.published, (record,)))
         self._publisher(topic, message.TYPE).put(payload, attachment=attachment)
         self._numbered[topic] += 1
-        self._published += 1
+        self.published += 1
         return record
 
     def _publisher(self, topic: str, type_name: str) -> zenoh.Publisher:

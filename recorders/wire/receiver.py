@@ -291,6 +291,11 @@ class Receiver:
         self._hearing.close()
 
     @property
+    def progress(self) -> Progress:
+        """How far the stream under way has come, or the last one."""
+        return self._progress
+
+    @property
     def offer(self) -> Offer | None:
         """The offer that was accepted and is not through yet."""
         return self._offer

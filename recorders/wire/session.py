@@ -15,7 +15,7 @@ from typing import Any, Self
 import zenoh
 
 from recorders.descriptors import need_descriptors
-from recorders.errors import WireError
+from recorders.errors import UnreachedError, WireError
 from recorders.wire.config_file import endpoints, read_config, reason, said
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -235,7 +235,7 @@ def _open(config: SessionConfig) -> zenoh.Session:
                 _await_links(session, config, deadline)
             return session
         if time.monotonic() >= deadline:
-            raise WireError(_unreached(config.connect, config))
+            raise _unreached(config.connect, config)
         time.sleep(_RETRY_S)
 
 
@@ -244,7 +244,7 @@ def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float)
     try:
         while missing := _unlinked(session, config.connect):
             if time.monotonic() >= deadline:
-                raise WireError(_unreached(missing, config))
+                raise _unreached(missing, config)
             time.sleep(_RETRY_S)
     except BaseException:
         _insist(session.close)
@@ -270,14 +270,14 @@ def _failure(config: SessionConfig, error: Exception) -> str:
     return f"no session on {where}{file}: {text}{hint}"
 
 
-def _unreached(connect: Sequence[str], config: SessionConfig) -> str:
+def _unreached(connect: Sequence[str], config: SessionConfig) -> WireError:
     for endpoint in connect:
         if _answers(endpoint):
-            return (
+            return WireError(
                 f"{endpoint} is there, but let no session in within {config.wait_s:g} s; "
                 "expected Zenoh over this protocol, and the user, password or certificates that it asks for"
             )
-    return (
+    return UnreachedError(
         f"nothing listens at {', '.join(connect)} within {config.wait_s:g} s; "
         f"start the other end there, such as `reenact robot --listen {connect[0]}` or "
         f"`reenact learn --listen {connect[0]}`, or give another --connect"
