@@ -1,9 +1,12 @@
 """Reports connections that are lost, nodes that are gone, and when either is back."""
 
+import queue
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from datetime import datetime
+from typing import Self
 
 import zenoh
 
@@ -13,27 +16,50 @@ from recorders.wire.session import SessionConfig, endpoint_of
 LASTING = ("robot", "controller")
 """Nodes that end only when they are told to; all others also end by themselves, and are not missed."""
 
+_GRACE_S = 0.5
 _MAX_KNOWN = 1000  # anyone may declare a token: later ones are not looked after
 
 
 class _Losses:
-    """Knows what was there; what goes is lost, and what was lost may come back."""
+    """Knows what was there; what goes is lost, and what was lost may come back.
+
+    A loss is reported a little later, with its own time: the end of a node whose peers end with it is none.
+    """
 
     def __init__(self, report: Callable[[str], None]) -> None:
         self._report = report
         self._lock = threading.Lock()
         self._is_there: dict[str, bool] = {}
+        self._lines: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()  # when each is due
+        self._over = threading.Event()
+        self._thread = threading.Thread(target=self._work, name="losses", daemon=True)
+
+    def __enter__(self) -> Self:
+        self._thread.start()
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._over.set()
+        self._lines.put((0.0, ""))
+        self._thread.join()
 
     def note(self, what: str, *, is_there: bool) -> None:
         """Note that something is there, or is not any more; report it if that is a change."""
+        now = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
         with self._lock:
             before = self._is_there.get(what)
             if before is None and (not is_there or len(self._is_there) >= _MAX_KNOWN):
                 return
             self._is_there[what] = is_there
-        if before is not None and before != is_there:
-            now = datetime.now().astimezone().isoformat(sep=" ", timespec="seconds")
-            self._report(f"{'back' if is_there else 'lost'} {what} at {now}")
+            if before is not None and before != is_there:
+                line = f"{'back' if is_there else 'lost'} {what} at {now}"
+                self._lines.put((time.monotonic() + (0.0 if is_there else _GRACE_S), line))
+
+    def _work(self) -> None:
+        while not self._over.is_set():
+            due_s, line = self._lines.get()
+            if not self._over.wait(max(0.0, due_s - time.monotonic())):
+                self._report(line)
 
 
 @contextmanager
@@ -57,9 +83,8 @@ def watching_connections(
     namespace : str
         First part of every key.
     report : callable
-        Takes a line; called on threads of Zenoh's.
+        Takes a line; called on a thread of its own.
     """
-    losses = _Losses(report)
 
     def on_link(event: zenoh.LinkEvent) -> None:
         endpoint = endpoint_of(config.connect, str(event.link.dst))
@@ -73,6 +98,7 @@ def watching_connections(
 
     tokens = node_key(namespace, "*", "*", "alive")
     with (
+        _Losses(report) as losses,
         session.info.declare_link_events_listener(on_link, history=True),
         session.liveliness().declare_subscriber(tokens, on_token, history=True),
     ):

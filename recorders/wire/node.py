@@ -37,7 +37,7 @@ def running_node(
     metrics_port : int, optional
         Port on 127.0.0.1 for Prometheus.
     report : callable
-        Takes a line for whatever is lost or back; called on threads of Zenoh's.
+        Takes a line for whatever is lost or back; called on a thread of its own.
 
     Raises
     ------
