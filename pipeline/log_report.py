@@ -28,7 +28,7 @@ def overview(summary: LogSummary) -> dict[str, str]:
         "written by": f"{found.library or 'unknown'}; profile {found.profile or 'none'}",
         "state": _state(summary),
         "protection": "CRCs protect every message" if summary.protected else _unprotected(summary),
-        "content": _CONTENT[summary.content_holds] + _COUNTS[summary.counts_hold],
+        "content": _CONTENT[summary.content_holds] + _counts(summary),
         "time": _times(summary),
         "attachments": ", ".join(f"{each.name} ({_bytes(each.size)})" for each in found.attachments) or "none",
     }
@@ -100,7 +100,13 @@ _CONTENT: Mapping[bool | None, str] = {
     None: "the manifest has no hash of the messages",
 }
 
-_COUNTS: Mapping[bool | None, str] = {True: "", False: ", and NOT as many as the summary says", None: ""}
+_TOTALS_NAMED = 3
+
+
+def _counts(summary: LogSummary) -> str:
+    wrong = summary.wrong_totals
+    more = f"; and {len(wrong) - _TOTALS_NAMED} more" if len(wrong) > _TOTALS_NAMED else ""
+    return f", and NOT as many as the summary says: {'; '.join(wrong[:_TOTALS_NAMED])}{more}" if wrong else ""
 
 
 def _state(summary: LogSummary) -> str:

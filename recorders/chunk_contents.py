@@ -6,11 +6,9 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from recorders.damage import damaged
-from recorders.mcap_records import HEAD, Record, chunk_data
+from recorders.mcap_records import FIRST_RESERVED, HEAD, Record, chunk_data
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
-
-PRIVATE = 0x80  # records from here on are other programs' own, and to be passed over
 
 _DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
@@ -53,7 +51,7 @@ def checked(chunk: Record) -> bytes:
     """Return the data of a chunk; raises DamagedLog if the chunk or a record in it is damaged, or does not belong."""
     data = chunk_data(chunk)
     for opcode, _, _ in split(data, chunk.offset):
-        if opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS and opcode < PRIVATE:
+        if opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS and opcode < FIRST_RESERVED:
             raise damaged(chunk.offset, f"a record of kind {opcode} in a chunk")
     return data
 

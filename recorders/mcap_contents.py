@@ -1,10 +1,11 @@
 """What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
 
+import struct
 import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from io import SEEK_END
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import (
@@ -22,6 +23,11 @@ from recorders.damage import damaged
 from recorders.mcap_records import CRC, Record, parse, summary_records
 from recorders.mcap_sections import check_data_section, read_footer, record_at
 
+_ATTACHMENT_TIMES = 16  # bytes of an attachment before its texts
+_ATTACHMENT_TEXTS = 2  # its name and its media type
+_TEXT_LENGTH = struct.Struct("<I")
+_DATA_LENGTH = struct.Struct("<Q")
+
 
 @dataclass
 class Channels:
@@ -37,12 +43,15 @@ class Channels:
         Topics that are asked for; all if None.
     chosen : dict
         The same as `topics`, but None for a channel that is not asked for.
+    complete : bool
+        Whether each channel's schema was there before it.
     """
 
     schemas: dict[int, str] = field(default_factory=dict)
     topics: dict[int, tuple[str, str]] = field(default_factory=dict)
     wanted: frozenset[str] | None = None
     chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
+    complete: bool = True
 
     def learn(self, record: Record) -> None:
         """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
@@ -51,6 +60,7 @@ class Channels:
             self.schemas[schema.id] = schema.name
         elif record.opcode == Opcode.CHANNEL:
             channel = parse(Channel, record)
+            self.complete &= not channel.schema_id or channel.schema_id in self.schemas
             self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
 
     def learn_from(self, other: "Channels") -> None:
@@ -64,6 +74,13 @@ class Channels:
         self.chosen[channel] = declared if self.wanted is None or declared[0] in self.wanted else None
 
 
+class Place(NamedTuple):
+    """Where something stands in a file [bytes], and its name."""
+
+    offset: int
+    name: str
+
+
 @dataclass
 class Contents:
     """What a log contains.
@@ -74,8 +91,8 @@ class Contents:
         Every channel of the log.
     counts : Counter
         Number of messages by topic.
-    metadata, attachments : dict
-        Offset in the file [bytes] by name; of several of one name the last.
+    metadata, attachments : list of Place
+        Where each stands, by its name; several may have one.
     chunks : ChunkTable
         Where the chunks stand.
     sound : bool
@@ -84,8 +101,8 @@ class Contents:
 
     channels: Channels = field(default_factory=Channels)
     counts: Counter[str] = field(default_factory=Counter)
-    metadata: dict[str, int] = field(default_factory=dict)
-    attachments: dict[str, int] = field(default_factory=dict)
+    metadata: list[Place] = field(default_factory=list)
+    attachments: list[Place] = field(default_factory=list)
     chunks: ChunkTable = field(default_factory=ChunkTable)
     sound: bool = False
 
@@ -97,14 +114,14 @@ class Contents:
                 self.chunks.learn(record)
             case Opcode.METADATA_INDEX:
                 metadata_index = parse(MetadataIndex, record)
-                self.metadata[metadata_index.name] = metadata_index.offset
+                self.metadata.append(Place(metadata_index.offset, metadata_index.name))
             case Opcode.ATTACHMENT_INDEX:
                 attachment_index = parse(AttachmentIndex, record)
-                self.attachments[attachment_index.name] = attachment_index.offset
+                self.attachments.append(Place(attachment_index.offset, attachment_index.name))
             case Opcode.METADATA:
-                self.metadata[parse(Metadata, record).name] = record.offset
+                self.metadata.append(Place(record.offset, parse(Metadata, record).name))
             case Opcode.ATTACHMENT:
-                self.attachments[parse(Attachment, record).name] = record.offset
+                self.attachments.append(Place(record.offset, parse(Attachment, record).name))
 
 
 def read_contents(file: BinaryIO) -> Contents | None:
@@ -130,16 +147,21 @@ def read_contents(file: BinaryIO) -> Contents | None:
         return None
     for channel, (topic, _) in contents.channels.topics.items():
         contents.counts[topic] += statistics.channel_message_counts.get(channel, 0)
+    contents.metadata.sort()
+    contents.attachments.sort()
     whole = contents.chunks.ordered and len(contents.chunks) == statistics.chunk_count
     contents.sound = whole and bool(footer.summary_crc)
     return contents
 
 
 def _all_indexed(contents: Contents, statistics: Statistics) -> bool:
+    """Whether a summary says all that one asks of it: writers may leave out any part of it."""
     return (
-        len(contents.channels.topics) == statistics.channel_count
-        and bool(contents.metadata) == bool(statistics.metadata_count)
-        and bool(contents.attachments) == bool(statistics.attachment_count)
+        contents.channels.complete
+        and len(contents.channels.topics) == statistics.channel_count
+        and len(contents.metadata) == statistics.metadata_count
+        and len(contents.attachments) == statistics.attachment_count
+        and sum(statistics.channel_message_counts.values()) == statistics.message_count
     )
 
 
@@ -160,13 +182,30 @@ def read_attachment(file: BinaryIO, offset: int) -> bytes:
 
 def check_attachment(record: Record) -> bool:
     """Return whether an attachment has a CRC of its own; raises DamagedLog if that does not hold."""
-    if not attachment_has_crc(record):
+    place = crc_place(record)
+    stated = record.body[place : place + CRC.size]
+    if not any(stated):
         return False
-    if record.body[-CRC.size :] != CRC.pack(zlib.crc32(memoryview(record.body)[: -CRC.size])):
+    if stated != CRC.pack(zlib.crc32(memoryview(record.body)[:place])):
         raise damaged(record.offset, "the CRC of an attachment does not hold")
     return True
 
 
 def attachment_has_crc(record: Record) -> bool:
-    """Whether an attachment has a CRC of its own: 0 means none."""
-    return record.body[-CRC.size :] != bytes(CRC.size)
+    """Whether an attachment has a CRC of its own: 0 means none. Raises DamagedLog if it is not whole."""
+    place = crc_place(record)
+    return any(record.body[place : place + CRC.size])
+
+
+def crc_place(record: Record) -> int:
+    """Return where the CRC of an attachment stands in its body: behind its data, and there may be more behind it."""
+    place = _ATTACHMENT_TIMES
+    try:
+        for _ in range(_ATTACHMENT_TEXTS):
+            place += _TEXT_LENGTH.size + _TEXT_LENGTH.unpack_from(record.body, place)[0]
+        place += _DATA_LENGTH.size + _DATA_LENGTH.unpack_from(record.body, place)[0]
+    except struct.error:
+        place = len(record.body)
+    if place + CRC.size > len(record.body):
+        raise damaged(record.offset, "an attachment is not as long as it says")
+    return place

@@ -21,6 +21,7 @@ from recorders.record_lengths import LARGE, MAX_CHUNK, check_length
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 29  # opcode, length, two offsets, CRC
+FIRST_RESERVED = 0x10  # kinds from here on are unknown, and to be passed over: later ones of MCAP, and private ones
 
 HEAD = struct.Struct("<BQ")  # opcode, length of the body
 CRC = struct.Struct("<I")
@@ -29,6 +30,7 @@ INDEX = struct.Struct("<HI")  # of a message index: channel, length of the entri
 _INDEX_HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _CHUNK = struct.Struct("<QQQII")  # first and last log time, size, CRC, length of the compression's name
 _LENGTH = struct.Struct("<Q")
+_FOOTER_OFFSETS = 16  # bytes of a footer before its CRC
 _PARSE_ERRORS = (McapError, struct.error, ValueError, OverflowError, KeyError)
 _DATA_END, _MESSAGE_INDEX = int(Opcode.DATA_END), int(Opcode.MESSAGE_INDEX)  # numbers compare faster than members
 _NOWHERE: Mapping[int, int] = MappingProxyType({})
@@ -57,7 +59,7 @@ class Record(NamedTuple):
 class ChunkHead(NamedTuple):
     """The fields of a chunk before its data: log times [ns], bytes uncompressed, CRC of those (0: none), compression.
 
-    `start` is where the data begins in the body of the record.
+    `start` and `end` are where the data stand in the body of the record.
     """
 
     first_ns: int
@@ -66,6 +68,7 @@ class ChunkHead(NamedTuple):
     crc: int
     compression: str
     start: int
+    end: int
 
 
 _T_co = TypeVar("_T_co", covariant=True)
@@ -90,8 +93,14 @@ class _WholeStream(ReadDataStream):
 
 def parse(kind: Parser[_T_co], record: Record) -> _T_co:
     """Parse the body of a record; raises DamagedLog if it is malformed."""
+    return parse_counted(kind, record)[0]
+
+
+def parse_counted(kind: Parser[_T_co], record: Record) -> tuple[_T_co, int]:
+    """Parse the body of a record, and return how many bytes of it that took; raises DamagedLog if it is malformed."""
+    body = BytesIO(record.body)
     try:
-        return kind.read(_WholeStream(BytesIO(record.body)))
+        return kind.read(_WholeStream(body)), body.tell()
     except _PARSE_ERRORS as error:
         raise damaged(record.offset, f"its record of kind {record.opcode} is malformed ({error!r})") from None
 
@@ -144,7 +153,7 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
         passed = _pass_indexes(file)
         crc = zlib.crc32(passed, crc)
         record = _next_record(file, record.offset + HEAD.size + len(record.body) + len(passed), size, jumps)
-    check_crc(record.body, None if jumps else crc, record.offset, "data section")
+    check_crc(record.body[: CRC.size], None if jumps else crc, record.offset, "data section")
     yield record
     for _ in summary_records(file, size):
         pass  # but for the checks
@@ -173,14 +182,14 @@ def _pass_indexes(file: BinaryIO) -> bytes:
     while place <= last:
         opcode, length, _, size = _INDEX_HEAD.unpack_from(buffer, place)
         end = place + HEAD.size + length
-        if opcode != _MESSAGE_INDEX or length != INDEX.size + size or end > len(buffer):
+        if opcode != _MESSAGE_INDEX or length < INDEX.size + size or end > len(buffer):
             break
         place = end
     return file.read(place)
 
 
 def _is_message_index(body: bytes) -> bool:
-    return len(body) >= INDEX.size and len(body) == INDEX.size + INDEX.unpack_from(body)[1]
+    return len(body) >= INDEX.size and len(body) >= INDEX.size + INDEX.unpack_from(body)[1]
 
 
 def read_summary(file: BinaryIO, size: int) -> list[Record]:
@@ -200,10 +209,10 @@ def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
     while (record := read_record(file, size)).opcode != Opcode.FOOTER:
         yield record
         crc = _crc_of(record, crc)
-    if HEAD.size + len(record.body) != FOOTER_SIZE:
+    offsets, stated = record.body[:_FOOTER_OFFSETS], record.body[_FOOTER_OFFSETS:][: CRC.size]
+    if len(stated) < CRC.size:
         raise damaged(record.offset, "its footer is malformed")
-    crc = zlib.crc32(record.body[:-4], zlib.crc32(_head_of(record), crc))
-    check_crc(record.body[-4:], crc, record.offset, "summary")
+    check_crc(stated, zlib.crc32(offsets, zlib.crc32(_head_of(record), crc)), record.offset, "summary")
     if file.read(len(MAGIC)) != MAGIC:
         raise cut_off(size)
     if file.tell() != size:
@@ -220,9 +229,9 @@ def chunk_head(record: Record) -> ChunkHead:
     except (struct.error, ValueError) as error:
         raise damaged(record.offset, f"a chunk is malformed ({error!r})") from None
     start = _CHUNK.size + length + _LENGTH.size
-    if len(record.body) - start != data_length:
+    if len(record.body) - start < data_length:
         raise damaged(record.offset, "a chunk is not as long as it says")
-    return ChunkHead(first_ns, last_ns, size, crc, compression, start)
+    return ChunkHead(first_ns, last_ns, size, crc, compression, start, start + data_length)
 
 
 def claimed_size(record: Record) -> int:
@@ -230,7 +239,7 @@ def claimed_size(record: Record) -> int:
     head = chunk_head(record)
     _check_size(record, head)
     try:
-        return check_claim(memoryview(record.body)[head.start :], head.compression, head.size)
+        return check_claim(memoryview(record.body)[head.start : head.end], head.compression, head.size)
     except DECOMPRESS_ERRORS as error:
         raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
 
@@ -240,7 +249,7 @@ def chunk_data(record: Record) -> bytes:
     head = chunk_head(record)
     _check_size(record, head)
     try:
-        data = decompress(record.body[head.start :], head.compression, head.size)
+        data = decompress(record.body[head.start : head.end], head.compression, head.size)
     except DECOMPRESS_ERRORS as error:
         raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
     if head.crc not in (0, zlib.crc32(data)):

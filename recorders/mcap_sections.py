@@ -3,42 +3,89 @@
 import zlib
 from collections.abc import Iterator
 from io import SEEK_END
-from typing import BinaryIO
+from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import Footer
 
 from recorders.damage import DamagedLog, cut_off, damaged
-from recorders.mcap_records import FOOTER_SIZE, MAGIC, Record, check_crc, parse, read_record
+from recorders.mcap_records import CRC, FOOTER_SIZE, HEAD, MAGIC, Record, check_crc, parse, read_record
 
 _DATA_END_SIZE = 13  # opcode, length, CRC
+_BODY_BEGINS = 24  # bytes of a body that come with its head: the times of chunks and messages are among them
 _PIECE = 2**20  # bytes
+
+
+class Head(NamedTuple):
+    """What a record is, where it begins and ends in the file [bytes], and the first 24 bytes of its body."""
+
+    opcode: int
+    offset: int
+    end: int
+    begins: bytes
+
+
+def heads(file: BinaryIO, start: int, end: int) -> Iterator[Head]:
+    """Yield the heads of the records in [start, end) for as long as they are whole; their bodies are not read."""
+    while end - start >= HEAD.size:
+        file.seek(start)
+        found = file.read(HEAD.size + _BODY_BEGINS)
+        if len(found) < HEAD.size:  # the file became shorter
+            return
+        opcode, length = HEAD.unpack_from(found)
+        if opcode == 0 or length > end - start - HEAD.size:
+            return
+        yield Head(opcode, start, start + HEAD.size + length, found[HEAD.size : HEAD.size + length])
+        start += HEAD.size + length
 
 
 def read_footer(file: BinaryIO) -> Footer:
     """Return the footer; raises DamagedLog if the file is cut off, or the footer points past its own place."""
-    size = file.seek(0, SEEK_END)
-    end = size - FOOTER_SIZE - len(MAGIC)
-    if end < len(MAGIC):
-        raise cut_off(size)
-    file.seek(end)
-    try:
-        record = read_record(file, size)
-    except DamagedLog:
-        raise cut_off(size) from None
-    if record.opcode != Opcode.FOOTER or file.read() != MAGIC:
-        raise cut_off(size)
+    record = footer_record(file)
     footer: Footer = parse(Footer, record)
-    if footer.summary_start > end:
-        raise damaged(end, "its footer points past its end")
+    if footer.summary_start > record.offset:
+        raise damaged(record.offset, "its footer points past its end")
     return footer
+
+
+def footer_record(file: BinaryIO) -> Record:
+    """Return the record that the footer is; raises DamagedLog if the file is cut off."""
+    size = file.seek(0, SEEK_END)
+    end = size - len(MAGIC)
+    file.seek(max(0, end))
+    if end < len(MAGIC) + FOOTER_SIZE or file.read() != MAGIC:
+        raise cut_off(size)
+    place = _found(file, Opcode.FOOTER, end - FOOTER_SIZE, end)
+    if place is None:
+        raise cut_off(size)
+    return record_at(file, place, Opcode.FOOTER)
+
+
+def find_data_end(file: BinaryIO, end: int) -> int | None:
+    """Return where the record begins that ends the data section, and ends itself at `end`; None if none does."""
+    return _found(file, Opcode.DATA_END, end - _DATA_END_SIZE, end)
+
+
+def _found(file: BinaryIO, opcode: Opcode, usually: int, end: int) -> int | None:
+    """Return where a record of a kind begins that ends at `end`.
+
+    It has a usual place. One with fields that nobody knows yet is longer: then only a walk over all records finds it.
+    """
+    for start in (max(0, usually), len(MAGIC)):
+        for head in heads(file, start, end):
+            if head.opcode == opcode and head.end == end:
+                return head.offset
+            if start == usually:
+                break
+    return None
 
 
 def read_data_end(file: BinaryIO) -> Record:
     """Return the record that ends the data section; raises DamagedLog if the file is cut off or has none there."""
-    size = file.seek(0, SEEK_END)
-    start = read_footer(file).summary_start or size - FOOTER_SIZE - len(MAGIC)
-    return record_at(file, max(0, start - _DATA_END_SIZE), Opcode.DATA_END)
+    footer = footer_record(file)
+    end = read_footer(file).summary_start or footer.offset
+    place = find_data_end(file, end)
+    return record_at(file, max(0, end - _DATA_END_SIZE) if place is None else place, Opcode.DATA_END)
 
 
 def record_at(file: BinaryIO, offset: int, opcode: Opcode) -> Record:
@@ -73,7 +120,7 @@ def check_data_section(file: BinaryIO) -> None:
         crc = 0
         for piece in _pieces(file, end.offset):
             crc = zlib.crc32(piece, crc)
-        check_crc(end.body, crc, end.offset, "data section")
+        check_crc(end.body[: CRC.size], crc, end.offset, "data section")
     file.seek(place)
 
 

@@ -89,11 +89,17 @@ class LogReader:
     @property
     def manifest(self) -> dict[str, Any]:
         """What made the log, as its writer was told; empty for a log of another writer."""
-        offset = self._contents.metadata.get(METADATA_NAME)
-        if offset is None:
+        places = [place for place in self._contents.metadata if place.name == METADATA_NAME]
+        if not places:
             return {}
         with self._open() as file:
-            return from_metadata(read_metadata(file, offset))
+            return from_metadata(read_metadata(file, places[-1].offset))
+
+    @property
+    def metadata(self) -> tuple[tuple[str, dict[str, str]], ...]:
+        """Name and content of every metadata record, in the order of the file; several may have one name."""
+        with self._open() as file:
+            return tuple((place.name, read_metadata(file, place.offset)) for place in self._contents.metadata)
 
     @property
     def topics(self) -> dict[str, str]:
@@ -102,22 +108,35 @@ class LogReader:
 
     @property
     def counts(self) -> dict[str, int]:
-        """The number of messages on each topic."""
-        return dict(self._contents.counts)
+        """The number of messages on each topic that has any."""
+        return dict(+self._contents.counts)
 
     @property
     def attachments(self) -> tuple[str, ...]:
-        """The names of the attachments."""
-        return tuple(self._contents.attachments)
+        """The names of the attachments, in the order of the file; several may have one name."""
+        return tuple(place.name for place in self._contents.attachments)
 
-    def attachment(self, name: str) -> bytes:
-        """Return an attachment; raises LogError, naming those that exist, if the log has none of this name."""
-        offset = self._contents.attachments.get(name)
-        if offset is None:
+    def attachment(self, name: str, *, which: int = -1) -> bytes:
+        """Return an attachment.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        which : int
+            Which one of several of that name, in the order of the file; the last by default.
+
+        Raises
+        ------
+        LogError
+            If the log has none of this name; the line names those that exist.
+        """
+        places = [place for place in self._contents.attachments if place.name == name]
+        if not places:
             exist = ", ".join(self.attachments) or "none"
             raise LogError(f"{self.path}: no attachment {name!r}; there are: {exist}")
         with self._open() as file:
-            return read_attachment(file, offset)
+            return read_attachment(file, places[which].offset)
 
     @cached_property
     def _summary(self) -> Contents | DamagedLog | None:

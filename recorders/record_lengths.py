@@ -12,6 +12,7 @@ LARGE = 2**24  # bytes: a record of this length is checked before it is read
 MAX_CHUNK = 2**30  # bytes, uncompressed: writers make chunks of some MB, a damaged length field may say anything
 
 _MOST = 2**28  # bytes of any other record but an attachment: no message of a robot is as long
+_MOST_BEHIND = 2**20  # bytes of fields that nobody knows yet: more of them are no fields
 _STRING = struct.Struct("<I")
 _DATA = struct.Struct("<Q")
 _LAYOUTS: dict[int, tuple[int, int, int]] = {  # bytes before the texts, number of texts, bytes behind the data
@@ -26,10 +27,10 @@ def check_length(file: BinaryIO, opcode: int, length: int, offset: int) -> None:
     Raises
     ------
     DamagedLog
-        If the fields of the body are of another length, or no record of this kind is as long.
+        If the fields of the body are longer or far shorter, or no record of this kind is as long.
     """
     layout = _LAYOUTS.get(opcode)
-    if layout is not None and _length_by_fields(file, offset, *layout) != length:
+    if layout is not None and not 0 <= length - _length_by_fields(file, offset, *layout) <= _MOST_BEHIND:
         raise damaged(offset, f"a record of kind {opcode} is not as long as it says")
     most = MAX_CHUNK if opcode == Opcode.CHUNK else _MOST
     if opcode != Opcode.ATTACHMENT and length > most:

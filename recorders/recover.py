@@ -148,8 +148,8 @@ class _Copy:
         if found.manifest:
             unfinished = {name: value for name, value in found.manifest.items() if name not in _OUTCOME}
             self._mcap.add_metadata(METADATA_NAME, to_metadata({**unfinished, "complete": False}))
-        for name, metadata in found.metadata.items():
-            self._mcap.add_metadata(name, metadata)
+        for each in found.metadata:
+            self._mcap.add_metadata(each.name, each.metadata)
         for entry in found.attachments:
             copied = found.attachment(entry)
             self._mcap.add_attachment(copied.create_time, copied.log_time, copied.name, copied.media_type, copied.data)

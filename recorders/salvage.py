@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment
+from mcap.records import Attachment, Metadata
 
 from recorders.chunk_contents import MESSAGE, split
 from recorders.damage import DamagedLog
@@ -98,12 +98,16 @@ class Survey:
         The summary section, if its CRC holds.
     manifest : dict
         The last manifest whose checksum holds; empty if there is none.
-    metadata : dict
-        Metadata of other programs, by name.
+    metadata : list of Metadata
+        Metadata of other programs, in order; several may have one name.
     attachments : list of Attached
         The attachments.
+    metadata_count : int
+        How many metadata records there are, ours among them.
     declarations : Declarations
         The channels that a CRC protects.
+    met : Declarations
+        The channels that the messages are on, as far as these were read.
     """
 
     path: Path
@@ -119,9 +123,16 @@ class Survey:
     data_crc: bool = False
     summary: SoundSummary | None = None
     manifest: dict[str, Any] = field(default_factory=dict)
-    metadata: dict[str, dict[str, str]] = field(default_factory=dict)
+    metadata: list[Metadata] = field(default_factory=list)
     attachments: list[Attached] = field(default_factory=list)
+    metadata_count: int = 0
     declarations: Declarations = field(default_factory=Declarations)
+    met: Declarations = field(default_factory=Declarations)
+
+    @property
+    def stated_counts(self) -> Counter[str] | None:
+        """What the summary says of the number of messages by topic, once these were read; None if it says nothing."""
+        return self.summary.counts(self.met.channels) if self.summary else None
 
     def messages(self, *, on_progress: Callable[[float], None] = lambda fraction: None) -> Iterator[Salvaged]:
         """Yield the messages that can be believed, in file order; raises LogError if the file has changed since.
@@ -131,7 +142,7 @@ class Survey:
         on_progress : callable
             Called with the fraction of the file that was read.
         """
-        declarations = self.declarations.copy()
+        declarations = self.met = self.declarations.copy()
         with opened(self.path) as file:
             for number, span in enumerate(self.spans):
                 for record in _records(file, span):

@@ -1,18 +1,18 @@
 """The summary section of a log where its own CRC holds: what there should be in the file, and where."""
 
 from collections import Counter
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from io import SEEK_END
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, ChunkIndex, Footer, MetadataIndex, Statistics
+from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
-from recorders.declared import Declarations
+from recorders.declared import Declarations, Declared
 from recorders.errors import LogError
-from recorders.mcap_records import FOOTER_SIZE, MAGIC, Record, parse, read_record, read_summary
-
-_DATA_END_SIZE = 13  # opcode, length, CRC
+from recorders.mcap_records import Record, parse, read_summary
+from recorders.mcap_sections import find_data_end, read_footer
 
 
 @dataclass
@@ -42,14 +42,20 @@ class SoundSummary:
     attachments: list[str] = field(default_factory=list)
     chunks: int = 0
 
-    @property
-    def counts(self) -> Counter[str] | None:
-        """Number of messages by topic, None if the summary does not tell."""
-        if self.statistics is None:
+    def counts(self, channels: Mapping[int, Declared]) -> Counter[str] | None:
+        """Return the number of messages by topic, None if the summary does not tell: an empty map says nothing.
+
+        Parameters
+        ----------
+        channels : mapping of int to Declared
+            What the log declares: the summary need not repeat it.
+        """
+        stated = self.statistics
+        if stated is None or (stated.message_count and not stated.channel_message_counts):
             return None
         counts: Counter[str] = Counter()
-        for channel, count in self.statistics.channel_message_counts.items():
-            declared = self.declarations.channels.get(channel)
+        for channel, count in stated.channel_message_counts.items():
+            declared = channels.get(channel) or self.declarations.channels.get(channel)
             counts[declared.topic if declared else f"channel {channel}"] += count
         return counts
 
@@ -78,13 +84,9 @@ class SoundSummary:
 def read_sound_summary(file: BinaryIO) -> SoundSummary | None:
     """Return the summary section of a log, None if there is none or no CRC shows that it is sound."""
     size = file.seek(0, SEEK_END)
-    end = size - FOOTER_SIZE - len(MAGIC)
-    if end < len(MAGIC):
-        return None
     try:
-        file.seek(end)
-        footer = parse(Footer, read_record(file, size))
-        if not (footer.summary_crc and len(MAGIC) <= footer.summary_start < end):
+        footer = read_footer(file)
+        if not (footer.summary_crc and footer.summary_start):
             return None
         summary = SoundSummary(footer.summary_start)
         file.seek(footer.summary_start)
@@ -93,5 +95,6 @@ def read_sound_summary(file: BinaryIO) -> SoundSummary | None:
     except LogError:
         return None
     within = {offset for offset in summary.offsets if offset < summary.start}
-    summary.offsets = sorted({*within, summary.start - _DATA_END_SIZE})
+    data_end = find_data_end(file, summary.start)
+    summary.offsets = sorted(within if data_end is None else {*within, data_end})
     return summary

@@ -2,10 +2,12 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
+
+from mcap.records import Statistics
 
 from recorders.cdr import decode_as, stamp_ns
 from recorders.declared import Declared
@@ -162,8 +164,10 @@ class LogSummary:
         Messages in no chunk with a CRC.
     content_holds : bool or None
         Whether the messages are those of which the manifest has the hash; None if it has none.
+    wrong_totals : list of str
+        What the log's summary counts otherwise than they were found, such as "12 messages, found 11".
     counts_hold : bool or None
-        Whether there are as many as the log's summary says; None if it does not say.
+        Whether everything is there as often as the log's summary says; None if it does not say.
     """
 
     survey: Survey
@@ -172,6 +176,7 @@ class LogSummary:
     undeclared: int = 0
     unprotected: int = 0
     content_holds: bool | None = None
+    wrong_totals: list[str] = field(default_factory=list)
     counts_hold: bool | None = None
     _content: ContentHash = field(default_factory=ContentHash)
 
@@ -217,9 +222,25 @@ class LogSummary:
         """Compare the content with what manifest and summary say of it."""
         expected = self.survey.manifest.get("content_sha256")
         self.content_holds = None if expected is None else expected == self._content.hexdigest()
-        counts = self.survey.summary.counts if self.survey.summary else None
-        found = Counter({topic.topic: topic.count for topic in self.topics.values()})
-        self.counts_hold = None if counts is None else counts == found
+        stated = self.survey.summary.statistics if self.survey.summary else None
+        if stated is not None:
+            self.wrong_totals = list(self._wrong_totals(stated))
+            self.counts_hold = not self.wrong_totals
+
+    def _wrong_totals(self, stated: Statistics) -> Iterator[str]:
+        found = self.survey
+        counts = Counter({topic.topic: topic.count for topic in self.topics.values()})
+        totals = {
+            "messages": (stated.message_count, counts.total() + self.undeclared),
+            "chunks": (stated.chunk_count, found.chunks.total()),
+            "attachments": (stated.attachment_count, len(found.attachments)),
+            "metadata records": (stated.metadata_count, found.metadata_count),
+        }
+        by_topic = found.stated_counts or Counter()
+        totals |= {f"messages on {topic}": (by_topic[topic], counts[topic]) for topic in by_topic}
+        if by_topic:
+            totals |= {f"messages on {topic}": (0, counts[topic]) for topic in counts if topic not in by_topic}
+        return (f"{said} {what}, found {there}" for what, (said, there) in totals.items() if said != there)
 
     def _add_phase(self, data: bytes) -> None:
         try:
@@ -242,6 +263,7 @@ class LogSummary:
             "protected": self.protected,
             "content_holds": self.content_holds,
             "counts_hold": self.counts_hold,
+            "wrong_totals": self.wrong_totals,
             "profile": found.profile,
             "library": found.library,
             "messages": sum(topic.count for topic in self.topics.values()),

@@ -88,7 +88,8 @@ def _judge(walk: Walk, found: Survey) -> None:
         found.declarations.add(found.summary.declarations)
     bare = [each for each in walk.bare if each.offset < found.doubt_from]
     found.attachments = sorted([*walk.attachments, *bare], key=lambda each: each.offset)
-    found.metadata = {each.name: each.metadata for offset, each in walk.metadata if offset < found.doubt_from}
+    found.metadata_count = walk.metadata_count
+    found.metadata = [each for offset, each in walk.metadata if offset < found.doubt_from]
     if walk.header and found.doubt_from:
         found.profile, found.library = walk.header.profile, walk.header.library
     found.damage = sorted([*found.damage, *_doubted(walk, found)])
@@ -96,8 +97,8 @@ def _judge(walk: Walk, found: Survey) -> None:
 
 def _doubt_from(walk: Walk, found: Survey) -> int:
     """Return where belief in what has no CRC of its own ends [bytes]; sets whether the data section's CRC holds."""
-    if walk.data_end and walk.crc is not None and any(walk.data_end.body):
-        found.data_crc = CRC.unpack(walk.data_end.body)[0] == walk.crc
+    if walk.data_end and walk.crc is not None and any(walk.data_end.body[: CRC.size]):
+        found.data_crc = CRC.unpack_from(walk.data_end.body)[0] == walk.crc
         if found.data_crc:
             return found.size
         found.damage.append(Damage(walk.data_end.offset, _DATA_CRC, 0))
@@ -110,7 +111,7 @@ def _doubt_from(walk: Walk, found: Survey) -> int:
 
 def _doubted(walk: Walk, found: Survey) -> list[Damage]:
     doubted = [span for span in walk.unprotected if span.start >= found.doubt_from]
-    private = walk.private if found.damage else []  # other programs' own, or what damage made of ours
+    unknown = walk.unknown if found.damage else []  # or what damage made of others
     if not doubted:
-        return private
-    return [*private, Damage(doubted[0].start, _DOUBTED, sum(span.end - span.start for span in doubted))]
+        return unknown
+    return [*unknown, Damage(doubted[0].start, _DOUBTED, sum(span.end - span.start for span in doubted))]

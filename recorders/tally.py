@@ -48,7 +48,7 @@ class Tally:
         The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage; and
         without those nothing does.
         """
-        counts = found.summary.counts if found.summary else None
+        counts = found.stated_counts
         if counts is None and isinstance(found.manifest.get("counts"), dict):
             counts = Counter({topic: n for topic, n in found.manifest["counts"].items() if type(n) is int})
         if counts is not None:

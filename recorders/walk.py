@@ -6,16 +6,28 @@ from collections import Counter
 from collections.abc import Callable
 from typing import Any, BinaryIO
 
-from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
-from recorders.chunk_contents import MESSAGE, PRIVATE, checked, declarations
+from recorders.chunk_contents import MESSAGE, checked, declarations
 from recorders.damage import DamagedLog, damaged
 from recorders.declared import Declarations
 from recorders.errors import LogError
 from recorders.manifest import METADATA_NAME, from_metadata, to_metadata
-from recorders.mcap_records import CRC, HEAD, INDEX, MAGIC, Record, chunk_head, claimed_size, parse, read_record
+from recorders.mcap_contents import crc_place
+from recorders.mcap_records import (
+    CRC,
+    FIRST_RESERVED,
+    HEAD,
+    INDEX,
+    MAGIC,
+    Record,
+    chunk_head,
+    claimed_size,
+    parse,
+    parse_counted,
+    read_record,
+)
 from recorders.resync import attached, carries_crc, find_proven, proves_itself
 from recorders.salvage import Attached, Damage, Span
 from recorders.sound_summary import SoundSummary
@@ -26,12 +38,25 @@ _GIVEN_UP = "so much is damaged that the search for sound parts was given up"
 _PATIENCE = 20  # how often the whole file may be read in search of sound parts: a hostile one has many false heads
 _FREE = 2**26  # bytes that may be read and decompressed in vain whatever the size
 _LONGEST_REASON = 200  # characters: some libraries quote all that they were given
-_EXACT: dict[int, Any] = {
+_PARSED: dict[int, Any] = {
     Opcode.HEADER: Header,
     Opcode.SCHEMA: Schema,
     Opcode.CHANNEL: Channel,
     Opcode.METADATA: Metadata,
 }
+
+_SUMMARY = frozenset(
+    {
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.STATISTICS,
+        Opcode.CHUNK_INDEX,
+        Opcode.ATTACHMENT_INDEX,
+        Opcode.METADATA_INDEX,
+        Opcode.SUMMARY_OFFSET,
+        Opcode.FOOTER,
+    }
+)
 
 
 class Walk:
@@ -72,10 +97,12 @@ class Walk:
         Attachments with and without a CRC.
     manifest : dict
         The last manifest whose checksum holds.
+    metadata_count : int
+        Metadata records, ours among them.
     metadata : list of pairs of int and Metadata
         Metadata of other programs, and where they stand.
-    private : list of Damage
-        Records of other programs' own kinds, which damage may have made of ours.
+    unknown : list of Damage
+        Records of unknown kinds, other programs' own or MCAP's of later, which damage may have made of ours.
     """
 
     def __init__(
@@ -100,14 +127,17 @@ class Walk:
         self.attachments: list[Attached] = []
         self.bare: list[Attached] = []
         self.manifest: dict[str, Any] = {}
+        self.metadata_count = 0
         self.metadata: list[tuple[int, Metadata]] = []
-        self.private: list[Damage] = []
+        self.unknown: list[Damage] = []
 
     def run(self) -> None:
         """Walk to the end of the data section, or as far as there is anything whole."""
         while self.data_end is None and self.offset < self._end:
             try:
                 record = self._read(self.offset)
+                if self._swallows(record):
+                    raise damaged(record.offset, "a record is not as long as it says")
                 self._take(record)
             except LogError as error:
                 self._resume(error)
@@ -136,6 +166,14 @@ class Walk:
             self._budget -= size
         return record
 
+    def _swallows(self, record: Record) -> bool:
+        """Whether what follows the fields of a record is no more of it, but other records: its length is wrong."""
+        try:
+            rest = record.offset + HEAD.size + known_size(record)
+        except LogError:
+            return False
+        return rest < end_of(record) and find_proven(self._file, rest, end_of(record), self._candidate) is not None
+
     def _step(self, record: Record) -> None:
         head = HEAD.pack(record.opcode, len(record.body))
         if self.crc is not None and record.opcode != Opcode.DATA_END:
@@ -145,8 +183,8 @@ class Walk:
 
     def _take(self, record: Record) -> None:
         """Check a record and remember what is in it; raises LogError if it is damaged or out of place."""
-        if record.opcode in _EXACT:
-            self._take_exact(record)
+        if record.opcode in _PARSED:
+            self._take_parsed(record)
         elif record.opcode == Opcode.CHUNK:
             self._take_chunk(record)
         elif record.opcode == Opcode.ATTACHMENT:
@@ -155,16 +193,17 @@ class Walk:
             into.append(Attached(attachment.name, record.offset, len(attachment.data)))
         elif record.opcode == Opcode.MESSAGE and len(record.body) >= MESSAGE.size:
             self._take_unprotected(record)
-        elif record.opcode == Opcode.DATA_END and len(record.body) == CRC.size:
+        elif self._is_data_end(record):
             self.data_end = record
-        elif record.opcode >= PRIVATE:
+        elif record.opcode >= FIRST_RESERVED:
             unknown = f"a record of unknown kind {record.opcode}"
-            self.private.append(Damage(record.offset, unknown, len(record.body)))
+            self.unknown.append(Damage(record.offset, unknown, len(record.body)))
         elif not _is_index(record):
             raise damaged(record.offset, f"a record of kind {record.opcode} is malformed or out of place")
 
-    def _take_exact(self, record: Record) -> None:
-        parsed = _parse_exactly(_EXACT[record.opcode], record)
+    def _take_parsed(self, record: Record) -> None:
+        parsed = parse(_PARSED[record.opcode], record)
+        self.metadata_count += record.opcode == Opcode.METADATA
         if record.opcode == Opcode.METADATA and parsed.name == METADATA_NAME:
             manifest = from_metadata(parsed.metadata)
             to_metadata(manifest)  # refuse what Python reads as JSON and nobody else does, such as NaN
@@ -215,13 +254,24 @@ class Walk:
     def _claimed_end(self) -> int | None:
         """Return where the damaged record at this place says that it ends, if one can see that another begins there."""
         try:
-            end = end_of(self._read(self.offset))
+            record = self._read(self.offset)
+            if self._swallows(record):
+                return None
+            end = end_of(record)
             following = self._candidate(end)
         except LogError:
             return None
         index = _is_index(following) and len(following.body) > INDEX.size
-        last = following.opcode == Opcode.DATA_END and len(following.body) == CRC.size
-        return end if index or last or proves_itself(following) else None
+        return end if index or self._is_data_end(following) or proves_itself(following) else None
+
+    def _is_data_end(self, record: Record) -> bool:
+        """Whether a record ends the data section; one that is longer than usual only if the summary follows it."""
+        if record.opcode != Opcode.DATA_END or len(record.body) <= CRC.size or end_of(record) == self._end:
+            return record.opcode == Opcode.DATA_END and len(record.body) >= CRC.size
+        try:
+            return self._read(end_of(record)).opcode in _SUMMARY
+        except LogError:
+            return False
 
     def _close_span(self) -> None:
         if self.offset > self._start:
@@ -233,18 +283,22 @@ def end_of(record: Record) -> int:
     return record.offset + HEAD.size + len(record.body)
 
 
+def known_size(record: Record) -> int:
+    """Return how long the fields of a record's body are that are known [bytes]; raises LogError if it is malformed."""
+    if record.opcode in _PARSED:
+        return parse_counted(_PARSED[record.opcode], record)[1]
+    if record.opcode == Opcode.CHUNK:
+        return chunk_head(record).end
+    if record.opcode == Opcode.ATTACHMENT:
+        return crc_place(record) + CRC.size
+    if record.opcode == Opcode.DATA_END:
+        return CRC.size
+    return INDEX.size + int(INDEX.unpack_from(record.body)[1]) if _is_index(record) else len(record.body)
+
+
 def _reason(error: LogError) -> str:
     reason = error.reason if isinstance(error, DamagedLog) else str(error)
     return reason[:_LONGEST_REASON]
-
-
-def _parse_exactly(kind: Any, record: Record) -> Any:
-    parsed = parse(kind, record)
-    builder = RecordBuilder()
-    parsed.write(builder)
-    if builder.count != HEAD.size + len(record.body):
-        raise damaged(record.offset, "a record is not as long as it says")
-    return parsed
 
 
 def _is_index(record: Record) -> bool:
@@ -252,4 +306,4 @@ def _is_index(record: Record) -> bool:
     if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < INDEX.size:
         return False
     size: int = INDEX.unpack_from(record.body)[1]
-    return size % 16 == 0 and len(record.body) == INDEX.size + size
+    return size % 16 == 0 and len(record.body) >= INDEX.size + size

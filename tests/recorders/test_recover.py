@@ -79,7 +79,7 @@ def test_a_flipped_bit_costs_its_chunk_alone(log, tmp_path, chunk):
     assert manifest["recovered"]["damage"] == [{"offset": start, "reason": recovery.damage[0].reason}]
 
 
-@pytest.mark.parametrize("place", [1, 8, 9 + 16, 9 + 28])
+@pytest.mark.parametrize("place", [8, 9 + 16, 9 + 28])
 def test_without_a_summary_the_next_chunk_is_found_by_its_crc(log, tmp_path, place):
     """The head of a chunk is damaged (length, sizes, compression), and so is the summary."""
     everything = list(LogReader(log))
@@ -90,6 +90,24 @@ def test_without_a_summary_the_next_chunk_is_found_by_its_crc(log, tmp_path, pla
     assert recovery.damage[0].offset == start
     assert recovery.lost is not None
     assert recovery.lost.total() == count  # by the manifest's counts
+
+
+@pytest.mark.parametrize("place", [9, *range(1, 6)])  # of the header, of a chunk: whatever a wrong length takes in
+@pytest.mark.parametrize("bit", range(8))
+def test_a_record_that_claims_more_takes_no_chunk_with_it(log, tmp_path, place, bit):
+    everything = list(LogReader(log))
+    start, _, count = chunks_of(log)[2]
+    at = place if place == 9 else start + place
+    raw = flipped(flipped(log.read_bytes(), at, bit), -40 % log.stat().st_size)
+    recovery, out = recovered(raw, tmp_path)
+    kept = list(LogReader(out))
+    assert kept in (everything, everything[:128] + everything[128 + count :])
+    assert (recovery.kept.total(), recovery.lost) == (len(kept), Counter(everything_topics(everything, kept)))
+
+
+def everything_topics(everything, kept):
+    """Return how many messages of each topic are missing."""
+    return Counter(record.topic for record in everything) - Counter(record.topic for record in kept)
 
 
 def test_a_cut_off_log_tells_by_its_numbers_what_is_missing_before_the_cut(log, tmp_path):
@@ -261,7 +279,7 @@ def test_what_no_crc_protects_is_kept_up_to_the_damage_and_said_to_be_in_doubt(t
     assert 20 < len(kept) <= 30
     assert recovery.unprotected == len(kept)
     head = raw.rindex(b"\x05", 0, place) if not chunked else chunks_of_any_raw(raw, place)
-    path.write_bytes(flipped(raw, head, 6))  # what stands there is no record any more
+    path.write_bytes(flipped(raw, head, 3))  # what stands there is no record that may stand there
     recovery = recover(path, out, overwrite=True)
     kept = whole_messages(out)
     assert kept == everything[: len(kept)]
