@@ -48,7 +48,7 @@ PAPER_CM = {"circles": 2.79, "eight": 2.95}
 CONTROLLER, REPORT, RECORDING, SUMMARY = _RESULTS = ("controller.npz", "report.png", "robot.rrd", "summary.json")
 
 _LEARNER_START_S = 60.0  # a cold start compiles the kernels
-_DEPLOYMENT_PERIOD_S = 0.1  # the paper presents targets at 10 Hz
+_DEPLOYMENT_PERIOD_NS = 100_000_000  # the paper presents targets at 10 Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -263,7 +263,7 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
         path,
         urdf_text=robot.urdf_text,
         joint_names=robot.joints,
-        times_s=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_S,
+        times_ns=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_NS,
         joints=trial.joints,
         targets=trial.targets.reshape(-1, 2, 3),
         reached=trial.reached,

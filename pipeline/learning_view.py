@@ -141,7 +141,7 @@ class _Stage:
         now = slice(at := place * _STRIDE % len(u), at + 1) if self._timeline == EPOCHS else slice(-1, None)
         instants = Instants(self._timeline, np.array([place], dtype=np.int64))
         self._model.send(self._recording, instants, joints[now])
-        self._hands.send(instants, Track(np.zeros(1), joints[now], targets[now], reached[now]))
+        self._hands.send(instants, Track(np.zeros(1, dtype=np.int64), joints[now], targets[now], reached[now]))
         self._hands.log_paths(targets, reached)
 
 

@@ -7,8 +7,9 @@ from numpy.typing import NDArray
 
 from pipeline.kinematics import Kinematics
 from pipeline.robot import RobotConfig
+from recorders.errors import MotionError
 from recorders.messages import Float64MultiArray, JointState, Message, PoseStamped
-from recorders.rerun_track import Track
+from recorders.rerun_track import MAX_TIME_NS, Track
 from recorders.ticks import JointMap
 from recorders.topics import JOINT_COMMANDS, JOINT_STATES, LEARNER_ERROR, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 
@@ -23,7 +24,7 @@ VIEWED = frozenset({LEFT_TARGET, RIGHT_TARGET, LEARNER_ERROR, *JOINT_TOPICS})
 MAX_ROWS = 20_000
 """Rows that a viewer is given at once: over six minutes at 50 Hz; of more, some are left out evenly."""
 
-_NS_PER_S = 1e9
+_NS_PER_S = 10**9
 _CM_PER_M = 100.0
 _TARGETS = {LEFT_TARGET: 0, RIGHT_TARGET: 1}
 
@@ -64,8 +65,8 @@ class MotionRows:
 
     Attributes
     ----------
-    errors : list of (float, ndarray)
-        Times [s], and the errors of both hands [cm], shape (2,), that a learner told then.
+    errors : list of (int, ndarray)
+        Times [ns], and the errors of both hands [cm], shape (2,), that a learner told then.
     """
 
     def __init__(self, robot: RobotConfig, *, joints_topic: str) -> None:
@@ -74,8 +75,8 @@ class MotionRows:
         self._topic = joints_topic
         self._hands = _Target(), _Target()
         self._start_ns: int | None = None
-        self._rows: list[tuple[float, Floats, Floats, bool]] = []  # time [s], posture (n,), targets (2, 3), scored
-        self.errors: list[tuple[float, Floats]] = []
+        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets (2, 3), scored
+        self.errors: list[tuple[int, Floats]] = []
 
     def __len__(self) -> int:
         """Rows that wait to be taken."""
@@ -88,16 +89,23 @@ class MotionRows:
         ------
         JointError
             If a posture lacks a joint of the robot.
+        MotionError
+            If the time is further from the first than a time line reaches.
         """
         if self._start_ns is None:
             self._start_ns = time_ns
-        time_s = (time_ns - self._start_ns) / _NS_PER_S
+        since_ns = time_ns - self._start_ns
+        if abs(since_ns) > MAX_TIME_NS:
+            raise MotionError(
+                f"{topic}: expected messages within {MAX_TIME_NS // _NS_PER_S} s of the first, which a time line "
+                f"holds, found one {since_ns // _NS_PER_S} s from it; its log time is wrong"
+            )
         if topic in _TARGETS and isinstance(message, PoseStamped):
             self._hands[_TARGETS[topic]].take(message)
         elif topic == LEARNER_ERROR and isinstance(message, Float64MultiArray) and message.data.shape == (2,):
-            self.errors.append((time_s, message.data * _CM_PER_M))
+            self.errors.append((since_ns, message.data * _CM_PER_M))
         elif topic == self._topic and isinstance(message, JointState):
-            self._add(message, time_s)
+            self._add(message, since_ns)
 
     def take(self) -> Track | None:
         """Return the rows since the last time, evenly thinned out to `MAX_ROWS`; None if there are none.
@@ -110,19 +118,19 @@ class MotionRows:
         if not self._rows:
             return None
         rows, self._rows = self._rows[:: -(-len(self._rows) // MAX_ROWS)], []
-        times_s, postures, targets, scored = (np.array(column) for column in zip(*rows, strict=True))
+        times_ns, postures, targets, scored = (np.array(column) for column in zip(*rows, strict=True))
         track = Track.checked(
             joint_count=postures.shape[1],
-            times_s=times_s,
+            times_ns=times_ns,
             joints=postures,
             targets=targets,
             reached=self._kinematics.hands_along(postures),
         )
         return replace(track, scored=scored)
 
-    def _add(self, joints: JointState, time_s: float) -> None:
+    def _add(self, joints: JointState, since_ns: int) -> None:
         commanded = self._topic == JOINT_COMMANDS
         left, right = (hand.aimed_at(joints.stamp_ns, commanded=commanded) for hand in self._hands)
         if left is not None and right is not None:  # before the first targets there is nothing to compare with
             scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in self._hands)
-            self._rows.append((time_s, self._joints.positions(joints), np.stack([left, right]), scored))
+            self._rows.append((since_ns, self._joints.positions(joints), np.stack([left, right]), scored))

@@ -25,7 +25,7 @@ from recorders.session_reader import Reader, open_log
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, type_of
 from replay.engine import naming, read_robot, renamed
 
-PERIOD_S = 0.1
+PERIOD_NS = 100_000_000
 """Time from one target to the next at deployment; the paper's 10 Hz."""
 
 _NO_RENAMES: Mapping[str, str] = {}
@@ -90,7 +90,7 @@ def view_log(
         blueprint=blueprint,
         more=_errors_of(rows),
     )
-    return len(track.times_s)
+    return len(track.times_ns)
 
 
 def view_controller(path: Path, destination: Destination, *, motion: str = "circles") -> int:
@@ -111,7 +111,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     network = NetworkView(controller)
     track = Track.checked(
         joint_count=len(robot.joints),
-        times_s=np.arange(len(trial.targets)) * PERIOD_S,
+        times_ns=np.arange(len(trial.targets)) * PERIOD_NS,
         joints=trial.joints,
         targets=trial.targets.reshape(-1, 2, 3),
         reached=trial.reached,
@@ -137,7 +137,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         blueprint=controller_blueprint(points, plane, joints=len(robot.joints), top_cm=top_cm),
         more=send,
     )
-    return len(track.times_s)
+    return len(track.times_ns)
 
 
 def _recorded_robot(reader: Reader) -> RobotConfig:
@@ -176,7 +176,7 @@ def _errors_of(rows: MotionRows) -> Callable[[rr.RecordingStream], None]:
         if not rows.errors:
             return
         send_learning_styles(recording, [])
-        index = Instants(TIMELINE, np.array([time_s for time_s, _ in rows.errors])).columns()
+        index = Instants(TIMELINE, np.array([time_ns for time_ns, _ in rows.errors], dtype=np.int64)).columns()
         for hand, values in zip(HANDS, np.array([errors for _, errors in rows.errors]).T, strict=True):
             recording.send_columns(f"learning/error/{hand}", index, rr.Scalars.columns(scalars=values))
 

@@ -76,7 +76,7 @@ def open_recording(
     with _whole_or_none(destination.path):
         try:
             recording.set_sinks(*_sinks(destination), default_blueprint=blueprint)
-            recording.send_recording_name(title)
+            recording.send_recording_name(_in_unicode(title))
             yield recording
             recording.flush(timeout_sec=_FLUSH_S)
             recording.disconnect()  # writes the footer and closes the file
@@ -91,7 +91,7 @@ def record_motion(
     *,
     urdf_text: str,
     joint_names: Sequence[str],
-    times_s: ArrayLike,
+    times_ns: ArrayLike,
     joints: ArrayLike,
     targets: ArrayLike,
     reached: ArrayLike,
@@ -111,8 +111,8 @@ def record_motion(
         The robot; its root link is taken for the world frame.
     joint_names : sequence of str
         Names of the columns of `joints`; joints of the robot that are not named stay at zero.
-    times_s : array, shape (T,)
-        Time of each sample [s].
+    times_ns : array of int, shape (T,)
+        Time of each sample [ns].
     joints : array, shape (T, n)
         Postures [rad or m].
     targets, reached : array, shape (T, 2, 3)
@@ -134,7 +134,7 @@ def record_motion(
         The file cannot be written, or would take the place of one that is no recording.
     """
     track = Track.checked(
-        joint_count=len(joint_names), times_s=times_s, joints=joints, targets=targets, reached=reached
+        joint_count=len(joint_names), times_ns=times_ns, joints=joints, targets=targets, reached=reached
     )
     model = RobotModel.load(urdf_text, joint_names)
     send_motion(
@@ -186,6 +186,11 @@ def _whole_or_none(path: Path | None) -> Iterator[None]:
         if path is not None:
             path.unlink(missing_ok=True)
         raise
+
+
+def _in_unicode(title: str) -> str:
+    """Return a title, such as a file's name, with bytes that are no UTF-8 spelt out: Rerun takes no others."""
+    return title.encode("utf-8", "surrogateescape").decode("utf-8", "backslashreplace")
 
 
 def _complaint(destination: Destination, reason: str) -> str:

@@ -11,11 +11,14 @@ from numpy.typing import ArrayLike, NDArray
 from recorders.errors import JointError, MotionError
 
 Floats = NDArray[np.float64]
+Times = NDArray[np.int64]
 
 TIMELINE = "time"
 
+MAX_TIME_NS = 2**63 - 1
+"""The latest time, and with the other sign the earliest, that a timeline of Rerun's holds [ns]."""
+
 _CM_PER_M = 100.0
-_NS_PER_S = 1e9
 
 
 @dataclass(frozen=True, eq=False)
@@ -24,13 +27,13 @@ class Track:
 
     Attributes
     ----------
-    times_s : shape (T,)
+    times_ns : from the start of the motion [ns], shape (T,)
     joints : postures [rad or m], shape (T, n)
     targets, reached : hand positions [m], left then right, shape (T, 2, 3)
     scored : rows whose error is plotted, shape (T,); all if left out
     """
 
-    times_s: Floats
+    times_ns: Times
     joints: Floats
     targets: Floats
     reached: Floats
@@ -38,28 +41,29 @@ class Track:
 
     @classmethod
     def checked(
-        cls, *, joint_count: int, times_s: ArrayLike, joints: ArrayLike, targets: ArrayLike, reached: ArrayLike
+        cls, *, joint_count: int, times_ns: ArrayLike, joints: ArrayLike, targets: ArrayLike, reached: ArrayLike
     ) -> "Track":
-        """Copy the arrays.
+        """Copy the arrays; times are whole numbers [ns].
 
         Raises
         ------
         JointError
             `joints` has another shape than `joint_count` and the times ask for.
         MotionError
-            Times or positions are of the wrong shape, or a number is not finite.
+            Times or positions are of the wrong shape, or a number is not finite, or a time is no whole number or beyond
+            `MAX_TIME_NS`.
         """
-        arrays = [np.array(array, dtype=np.float64) for array in (times_s, joints, targets, reached)]
-        track = cls(arrays[0], arrays[1], arrays[2], arrays[3])
-        samples = len(track.times_s) if track.times_s.ndim == 1 else 0
+        arrays = [np.array(array, dtype=np.float64) for array in (joints, targets, reached)]
+        track = cls(_whole_ns(times_ns), arrays[0], arrays[1], arrays[2])
+        samples = len(track.times_ns) if track.times_ns.ndim == 1 else 0
         if samples == 0:
-            raise MotionError(f"expected times of shape (T,) with T >= 1, found {track.times_s.shape}")
+            raise MotionError(f"expected times of shape (T,) with T >= 1, found {track.times_ns.shape}")
         if track.joints.shape != (samples, joint_count):
             raise JointError(f"expected joints of shape {(samples, joint_count)}, found {track.joints.shape}")
         for name in ("targets", "reached"):
             if getattr(track, name).shape != (samples, 2, 3):
                 raise MotionError(f"expected {name} of shape {(samples, 2, 3)}, found {getattr(track, name).shape}")
-        for name in ("times_s", "joints", "targets", "reached"):
+        for name in ("joints", "targets", "reached"):
             if not np.isfinite(getattr(track, name)).all():
                 raise MotionError(f"expected finite numbers in {name}, found NaN or infinity")
         return track
@@ -67,7 +71,7 @@ class Track:
     @property
     def instants(self) -> "Instants":
         """Where the rows stand on the timeline of time."""
-        return Instants(TIMELINE, self.times_s)
+        return Instants(TIMELINE, self.times_ns)
 
     @property
     def errors_cm(self) -> Floats:
@@ -78,13 +82,14 @@ class Track:
     def plotted(self) -> NDArray[np.bool_]:
         """Rows whose error is plotted, shape (T,): those scored, if there are any, else all."""
         if self.scored is None or not self.scored.any():
-            return np.ones(len(self.times_s), dtype=np.bool_)
+            return np.ones(len(self.times_ns), dtype=np.bool_)
         return self.scored
 
     def recording_id(self, *parts: str) -> str:
         """Return an identity made of the content, for the viewer merges recordings of one identity."""
         digest = hashlib.sha256(json.dumps(parts).encode())
-        for array in (self.times_s, self.joints, self.targets, self.reached):
+        digest.update(self.times_ns.astype("<i8").tobytes())
+        for array in (self.joints, self.targets, self.reached):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return digest.hexdigest()[:32]
 
@@ -97,15 +102,23 @@ class Instants:
     ----------
     timeline : str
     values : ndarray, shape (T,)
-        Times [s] as float64, or whole numbers, such as epochs, as int64.
+        Times [ns] on the timeline `TIMELINE`, else whole numbers such as epochs.
     """
 
     timeline: str
-    values: NDArray[np.float64] | NDArray[np.int64]
+    values: Times
 
     def columns(self, *, each: int = 1) -> list[rr.TimeColumn]:
-        """Return the index for `each` rows at every instant; rounded here, for Rerun cuts 0.3 s to 299 999 999 ns."""
+        """Return the index for `each` rows at every instant."""
         values = np.repeat(self.values, each)
-        if values.dtype == np.int64:
-            return [rr.TimeColumn(self.timeline, sequence=values)]
-        return [rr.TimeColumn(self.timeline, duration=np.rint(values * _NS_PER_S).astype("timedelta64[ns]"))]
+        if self.timeline == TIMELINE:
+            return [rr.TimeColumn(self.timeline, duration=values.astype("timedelta64[ns]"))]
+        return [rr.TimeColumn(self.timeline, sequence=values)]
+
+
+def _whole_ns(times_ns: ArrayLike) -> Times:
+    """Return times as int64, none of them the one that Rerun takes for no time at all."""
+    times = np.array(times_ns, dtype=object)
+    if not all(isinstance(time, int | np.integer) and abs(int(time)) <= MAX_TIME_NS for time in times.flat):
+        raise MotionError(f"expected times in whole nanoseconds, {MAX_TIME_NS} at most, found others")
+    return times.astype(np.int64)

@@ -114,7 +114,7 @@ def test_a_viewer_draws_it_without_any_file_of_its_own(name: str, tmp_path: Path
         tmp_path / "robot.rrd",
         urdf_text=robot.urdf_text,
         joint_names=robot.joints,
-        times_s=[0.0],
+        times_ns=[0],
         joints=robot.comfort[None],
         targets=hands,
         reached=hands,

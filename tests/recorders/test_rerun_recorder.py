@@ -46,7 +46,7 @@ def motion() -> dict[str, Any]:
     return {
         "urdf_text": CRANE,
         "joint_names": ("turn", "lift"),  # not the order of the URDF
-        "times_s": time_s,
+        "times_ns": np.arange(STEPS) * 100_000_000,
         "joints": np.column_stack([turn, lift]),
         "targets": hands + np.array([0.03, 0.0, 0.04]),
         "reached": hands,
@@ -158,8 +158,11 @@ def with_nan(array: np.ndarray) -> np.ndarray:
         ({"joint_names": ("turn", "turn")}, JointError, "each joint once, found turn, turn"),
         ({"joint_names": ("turn",)}, JointError, r"shape \(40, 1\), found \(40, 2\)"),
         (changed("joints", lambda a: a[:-1]), JointError, r"shape \(40, 2\), found \(39, 2\)"),
-        (changed("times_s", lambda a: a[:0]), MotionError, r"T >= 1, found \(0,\)"),
-        (changed("times_s", lambda a: a[:, None]), MotionError, r"\(T,\) with T >= 1, found \(40, 1\)"),
+        (changed("times_ns", lambda a: a[:0]), MotionError, r"T >= 1, found \(0,\)"),
+        (changed("times_ns", lambda a: a[:, None]), MotionError, r"\(T,\) with T >= 1, found \(40, 1\)"),
+        (changed("times_ns", lambda a: a / 1e9), MotionError, "whole nanoseconds"),
+        (changed("times_ns", lambda a: [*a[1:], 2**63]), MotionError, "whole nanoseconds, 9223372036854775807 at most"),
+        (changed("times_ns", lambda a: [*a[1:], -(2**63)]), MotionError, "whole nanoseconds"),
         (changed("targets", lambda a: a.reshape(-1, 6)), MotionError, r"targets of shape \(40, 2, 3\), found"),
         (changed("reached", lambda a: a[:, :1]), MotionError, r"reached of shape \(40, 2, 3\), found \(40, 1, 3\)"),
         (changed("joints", with_nan), MotionError, "finite numbers in joints"),
@@ -183,7 +186,7 @@ def test_a_file_that_cannot_be_written_is_one_line(tmp_path: Path, path: str) ->
 
 
 def test_a_single_sample_on_the_axis_of_the_robot_is_drawn_too(tmp_path: Path) -> None:
-    still = {name: motion()[name][:1] for name in ("times_s", "joints")}
+    still = {name: motion()[name][:1] for name in ("times_ns", "joints")}
     hands = np.full((1, 2, 3), [0.0, 0.0, 1.0])
     record_motion(tmp_path / "x.rrd", **(motion() | still | {"targets": hands, "reached": hands}))
     assert rows(tmp_path / "x.rrd", "/error/left", "Scalars:scalars") == [[0.0]]
