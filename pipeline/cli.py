@@ -11,6 +11,7 @@ from typer.core import TyperGroup
 
 from pipeline import console
 from pipeline.printable import printable
+from pipeline.usage import Verbs, usage_line
 from pipeline.verbs import (
     demonstrating,
     exploring,
@@ -29,7 +30,7 @@ from pipeline.verbs.stopping import words
 from recorders.errors import ReenactError
 
 
-class _Verbs(TyperGroup):
+class _Program(TyperGroup):
     """Ends with a line where a signal cut a verb short: click itself ends without a word after Ctrl-C."""
 
     def invoke(self, ctx: Any) -> Any:
@@ -40,11 +41,11 @@ class _Verbs(TyperGroup):
             _fail(*words(stop))
 
 
-app = typer.Typer(
+app = Verbs(
     name="reenact",
-    cls=_Verbs,
+    cls=_Program,
     help="Record a robot, replay the recording, learn from it, deploy what was learned, and prove it still works.",
-    add_completion=False,
+    context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
 )
@@ -52,10 +53,10 @@ app = typer.Typer(
 
 @app.callback(invoke_without_command=True)
 def _reenact(
-    ctx: typer.Context, version: Annotated[bool, typer.Option("--version", help="Say the version.")] = False
+    ctx: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
 ) -> None:
     if version:
-        print(f"reenact {importlib.metadata.version('reenact')}")
+        console.line(f"reenact {importlib.metadata.version('reenact')}")
         raise typer.Exit
     help_without_verb(ctx)
 
@@ -90,17 +91,18 @@ app.add_typer(golden.app)
 
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line: status 0 done and holds, 1 a check failed, 2 bad usage or bad input."""
+    console.take_any_text()
     signal.signal(signal.SIGTERM, _terminate)
     # What click raises on bad usage; typer carries click within itself and exports only this subclass.
     usage_error: Any = typer.BadParameter.__bases__[0]
     try:
-        status = app(arguments, standalone_mode=False)
+        status = app(arguments, prog_name="reenact", standalone_mode=False)
     except ReenactError as error:
         _fail(str(error), error.exit_status)
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}", 2)
     except usage_error as error:
-        _fail(f"{error.format_message()} (reenact --help shows what there is)", 2)
+        _fail(usage_line(error), 2)
     sys.exit(status if isinstance(status, int) else 0)
 
 

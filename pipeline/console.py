@@ -1,10 +1,12 @@
 """What the command line shows: progress on the terminal, results as a table or as JSON."""
 
+import io
 import json
 import os
 import sys
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from rich.console import Console
@@ -17,6 +19,8 @@ from rich.progress import (
     TimeRemainingColumn,
 )
 from rich.table import Table
+
+from pipeline.printable import printable
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -54,25 +58,54 @@ def counter(description: str) -> Iterator[Callable[[int, int], None]]:
         yield lambda messages, size: bar.update(task, completed=messages, megabytes=size / 1e6)
 
 
-def say(line: str) -> None:
+def take_any_text() -> None:
+    """Have both streams take whatever is printed: spelt out where their encoding has no such letter, or dropped.
+
+    A stream that was closed by whoever started the program takes nothing: its number is that of no other file then.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115  # as long as the program
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+
+
+def say(text: str) -> None:
     """Print one line for the reader, on standard error, so that standard output holds the result alone."""
-    errors.print(line, markup=False)
+    errors.print(printable(text), markup=False)
+
+
+def line(text: str) -> None:
+    """Print one line of a result."""
+    block(printable(text))
+
+
+def block(text: str) -> None:
+    """Print lines of our own; a reader who has gone away (`| head`) is no failure of ours."""
+    try:
+        print(text, flush=True)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def show(result: Mapping[str, Any], *, as_json: bool) -> None:
     """Print a result: one JSON object, or a line for each entry."""
     if as_json:
-        _print(json.dumps(result, allow_nan=False))
+        block(json.dumps(result, allow_nan=False))
         return
     lines = dict(_flat(result))
     width = max(map(len, lines))
     for name, value in lines.items():
-        _print(f"{name:<{width}}  {_text(value)}")
+        line(f"{name:<{width}}  {_text(value)}")
 
 
 def table(content: Table) -> None:
     """Print a table, as wide as it needs to be where there is no terminal."""
-    Console(highlight=False, width=None if sys.stdout.isatty() else 120).print(content)
+    console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
+    with console.capture() as captured:
+        console.print(content)
+    block(captured.get().rstrip("\n"))
 
 
 def _flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
@@ -84,15 +117,12 @@ def _flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
             yield prefix + name, value
 
 
-def _print(line: str) -> None:
-    """Print a line; a reader who has gone away (`| head`) is no failure of ours."""
-    try:
-        print(line, flush=True)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
 def _text(value: Any) -> str:
-    if value is None:
+    """Return a value as a reader writes it, with nothing of Python's in it."""
+    if value is None or value in ([], ()):
         return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, Sequence) and not isinstance(value, str):
+        return ", ".join(map(_text, value))
     return f"{value:.2f}" if isinstance(value, float) else str(value)

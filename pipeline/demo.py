@@ -18,8 +18,9 @@ from pipeline.controller import Controller
 from pipeline.exploration import explore
 from pipeline.learner_config import LearnerConfig
 from pipeline.live_view import LiveView
+from pipeline.motion_names import PATTERNS
 from pipeline.motion_view import MotionView
-from pipeline.motions import PATTERNS, load_motion
+from pipeline.motions import load_motion
 from pipeline.nodes import replay
 from pipeline.report import MotionTest, draw_report
 from pipeline.robot import RobotConfig, load_robot

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.motion_csv import MAX_COORDINATE_M, MAX_TIME_S, read_table
+from pipeline.motion_names import PATTERNS, drawings, motion_names
 from pipeline.plausible import plausible
-from pipeline.resources import data_path
 from pipeline.robot import RobotConfig
 from recorders.errors import MessageError, MotionError
 from recorders.parts import is_log
@@ -19,7 +19,6 @@ from recorders.regular import refuse_irregular
 
 Floats = NDArray[np.float64]
 
-PATTERNS = ("circles", "eight")
 CSV_COLUMNS = ("t", "lx", "ly", "lz", "rx", "ry", "rz")
 RADIUS_M = 0.10
 PATTERN_PERIOD_S = 0.2  # the paper's 5 Hz
@@ -116,11 +115,10 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     patterns = dict(zip(PATTERNS, (circles, eight), strict=True))
     if str(name_or_path) in patterns:
         return patterns[str(name_or_path)](robot)
-    drawings = _drawings()
-    path = drawings.get(str(name_or_path), Path(name_or_path))
+    path = drawings().get(str(name_or_path), Path(name_or_path))
     refuse_irregular(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
-        known = ", ".join([*patterns, *drawings])
+        known = ", ".join(motion_names())
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
     motion = read_motion_csv(path)
     check_targets(motion, robot)
@@ -140,11 +138,7 @@ def check_targets(motion: Motion, robot: RobotConfig) -> None:
 
 def is_recorded(name_or_path: str | Path) -> bool:
     """Whether a motion is given as a recording: no name of a motion, but a log or the parts of a session."""
-    return str(name_or_path) not in (*PATTERNS, *_drawings()) and is_log(Path(name_or_path))
-
-
-def _drawings() -> dict[str, Path]:
-    return {path.stem: path for path in sorted(data_path("motions").glob("*.csv"))}
+    return str(name_or_path) not in motion_names() and is_log(Path(name_or_path))
 
 
 def read_motion_csv(path: str | Path) -> Motion:

@@ -15,7 +15,8 @@ from pipeline.executors import local_processes
 from pipeline.exploration import explore
 from pipeline.learner_config import LearnerConfig
 from pipeline.many_runs import Executors, Outcome, Run, RunsError, as_they_end, compute, compute_all
-from pipeline.motions import PATTERNS, load_motion
+from pipeline.motion_names import PATTERNS
+from pipeline.motions import load_motion
 from pipeline.paper_networks import try_networks
 from pipeline.paper_results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, Networks, Paper
 from pipeline.resources import data_path

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.motions import PATTERNS
+from pipeline.motion_names import PATTERNS
 from pipeline.paper_results import PATTERN_1, Networks, Paper
 from pipeline.robot import RobotConfig
 

@@ -11,7 +11,7 @@ from pipeline.command_costs import CommandCost
 from pipeline.controller import Controller
 from pipeline.deployment import Deployment
 from pipeline.evaluation import HandErrors
-from pipeline.motions import PATTERNS
+from pipeline.motion_names import PATTERNS
 from pipeline.robot import RobotConfig
 from pipeline.trials import Trial
 

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from itertools import chain, count, islice
 
 from recorders.cdr import encode
-from recorders.errors import JointError, LogError, MessageError
+from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.parts import Log
 from recorders.phase import Phase
 from recorders.records import Stamped
@@ -175,7 +175,7 @@ def naming(path: Log) -> Iterator[None]:
     """Put the log's path before what is wrong with one of its messages."""
     try:
         yield
-    except (MessageError, JointError) as error:
+    except (MessageError, JointError, MotionError) as error:
         raise type(error)(f"{path}: {error}") from error
 
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
+from pipeline.motion_names import drawings
 from pipeline.verbs.options import (
     ConnectInstead,
     Json,
@@ -34,15 +35,19 @@ def demonstrate(
     source: Annotated[
         str,
         typer.Argument(
-            help="A CSV file, a log, a drawing that comes with the program, or `live` for a pose topic over Zenoh.",
+            help=f"A CSV file, a log, one of {', '.join(drawings())}, or `live` for a pose topic over Zenoh.",
             metavar="MOTION.csv|LOG.mcap|live",
+            autocompletion=lambda incomplete: [name for name in (*drawings(), LIVE) if name.startswith(incomplete)],
         ),
     ],
     out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
     hand: Annotated[str | None, typer.Option(help="The hand that is shown: left or right.", metavar="HAND")] = None,
     topic: Annotated[
         str | None,
-        typer.Option(help="PoseStamped topic of that hand; both hands' targets if left out.", metavar="TOPIC"),
+        typer.Option(
+            help="PoseStamped topic of one hand: of the right, or of --hand; both hands' targets if left out.",
+            metavar="TOPIC",
+        ),
     ] = None,
     map_: Renames = None,
     hz: Annotated[float, typer.Option(help="Samples a second.", metavar="HZ")] = 10.0,
@@ -102,6 +107,8 @@ def demonstrate(
 
     if hand not in (None, "left", "right"):
         raise ConfigError(f"--hand: expected left or right, found {hand!r:.40}")
+    if topic is not None and hand is None:
+        console.say(f"--topic: {topic} is taken for the right hand; --hand left for the other")
     config = DemonstrationConfig(hz, place, scale, _axes(plane), flat, unreachable)
     follower = load_robot(robot)
     check_place(out, overwrite=overwrite)
@@ -145,11 +152,9 @@ def _axes(plane: str | None) -> tuple[str, str] | None:
 
 def _read(source: str, hand: str | None, topic: str | None, map_: list[str] | None) -> "Shown":
     from pipeline.hand_paths import pose_topics, read_csv_paths, read_log_paths
-    from pipeline.resources import data_path
     from recorders.parts import is_log
 
-    drawing = data_path("motions", f"{source}.csv")
-    path = drawing if drawing.is_file() else Path(source)
+    path = drawings().get(source, Path(source))
     if is_log(path):
         return read_log_paths(path, pose_topics(topic, hand=hand), renames=renames(map_))
     if topic or map_:

@@ -8,6 +8,7 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import (
+    MOTIONS,
     Await,
     ConnectInstead,
     Json,
@@ -19,6 +20,7 @@ from pipeline.verbs.options import (
     Seed,
     Wait,
     ZenohConfig,
+    complete_motion,
     session_config,
 )
 from pipeline.verbs.stopping import leaving_log
@@ -31,7 +33,11 @@ _ROBOT, _NAMESPACE, _WAIT_S = "asimo", "reenact", 10.0
 def explore(
     motion: Annotated[
         str,
-        typer.Option(help="circles, eight, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].", metavar="MOTION"),
+        typer.Option(
+            help=f"One of {MOTIONS}, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].",
+            metavar="MOTION",
+            autocompletion=complete_motion,
+        ),
     ],
     out: Annotated[
         Path | None, typer.Option(help="Log to write, unless a running robot is driven.", metavar="LOG.mcap")

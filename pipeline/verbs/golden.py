@@ -8,10 +8,11 @@ import typer
 
 from pipeline import console
 from pipeline.resources import data_path
+from pipeline.usage import Verbs
 from pipeline.verbs.options import Json, help_without_verb
 from recorders.errors import CheckFailed, ConfigError
 
-app = typer.Typer(name="golden", help="Golden-log regression: make cases, check them.", rich_markup_mode=None)
+app = Verbs(name="golden", help="Golden-log regression: make cases, check them.", rich_markup_mode=None)
 
 
 @app.callback(invoke_without_command=True)
@@ -110,6 +111,6 @@ def check(
         console.show(summary(verdicts), as_json=True)
     else:
         for verdict in verdicts:
-            print(f"{verdict.status}  {verdict.name}" + (f"  {verdict.finding}" if verdict.finding else ""))
+            console.line(f"{verdict.status}  {verdict.name}" + (f"  {verdict.finding}" if verdict.finding else ""))
     if any(verdict.finding for verdict in verdicts):
         raise typer.Exit(CheckFailed.exit_status)

@@ -29,7 +29,7 @@ def info(
         console.table(topics_table(summary))
         if summary.survey.damage:
             console.table(damage_table(summary.survey.damage))
-            print("`reenact recover` writes a sound log with what is whole.")
+            console.line("`reenact recover` writes a sound log with what is whole.")
     if not summary.sound:
         raise typer.Exit(CheckFailed.exit_status)
 

@@ -8,6 +8,7 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import (
+    MOTIONS,
     AsLive,
     AsRecorded,
     Controller,
@@ -17,6 +18,7 @@ from pipeline.verbs.options import (
     Renames,
     Seed,
     StreamsRobot,
+    complete_motion,
     renames,
 )
 from pipeline.verbs.stopping import leaving
@@ -50,7 +52,7 @@ def demo(
         return
     console.table(results_table(result))
     digest, took = result.file_digest[:16], sum(result.seconds.values())
-    print(f"State digest {digest}…, over Zenoh and from the file alike. {took:.0f} s. Look at {out / REPORT}")
+    console.line(f"State digest {digest}…, over Zenoh and from the file alike. {took:.0f} s. Look at {out / REPORT}")
 
 
 def train(
@@ -109,7 +111,9 @@ def evaluate(
     motion: Annotated[
         str,
         typer.Argument(
-            help="A log, a CSV file, circles or eight; samples are taken in order.", metavar="MOTION.csv|LOG.mcap"
+            help=f"A log, a CSV file, or one of {MOTIONS}; samples are taken in order.",
+            metavar="MOTION|LOG.mcap",
+            autocompletion=complete_motion,
         ),
     ],
     linear_from: Annotated[
@@ -151,7 +155,7 @@ def diff(
     if as_json:
         console.show({"equal": found is None, "first_divergence": found and asdict(found)}, as_json=True)
     else:
-        print("no divergence" if found is None else found)
+        console.line("no divergence" if found is None else str(found))
     if found is not None:
         raise typer.Exit(CheckFailed.exit_status)
 
@@ -163,6 +167,6 @@ def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
     from pipeline.trials import robot_of
 
     if is_recorded(motion):
-        raise ConfigError(f"--deploy: expected circles, eight or a CSV file, found the log {motion}")
+        raise ConfigError(f"--deploy: expected one of {MOTIONS}, or a CSV file, found the log {motion}")
     with console.progress("deploy") as advance:
         return deploy(controller, load_motion(motion, robot_of(controller)), progress=advance).summary()

@@ -6,17 +6,38 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
+from pipeline.motion_names import motion_names
+from pipeline.resources import data_path
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
     from recorders.wire.session import SessionConfig
+
+MOTIONS = ", ".join(motion_names())
+"""The motions that come with the program, for the help."""
+
+
+def complete_motion(incomplete: str) -> list[str]:
+    """Return the motions whose names begin so, for the shell."""
+    return [name for name in motion_names() if name.startswith(incomplete)]
+
+
+def complete_robot(incomplete: str) -> list[str]:
+    """Return the robots whose names begin so, for the shell."""
+    return sorted(folder.name for folder in data_path("robots").glob(f"{incomplete}*/"))
+
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.", min=0, metavar="N")]
 Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
 Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")]
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
-Robot = Annotated[str, typer.Option(help="Robot that comes with the program, or a folder of one.", metavar="ROBOT")]
+Robot = Annotated[
+    str,
+    typer.Option(
+        help="Robot that comes with the program, or a folder of one.", metavar="ROBOT", autocompletion=complete_robot
+    ),
+]
 StreamsRobot = Annotated[
     str | None, typer.Option(help="Robot; by default the one that the stream or log names.", metavar="ROBOT")
 ]
@@ -74,7 +95,7 @@ _EXPOSED = (
 def help_without_verb(ctx: typer.Context) -> None:
     """Print the help, and end with status 2, where the command line names no verb."""
     if ctx.invoked_subcommand is None:
-        print(ctx.get_help())
+        console.block(ctx.get_help())
         raise typer.Exit(2)
 
 

@@ -42,6 +42,6 @@ def paper(
         console.show(result.summary(), as_json=True)
     else:
         console.table(console_table(result))
-        print(f"Look at {report}")
+        console.line(f"Look at {report}")
     if config.is_full:
         check_bounds(result)

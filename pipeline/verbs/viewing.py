@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.verbs.options import Json, Renames, renames
+from pipeline.verbs.options import MOTIONS, Json, Renames, complete_motion, renames
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -48,7 +48,9 @@ def view(
     motion: Annotated[
         str | None,
         typer.Option(
-            help="For a controller: circles, eight, a CSV file or a log; circles if left out.", metavar="MOTION"
+            help=f"For a controller: one of {MOTIONS}, a CSV file or a log; circles if left out.",
+            metavar="MOTION",
+            autocompletion=complete_motion,
         ),
     ] = None,
     robot: Annotated[

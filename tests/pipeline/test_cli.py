@@ -79,7 +79,7 @@ BAD_INPUT = [
     ("evaluate controller.npz columns.csv", "columns.csv"),
     ("evaluate controller.npz eight --linear-from nowhere.mcap", "nowhere.mcap: no such file"),
     ("evaluate controller.npz eight --deploy --linear-from log.mcap", "expected one of --deploy and --linear-from"),
-    ("evaluate controller.npz log.mcap --deploy", "--deploy: expected circles, eight or a CSV file, found the log"),
+    ("evaluate controller.npz log.mcap --deploy", "or a CSV file, found the log log.mcap"),
     ("evaluate controller.npz spiral --deploy", "unknown motion 'spiral'"),
     ("explore --motion spiral --out e.mcap", "unknown motion 'spiral': expected one of circles, eight"),
     ("explore --motion far.csv --out e.mcap", "reach"),

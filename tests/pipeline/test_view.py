@@ -7,12 +7,13 @@ from pathlib import Path
 import numpy as np
 import pytest
 import typer
-from episodes import write_episode
+from episodes import PERIOD_NS, write_episode
 from processes import reenact, start
 from rerun.chunk import RrdReader
 from rerun_server import entities, rerun_server, rows
 from sockets import listening
 
+from pipeline import cli
 from pipeline.controller import Controller
 from pipeline.kinematics import Kinematics
 from pipeline.learner_config import LearnerConfig
@@ -24,8 +25,10 @@ from pipeline.training import train, train_on
 from pipeline.trials import try_motion
 from pipeline.verbs import viewing
 from pipeline.view import view_controller, view_log
+from recorders.cdr import decode
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.messages import Float64MultiArray, JointState, PoseStamped
+from recorders.reader import LogReader
 from recorders.rerun_recorder import Destination
 from recorders.topics import JOINT_COMMANDS, LEARNER_ERROR, LEFT_TARGET, RIGHT_TARGET
 from recorders.wire.loopback import free_endpoint
@@ -122,6 +125,61 @@ def test_commands_are_compared_with_the_target_that_they_answer(tmp_path: Path) 
     view_log(tmp_path / "served.mcap", Destination(path := tmp_path / "x.rrd"))
     np.testing.assert_allclose(rows(path, "/error/left", "Scalars:scalars"), [[3.0], [5.0]], rtol=1e-9)
     np.testing.assert_allclose(rows(path, "/learning/error/right", "Scalars:scalars"), [[1.0]], rtol=1e-12)
+
+
+def at_log_times(log: Path, path: Path, log_times_ns: list[int]) -> Path:
+    """Write the ticks of a log anew, each at a log time of its own."""
+    reader = LogReader(log)
+    attachments = {name: reader.attachment(name) for name in ("robot.urdf", "robot.toml")}
+    with LogWriter(path, manifest={"kind": "test"}, attachments=attachments) as writer:
+        for number, record in enumerate(reader):
+            message = decode(record.type, record.data)
+            writer.write(record.topic, message, log_time_ns=log_times_ns[number // 3])
+    return path
+
+
+@pytest.mark.parametrize(
+    ("first_ns", "steps_ns"),
+    [
+        (2**64 - 2**35, [2 * PERIOD_NS + 1] * SAMPLES),
+        (2**63 - 2 * PERIOD_NS, [PERIOD_NS] * SAMPLES),
+        (1_700_000_000_000_000_129, [PERIOD_NS] * SAMPLES),
+        (1_700_000_000_000_000_129, [PERIOD_NS] * 9 + [-3 * PERIOD_NS + 7] + [PERIOD_NS] * (SAMPLES - 10)),
+        (0, [2**63 - 1] + [0] * (SAMPLES - 1)),
+    ],
+    ids=["near 2^64", "across 2^63", "today", "stepped back", "as far as a time line reaches"],
+)
+def test_every_posture_stands_at_its_log_time_to_the_nanosecond(
+    log: Path, tmp_path: Path, first_ns: int, steps_ns: list[int]
+) -> None:
+    times_ns = [first_ns + sum(steps_ns[:k]) for k in range(SAMPLES + 1)]
+    moved = at_log_times(log, tmp_path / "moved.mcap", times_ns)
+    assert view_log(moved, Destination(path := tmp_path / "moved.rrd")) == SAMPLES + 1
+    start_ns = next(iter(LogReader(moved))).log_time_ns
+    assert sorted(shown_at(path, "/joints")) == sorted(time_ns - start_ns for time_ns in times_ns)
+
+
+@pytest.mark.parametrize("jump_ns", [2**63, 2**64 - 2**35], ids=["2^63", "round the end of 64 bits"])
+def test_log_times_further_apart_than_a_time_line_reaches_are_one_line(
+    log: Path, tmp_path: Path, jump_ns: int, capfd: pytest.CaptureFixture[str]
+) -> None:
+    times_ns = [jump_ns + tick for tick in range(9)] + list(range(SAMPLES - 8))
+    moved = at_log_times(log, tmp_path / "moved.mcap", times_ns)
+    with pytest.raises(SystemExit) as end:
+        cli.main(["view", str(moved), "--save", str(tmp_path / "moved.rrd")])
+    assert end.value.code == 2
+    error = capfd.readouterr().err
+    assert error.startswith(f"reenact: {moved}: /")
+    assert "expected messages within 9223372036 s of the first" in error
+    assert error.count("\n") == 1
+    assert not (tmp_path / "moved.rrd").exists()
+
+
+def shown_at(path: Path, entity: str) -> list[int]:
+    """Times [ns] at which a recording has rows of an entity."""
+    chunks = [chunk for chunk in RrdReader(path).stream() if chunk.entity_path == entity and not chunk.is_static]
+    columns = [chunk.to_record_batch().column("time") for chunk in chunks]
+    return [int(time) for column in columns for time in column.cast("int64").to_pylist()]
 
 
 def test_the_same_log_has_one_recording_id(log: Path, viewed_log: Path, tmp_path: Path) -> None:

@@ -1,0 +1,76 @@
+"""What the command line says of its own use: help without Python's types, and one line for what was typed wrongly."""
+
+import difflib
+from collections.abc import Callable
+from typing import Any
+
+import typer
+from typer.core import TyperArgument, TyperCommand
+
+
+class Verb(TyperCommand):
+    """A verb whose help shows what each argument and option takes, without Python's name for it."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the arguments, then the options."""
+        records: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+        for param in self.get_params(ctx):
+            record = param.get_help_record(ctx)
+            if record is not None and isinstance(param, TyperArgument):
+                records["Arguments"].append((param.display_name_raw, record[1]))
+            elif record is not None:
+                records["Options"].append(record)
+        for title, rows in records.items():
+            if rows:
+                with formatter.section(title):
+                    formatter.write_dl(rows)
+
+
+class Verbs(typer.Typer):
+    """A group of verbs, whose help is as `Verb` writes it."""
+
+    def command(
+        self, name: str | None = None, *, cls: type[TyperCommand] | None = Verb, **settings: Any
+    ) -> Callable[..., Any]:
+        """Return what registers a function as a verb."""
+        return super().command(name, cls=cls, **settings)
+
+
+def usage_line(error: Any) -> str:
+    """Return the line for a usage error of typer's: what was expected, what was found, and whose help to read."""
+    where = "reenact" if error.ctx is None else error.ctx.command_path
+    return f"{_what(error).rstrip('.')} (`{where} --help` shows what there is)"
+
+
+def _what(error: Any) -> str:
+    if hasattr(error, "option_name") and hasattr(error, "possibilities"):  # no such option
+        return f"no such option {error.option_name}{_nearest_option(error)}"
+    invalid = error.__cause__
+    if hasattr(invalid, "errors") and error.param is not None:  # a value that cannot be one of this option's
+        found = invalid.errors()[0]["input"]
+        return f"{'/'.join(error.param.opts)}: expected {_expected(error.param)}, found {str(found)!r:.60}"
+    message: str = error.format_message()
+    return message[:1].lower() + message[1:]
+
+
+def _nearest_option(error: Any) -> str:
+    """Return the question whether another option was meant, if one is near: `--otu` or `-o` for `--out`."""
+    if error.ctx is None:
+        return ""
+    params = error.ctx.command.get_params(error.ctx)
+    names = [name for param in params for name in (*param.opts, *param.secondary_opts) if name.startswith("-")]
+    wanted = error.option_name.lstrip("-")
+    near = [name for name in names if name.lstrip("-").startswith(wanted)] or difflib.get_close_matches(
+        error.option_name, names, n=1
+    )
+    return f"; did you mean {near[0]}?" if near else ""
+
+
+def _expected(param: Any) -> str:
+    """Return what a numeric option takes, in words."""
+    words = "a whole number" if param.type_descriptor.annotation is int else "a number"
+    if param.min is not None and param.max is not None:
+        return f"{words} from {param.min:g} to {param.max:g}"
+    if param.min is not None:
+        return f"{words}, at least {param.min:g}"
+    return f"{words}, at most {param.max:g}" if param.max is not None else words
