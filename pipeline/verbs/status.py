@@ -25,7 +25,9 @@ def status(
     namespace: Namespace = "reenact",
     as_json: Json = False,
 ) -> None:
-    """Show every robot, controller, learner, recorder, replay and explorer that runs.
+    """Show what runs in a namespace.
+
+    It lists every robot, controller, learner, recorder, replay and explorer.
 
     Exit status 1, and a line, if none does. With --watch, status 0 whatever there was; --json then prints an object a
     second.
