@@ -262,7 +262,7 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
     robot = robot_of(controller)
     record_motion(
         path,
-        urdf_text=robot.urdf_text,
+        urdf_text=robot.plain_urdf,
         joint_names=robot.joints,
         times_ns=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_NS,
         joints=trial.joints,

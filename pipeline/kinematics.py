@@ -4,13 +4,13 @@ import numpy as np
 import pinocchio
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.pinocchio_model import build_model, joint_index, link_frame
 from pipeline.robot import RobotConfig
-from pipeline.urdf import canonical_urdf, one_line
+from pipeline.urdf import canonical
 from recorders.errors import JointError, RobotError
 
 Floats = NDArray[np.float64]
 
-_LINK = pinocchio.FrameType.BODY
 _ALIGNED = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 
 
@@ -23,23 +23,21 @@ class Kinematics:
     Raises
     ------
     RobotError
-        Pinocchio cannot build the URDF, or a joint has more than one degree of freedom.
+        Pinocchio cannot build the URDF.
     """
 
     def __init__(self, robot: RobotConfig) -> None:
         self.robot = robot
         try:
-            self._model = pinocchio.buildModelFromXML(canonical_urdf(robot.urdf_text))
-        except (RuntimeError, ValueError) as error:
-            raise RobotError(f"robot '{robot.name}': the URDF does not build: {one_line(str(error))}") from error
+            self._model = build_model(canonical(robot.urdf_text))
+        except RobotError as error:
+            raise RobotError(f"robot '{robot.name}': {error}") from error
         self._data = self._model.createData()
-        model_joints = [self._model.joints[self._model.getJointId(name)] for name in robot.joints]
-        if any(joint.nq != 1 or joint.nv != 1 for joint in model_joints):
-            raise RobotError(f"robot '{robot.name}': expected joints of one degree of freedom each")
+        model_joints = [self._model.joints[joint_index(self._model, name)] for name in robot.joints]
         self._idx_q = np.array([joint.idx_q for joint in model_joints])
         self._idx_v = np.array([joint.idx_v for joint in model_joints])
-        self._hands = [self._model.getFrameId(name, _LINK) for name in (robot.left_hand, robot.right_hand)]
-        self._gaze = self._model.getFrameId(robot.gaze_frame, _LINK)
+        self._hands = [link_frame(self._model, name) for name in (robot.left_hand, robot.right_hand)]
+        self._gaze = link_frame(self._model, robot.gaze_frame)
         self._q: Floats = pinocchio.neutral(self._model)
 
     @property

@@ -107,7 +107,7 @@ class _Stage:
         self._timeline = timeline
         self._kinematics = kinematics
         self._network = NetworkView(controller)
-        self._model = RobotModel.load(robot.urdf_text, robot.joints)
+        self._model = RobotModel.load(robot.plain_urdf, robot.joints)
         blueprint = learning_blueprint(
             in_sight(targets), plane, joints=len(robot.joints), timeline=timeline, top_cm=top_cm
         )

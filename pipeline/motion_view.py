@@ -65,7 +65,7 @@ class MotionView:
             live=True,
         )
         self._rows = MotionRows(robot, joints_topic=joints_topic)
-        self._model = RobotModel.load(robot.urdf_text, robot.joints)
+        self._model = RobotModel.load(robot.plain_urdf, robot.joints)
         self._recording = self._view.open(title=title, blueprint=blueprint, kind="live")
         self._model.send_still(self._recording)
         self._hands = HandScene(self._recording, plane).send_still()

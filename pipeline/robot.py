@@ -15,7 +15,9 @@ from pipeline.resources import data_path
 from pipeline.robot_import import import_urdf
 from pipeline.robot_source import parse_source, read_source, read_text
 from pipeline.robot_tables import as_name, as_number, as_table, as_vector, check_keys, parse_toml
-from pipeline.urdf import check_links, joint_limits, one_line, parse_urdf, shown
+from pipeline.urdf import WORLD, canonical_urdf, check_links, named, one_line, parse_urdf, root_link, shown
+from pipeline.urdf_bodies import check_bodies
+from pipeline.urdf_joints import joint_limits
 from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
@@ -69,6 +71,11 @@ class RobotConfig:
             array = np.array(getattr(self, field), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, field, array)
+
+    @property
+    def plain_urdf(self) -> str:
+        """The URDF without meshes and all else that names a file or is of no use here: fit for any library."""
+        return canonical_urdf(self.urdf_text)
 
     @property
     def input_centre(self) -> Floats:
@@ -143,6 +150,9 @@ def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
     """
     parts = _parse_config(toml_text)
     urdf = parse_urdf(urdf_text)
+    if (root := root_link(urdf)) != WORLD and WORLD in named(urdf, "link"):
+        raise RobotError(f"link {WORLD} of the URDF: expected it to be the link that is no child, which is {root}")
+    check_bodies(urdf)
     lower, upper = joint_limits(urdf, parts["joints"])
     check_links(urdf, (parts["left_hand"], parts["right_hand"], parts["gaze_frame"]))
     _check_comfort(parts["joints"], lower, parts["comfort"], upper)

@@ -10,8 +10,9 @@ from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.pinocchio_model import build_model, build_shapes, joint_index
 from pipeline.robot import RobotConfig
-from pipeline.urdf import canonical_urdf
+from pipeline.urdf import canonical
 
 Floats = NDArray[np.float64]
 
@@ -56,13 +57,13 @@ class RobotDrawing:
 
     def __init__(self, robot: RobotConfig) -> None:
         self._robot = robot
-        text = canonical_urdf(robot.urdf_text)
-        self._model = pinocchio.buildModelFromXML(text)
+        urdf = canonical(robot.urdf_text)
+        self._model = build_model(urdf)
         self._data = self._model.createData()
-        self._geometry = pinocchio.buildGeomFromUrdfString(self._model, text, pinocchio.GeometryType.VISUAL)
+        self._geometry = build_shapes(self._model, urdf)
         self._placements = self._geometry.createData()
         self._faces = [_faces(shape.geometry) for shape in self._geometry.geometryObjects]
-        self._idx_q = [self._model.joints[self._model.getJointId(name)].idx_q for name in robot.joints]
+        self._idx_q = [self._model.joints[joint_index(self._model, name)].idx_q for name in robot.joints]
 
     def draw(self, axes: Axes, q: ArrayLike, *, view: View = View(), offset_cm: tuple[float, float] = (0, 0)) -> None:
         """Draw the robot at posture `q` (n,), in cm right of and above where the axes' origin is seen.

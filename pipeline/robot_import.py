@@ -5,20 +5,14 @@ Pinocchio does the geometry: it fixes the joints that are not wanted and joins t
 """
 
 from collections.abc import Iterable, Sequence
-from typing import Any
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-import numpy as np
-import pinocchio
-
+from pipeline.robot_reduction import reduced_model
 from pipeline.robot_source import Place, RobotSource
 from pipeline.robot_writing import write_urdf
-from pipeline.urdf import as_numbers, check_links, named, one_line, parse_urdf
+from pipeline.urdf import WORLD, as_numbers, check_links, named, one_line, parse_urdf, root_link
+from pipeline.urdf_bodies import check_bodies
 from recorders.errors import RobotError
-
-MAX_JOINTS = 1000  # of a model, fixed ones included; real ones have at most 200, and work grows with the square
-
-_WORLD = "world"
 
 
 def import_urdf(
@@ -54,15 +48,16 @@ def import_urdf(
     if both := [joint for joint in frozen if joint in joints]:
         raise RobotError(f"[frozen] joints {_list(both)} are among the robot's joints: expected them in one place")
     check_links(whole, frames)
-    return write_urdf(whole, _reduced(whole, source, joints), joints=joints, frames=frames)
+    model = reduced_model(whole, joints=joints, frozen=dict(source.frozen))
+    return write_urdf(whole, model, joints=joints, frames=frames)
 
 
 def _assembled(model: Element, source: RobotSource, name: str) -> Element:
     """Return links with their masses, and joints: those of the model that are not dropped, and those that are added."""
     robot = Element("robot", name=name)
-    SubElement(robot, "link", name=_WORLD)
+    SubElement(robot, "link", name=WORLD)
     _rename_root(model)
-    root = _root(model)
+    root = root_link(model)
     dropped = _below(model, source.drop)
     for link in model.iterfind("link"):
         if link.get("name") not in dropped:
@@ -74,7 +69,9 @@ def _assembled(model: Element, source: RobotSource, name: str) -> Element:
         _add_joint(robot, f"{frame.name}_frame", "fixed", frame.parent, frame.name, frame.place)
         SubElement(robot, "link", name=frame.name)
     _check_limits(robot)
-    return parse_urdf(tostring(robot, encoding="unicode"))  # once more: names that were added may exist already
+    whole = parse_urdf(tostring(robot, encoding="unicode"))  # once more: names that were added may exist already
+    check_bodies(whole)
+    return whole
 
 
 def _check_limits(robot: Element) -> None:
@@ -87,7 +84,7 @@ def _check_limits(robot: Element) -> None:
 
 def _rename_root(model: Element) -> None:
     """Give a root called `world` another name: it is to stand in ours."""
-    if (root := _root(model)) == _WORLD:
+    if (root := root_link(model)) == WORLD:
         for element in (*model.iterfind("link"), *model.iterfind("joint/parent")):
             attribute = "name" if element.tag == "link" else "link"
             if element.get(attribute) == root:
@@ -96,7 +93,7 @@ def _rename_root(model: Element) -> None:
 
 def _stand(robot: Element, root: str, source: RobotSource) -> None:
     """Set the model's root on the virtual joints, which move along and about the axes of the world."""
-    parent, xyz = _WORLD, source.base.xyz
+    parent, xyz = WORLD, source.base.xyz
     for joint in source.virtual:
         child = f"{joint.name}_link"
         element = _add_joint(robot, joint.name, joint.type, parent, child, Place(xyz))
@@ -120,16 +117,9 @@ def _end(joint: Element, end: str) -> str:
     return joint.find(end).get("link", "")  # type: ignore[union-attr]  # parse_urdf has seen to it
 
 
-def _root(model: Element) -> str:
-    (root,) = named(model, "link").keys() - {_end(joint, "child") for joint in model.iterfind("joint")}
-    return root
-
-
 def _below(model: Element, joints: Iterable[str]) -> set[str]:
     """Links that hang on some joints, at any depth."""
     existing = named(model, "joint")
-    if len(existing) > MAX_JOINTS:
-        raise RobotError(f"the robot's model: expected at most {MAX_JOINTS} joints, found {len(existing)}")
     if missing := [joint for joint in joints if joint not in existing]:
         raise RobotError(f"drop: joints {_list(missing)} are not in the model, which has {_list(sorted(existing))}")
     children: dict[str, list[str]] = {}
@@ -152,32 +142,3 @@ def _check_movable(robot: Element, joints: Iterable[str], what: str) -> None:
 
 def _list(names: Iterable[str]) -> str:
     return one_line(", ".join(names))
-
-
-def _reduced(whole: Element, source: RobotSource, joints: Sequence[str]) -> Any:
-    """Return Pinocchio's model with no other joints than `joints`."""
-    try:
-        model = pinocchio.buildModelFromXML(tostring(whole, encoding="unicode"))
-    except (RuntimeError, ValueError) as error:
-        raise RobotError(f"the robot's model does not build: {one_line(str(error))}") from error
-    posture, frozen = pinocchio.neutral(model), dict(source.frozen)
-    others = [name for name in model.names[1:] if name not in joints]
-    for name in others:
-        _freeze(model, posture, name, frozen.get(name, 0.0))
-    return pinocchio.buildReducedModel(model, [model.getJointId(name) for name in others], posture)
-
-
-def _freeze(model: Any, posture: Any, name: str, value: float) -> None:
-    joint = model.joints[model.getJointId(name)]
-    if joint.nv != 1:
-        if value:
-            raise RobotError(
-                f"[frozen] {name}: expected 0 for a joint of {joint.nv} degrees of freedom, found {value:g}"
-            )
-    elif joint.nq == 2:  # without limits: Pinocchio keeps cosine and sine
-        posture[joint.idx_q : joint.idx_q + 2] = np.cos(value), np.sin(value)
-    else:
-        low, high = (limit[joint.idx_q] for limit in (model.lowerPositionLimit, model.upperPositionLimit))
-        if not low <= value <= high:
-            raise RobotError(f"[frozen] {name}: expected between its limits {low:g} and {high:g}, found {value:g}")
-        posture[joint.idx_q] = value

@@ -4,13 +4,18 @@ from collections.abc import Mapping, Sequence
 from typing import Any
 from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
+import numpy as np
 import pinocchio
+from numpy.typing import NDArray
 
+from pipeline.pinocchio_model import joint_index, link_frame
 from pipeline.robot_looks import Body, add_body, add_bone, add_hand, add_materials
 from pipeline.urdf import as_numbers, named
+from pipeline.urdf_bodies import inertia_attributes, possible, principal_moments, read_inertia
 
-_LINK = pinocchio.FrameType.BODY
-_MOMENTS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
+Floats = NDArray[np.float64]
+
+_ROUNDING = 1e-11  # of moments of inertia as they are written [kg m^2], or of the largest: more than it can be
 
 
 def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tuple[str, str, str]) -> str:
@@ -36,7 +41,7 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
     robot = Element("robot", name=name)
     add_materials(robot, prefix=name)
     elements = named(whole, "joint")
-    moved = {model.getJointId(joint): _end(elements[joint], "child") for joint in joints}
+    moved = {joint_index(model, joint): _end(elements[joint], "child") for joint in joints}
     links = _write_links(robot, model, {0: "world"} | moved)
     for joint in joints:
         _write_joint(robot, elements[joint], model, links, prefix=name)
@@ -65,15 +70,25 @@ def _write_links(robot: Element, model: Any, names: Mapping[int, str]) -> dict[i
         inertial = SubElement(link, "inertial")
         SubElement(inertial, "origin", xyz=as_numbers(body.centre), rpy="0 0 0")
         SubElement(inertial, "mass", value=as_numbers(body.mass))
-        SubElement(inertial, "inertia", {key: as_numbers(body.inertia[place]) for key, place in _MOMENTS.items()})
+        _write_inertia(inertial, body.inertia)
         add_body(link, body, prefix=robot.get("name", ""))
         if index not in set(model.parents):  # no joint to which a bone would lead
             add_bone(link, body.centre, prefix=robot.get("name", ""))
     return links
 
 
+def _write_inertia(inertial: Element, inertia: Floats) -> None:
+    """Write a body's inertia (3, 3) [kg m^2]; of a flat one, rounding must not make one that no body has."""
+    element = SubElement(inertial, "inertia")
+    for larger in (0.0, _ROUNDING * max(1.0, float(inertia.max()))):
+        values = inertia_attributes(inertia + larger * np.eye(3))
+        element.attrib.update({key: as_numbers(value) for key, value in values.items()})
+        if possible(principal_moments(read_inertia(element))):
+            return
+
+
 def _write_joint(robot: Element, source: Element, model: Any, links: Mapping[int, Element], *, prefix: str) -> None:
-    index = model.getJointId(source.get("name", ""))
+    index = joint_index(model, source.get("name", ""))
     parent, place = links[model.parents[index]], model.jointPlacements[index]
     joint = SubElement(robot, "joint", name=source.get("name", ""), type=source.get("type", ""))
     _write_place(joint, place, parent, links[index])
@@ -84,7 +99,7 @@ def _write_joint(robot: Element, source: Element, model: Any, links: Mapping[int
 def _write_frame(robot: Element, name: str, model: Any, links: Mapping[int, Element], *, prefix: str) -> None:
     if name in named(robot, "link"):
         return
-    frame = model.frames[model.getFrameId(name, _LINK)]
+    frame = model.frames[link_frame(model, name)]
     parent = links[frame.parentJoint]
     joint = SubElement(robot, "joint", name=f"{name}_frame", type="fixed")
     _write_place(joint, frame.placement, parent, SubElement(robot, "link", name=name))

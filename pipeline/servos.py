@@ -1,6 +1,10 @@
 """The servos of a simulated robot, in Drake: every joint under PD control, its motor within its effort limit."""
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any, NamedTuple
+from xml.etree.ElementTree import tostring
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,8 +15,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, TriggerType
 from pydrake.systems.primitives import Adder, LogVectorOutput, MatrixGain
 
+from pipeline.model_names import for_libraries, joint_name, link_name
 from pipeline.robot import RobotConfig
-from pipeline.urdf import canonical_urdf, one_line
+from pipeline.urdf import WORLD, canonical, one_line, root_link
 from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
@@ -68,22 +73,31 @@ class JointSpace:
         self.plant: Any = MultibodyPlant(time_step=step_ns * 1e-9)  # Any: Drake's types for arrays are not numpy's
         self.plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
         self.plant.SetUseSampledOutputPorts(False)  # nothing reads accelerations or reaction forces
+        urdf = canonical(robot.urdf_text)
+        text = tostring(for_libraries(urdf), encoding="unicode")
         try:
-            (self.model,) = Parser(self.plant).AddModelsFromString(canonical_urdf(robot.urdf_text), "urdf")
+            with _no_substitutes():
+                (self.model,) = Parser(self.plant).AddModelsFromString(text, "urdf")
         except (RuntimeError, ValueError) as error:
             raise RobotError(f"robot '{robot.name}': the URDF does not build: {one_line(str(error))}") from error
+        if (root := root_link(urdf)) != WORLD:
+            self.plant.WeldFrames(self.plant.world_frame(), self.body(root).body_frame())
         found = {
             motor.joint().name(): motor
             for motor in map(self.plant.get_joint_actuator, self.plant.GetJointActuatorIndices())
         }
-        if unmoved := [name for name in robot.joints if name not in found]:
+        if unmoved := [name for name in robot.joints if joint_name(name) not in found]:
             raise RobotError(
                 f"robot '{robot.name}': Drake makes no motor for {', '.join(unmoved)}: expected a transmission "
                 "of type transmission_interface/SimpleTransmission and an effort limit above 0"
             )
-        self.joints: list[Any] = [self.plant.GetJointByName(name) for name in robot.joints]
-        self.motors = [found[name] for name in robot.joints]
+        self.joints: list[Any] = [self.plant.GetJointByName(joint_name(name)) for name in robot.joints]
+        self.motors = [found[joint_name(name)] for name in robot.joints]
         self.effort_limits = np.array([motor.effort_limit() for motor in self.motors])
+
+    def body(self, link: str) -> Any:
+        """Drake's body of a link of the URDF."""
+        return self.plant.GetBodyByName(link_name(link))
 
     def finalize(self) -> None:
         """Let Drake number the joints; nothing can be added to the plant from here on."""
@@ -112,6 +126,27 @@ class JointSpace:
         state = np.zeros(self.plant.num_multibody_states())
         state[self.x] = np.concatenate([q, v])
         self.plant.SetPositionsAndVelocities(context, state)
+
+
+@contextmanager
+def _no_substitutes() -> Iterator[None]:
+    """Raise ValueError where Drake, with a warning, takes an inertia of its own for one of the URDF's."""
+    found: list[str] = []
+    handler = logging.Handler(logging.WARNING)
+    handler.emit = lambda record: found.append(record.getMessage())  # type: ignore[method-assign]
+    logger = logging.getLogger("drake")
+    level, propagate = logger.level, logger.propagate
+    logger.addHandler(handler)
+    logger.setLevel(logging.WARNING)
+    logger.propagate = False  # its remarks on the URDF are not for our users
+    try:
+        yield
+    finally:
+        logger.removeHandler(handler)
+        logger.setLevel(level)
+        logger.propagate = propagate
+    if wrong := [line for line in found if "inertia" in line]:
+        raise ValueError(wrong[0])
 
 
 class LimitedServos:

@@ -63,7 +63,7 @@ class Simulation:
     """
 
     def __init__(self, robot: RobotConfig, config: SimulationConfig = SimulationConfig()) -> None:
-        logging.getLogger("drake").setLevel(logging.ERROR)  # its remarks on the URDF are not for our users
+        logging.getLogger("drake").setLevel(logging.ERROR)  # other remarks are not for our users
         self._robot = robot
         self._config = config
         self._joints = JointSpace(robot, step_ns=config.step_ns)
@@ -71,9 +71,9 @@ class Simulation:
         self._servos = FreeServos(self._joints, gains)
         self._limited = LimitedServos(JointSpace(robot, step_ns=config.step_ns), gains)
         self._plant, self._context = self._joints.plant, self._servos.context
-        self._hands = [self._plant.GetBodyByName(name) for name in (robot.left_hand, robot.right_hand)]
+        self._hands = [self._joints.body(name) for name in (robot.left_hand, robot.right_hand)]
         self._links = list(joint_links(robot.urdf_text).values())  # parent and child
-        self._frames = [tuple(self._plant.GetBodyByName(link).body_frame() for link in pair) for pair in self._links]
+        self._frames = [tuple(self._joints.body(link).body_frame() for link in pair) for pair in self._links]
         self.reset(robot.comfort)
 
     @property

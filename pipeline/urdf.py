@@ -11,16 +11,22 @@ from collections.abc import Iterable, Mapping, Sequence
 from xml.etree import ElementTree
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.urdf_cleaning import cleaned
 from recorders.errors import RobotError
 
-Floats = NDArray[np.float64]
-
-MAX_BYTES = 16 * 2**20  # real ones take at most one megabyte
+WORLD = "world"  # what a link is called that is the ground; any other root is welded to it
+MAX_BYTES = 4 * 2**20  # real ones take at most one megabyte
 MAX_ELEMENTS = 100_000
 MAX_DEPTH = 64  # elements within one another; libraries walk down by recursion
+MAX_JOINTS = 1000  # fixed ones included; real ones have at most 200, and work grows with the square
+MAX_SHAPES = 2000  # that are drawn; real ones have at most 200
+MAX_PLACE = 1e3  # of an origin [m or rad]: of no robot, and its masses' lever arms are squared
+MAX_CHAIN = 200  # joints one after another; libraries walk along them by recursion
 
+_BETWEEN = {"xyz": (-MAX_PLACE, MAX_PLACE), "rpy": (-MAX_PLACE, MAX_PLACE), "rgba": (0.0, 1.0)}
+_SHORTEST = 1e-3  # axis; libraries bring them to length 1
 _MAX_NAME = 200  # characters
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
 _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
@@ -29,12 +35,9 @@ _NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
 _OPTIONAL = {
     "origin": {"xyz": 3, "rpy": 3},
     "axis": {"xyz": 3},
-    "mesh": {"scale": 3},
     "limit": {"lower": 1, "upper": 1},
     "dynamics": {"damping": 1, "friction": 1},
     "mimic": {"multiplier": 1, "offset": 1},
-    "calibration": {"rising": 1, "falling": 1},
-    "safety_controller": {"k_position": 1, "soft_lower_limit": 1, "soft_upper_limit": 1},
 }
 _REQUIRED = {
     "mass": {"value": 1},
@@ -42,10 +45,8 @@ _REQUIRED = {
     "box": {"size": 3},
     "sphere": {"radius": 1},
     "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
     "color": {"rgba": 4},
     "limit": {"effort": 1, "velocity": 1},
-    "safety_controller": {"k_velocity": 1},
 }
 
 
@@ -86,13 +87,13 @@ def one_line(text: str) -> str:
 
 
 def parse_urdf(urdf_text: str) -> ElementTree.Element:
-    """Parse a URDF, and check its names, references and numbers.
+    """Parse a URDF, check its names, references and numbers, and leave out what the program does not need.
 
     Raises
     ------
     RobotError
-        The text is not a URDF, is too large or nested too deeply, a name or number in it is missing or malformed,
-        a mass cannot be one, or its links do not make one tree.
+        The text is not a URDF, is too large or nested too deeply, has too many joints, joints in a row or shapes, a
+        name or number in it is missing or malformed, or its links do not make one tree.
     """
     check_text(urdf_text, "robot description", most=MAX_BYTES)
     if not urdf_text.strip():
@@ -105,17 +106,23 @@ def parse_urdf(urdf_text: str) -> ElementTree.Element:
         raise RobotError(f"robot description is not URDF: expected the root element 'robot', found {shown(root.tag)}")
     check_name(root.get("name"), "name of the URDF")
     links, joints = named(root, "link"), named(root, "joint")
+    if len(joints) > MAX_JOINTS:
+        raise RobotError(f"robot description: expected at most {MAX_JOINTS} joints, found {len(joints)}")
     for joint in joints.values():
         _check_joint(joint, links)
     _check_tree(links, joints)
-    for part in (*links.values(), *joints.values(), *root.iterfind("material")):
+    robot = cleaned(root)
+    if (shapes := len(robot.findall("link/visual")) + len(robot.findall("link/collision"))) > MAX_SHAPES:
+        raise RobotError(f"robot description: expected at most {MAX_SHAPES} shapes of its links, found {shapes}")
+    for part in robot:
         _check_numbers(part)
-    _check_masses(links, joints)
-    return root
+    for joint in robot.iterfind("joint"):
+        _check_axis(joint)
+    return robot
 
 
-def canonical_urdf(urdf_text: str) -> str:
-    """Return the same URDF with its elements in an order of their own: by kind, then by name.
+def canonical(urdf_text: str) -> ElementTree.Element:
+    """Parse a URDF, and put its elements in an order of their own: by kind, then by name.
 
     Libraries lay out their arrays, and so the order of their sums, by the order in the file. Read in canonical order,
     two URDFs that differ only in that order give the same bits.
@@ -127,7 +134,19 @@ def canonical_urdf(urdf_text: str) -> str:
     """
     urdf = parse_urdf(urdf_text)
     urdf[:] = sorted(urdf, key=lambda element: (element.tag, element.get("name", "")))
-    return ElementTree.tostring(urdf, encoding="unicode")
+    return urdf
+
+
+def canonical_urdf(urdf_text: str) -> str:
+    """Return the text of `canonical`: without what names a file, and so fit for any library."""
+    return ElementTree.tostring(canonical(urdf_text), encoding="unicode")
+
+
+def root_link(urdf: ElementTree.Element) -> str:
+    """Return the one link of a parsed URDF that is no joint's child."""
+    children = {_attribute(joint, "child", "link") for joint in urdf.iterfind("joint")}
+    (root,) = (link.get("name", "") for link in urdf.iterfind("link") if link.get("name") not in children)
+    return root
 
 
 def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
@@ -143,31 +162,6 @@ def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
         name: (_attribute(joints[name], "parent", "link"), _attribute(joints[name], "child", "link"))
         for name in sorted(joints)
     }
-
-
-def joint_limits(urdf: ElementTree.Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
-    """Lower and upper position limits [rad or m] of all movable joints, in the order of `joints`, each (n,).
-
-    Raises
-    ------
-    RobotError
-        `joints` are not the movable joints of the URDF, or one has no limits or no transmission.
-    """
-    movable = {name: joint for name, joint in named(urdf, "joint").items() if joint.get("type") != "fixed"}
-    motors = {element.get("name", "") for element in urdf.iterfind("transmission/joint")}
-    if missing := [name for name in joints if name not in movable]:
-        raise RobotError(
-            f"joints {one_line(', '.join(missing))} of the robot config are not movable joints of the URDF, "
-            f"which has {one_line(', '.join(sorted(movable)))}"
-        )
-    if unnamed := sorted(movable.keys() - set(joints)):
-        raise RobotError(f"movable joints {one_line(', '.join(unnamed))} of the URDF are not in the robot config")
-    if unmoved := [name for name in joints if name not in motors]:
-        raise RobotError(
-            f"joints {one_line(', '.join(unmoved))} of the URDF have no transmission, so nothing would move them"
-        )
-    lower, upper = ([float(_attribute(movable[name], "limit", side)) for name in joints] for side in ("lower", "upper"))
-    return np.array(lower), np.array(upper)
 
 
 def check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
@@ -245,10 +239,13 @@ def _check_tree(links: Iterable[str], joints: Mapping[str, ElementTree.Element])
         raise RobotError(
             f"robot description: expected one link that is no child, found {one_line(', '.join(roots)) or 'none'}"
         )
-    reached = roots
-    for link in reached:
-        reached.extend(children[link])  # while it is walked along: each link has one parent, so it ends
-    if loose := sorted(children.keys() - set(reached)):
+    reached, level, depth = set(roots), roots, 0
+    while level := [child for link in level for child in children[link]]:  # each has one parent, so it ends
+        reached.update(level)
+        depth += 1
+    if depth > MAX_CHAIN:
+        raise RobotError(f"robot description: expected at most {MAX_CHAIN} joints in a row, found {depth}")
+    if loose := sorted(children.keys() - reached):
         raise RobotError(f"links {one_line(', '.join(loose))} of the URDF hang on one another in a ring")
 
 
@@ -263,21 +260,19 @@ def _check_numbers(part: ElementTree.Element) -> None:
             if text is not None and not _holds_numbers(text, count):
                 found = f"{count} finite number{'s' * (count > 1)}, found {shown(text)}"
                 raise RobotError(f"{where}: expected <{element.tag} {attribute}=...> to hold {found}")
+            low, high = _BETWEEN.get(attribute, (-math.inf, math.inf))
+            if text is not None and not all(low <= float(number) <= high for number in text.split()):
+                expected = f"numbers from {low:g} to {high:g}, found {shown(text)}"
+                raise RobotError(f"{where}: expected <{element.tag} {attribute}=...> to hold {expected}")
 
 
-def _check_masses(links: Mapping[str, ElementTree.Element], joints: Mapping[str, ElementTree.Element]) -> None:
-    """Check the masses of links; a link that has none is a frame, and may stand anywhere."""
-    moved = {_attribute(joint, "child", "link") for joint in joints.values() if joint.get("type") != "fixed"}
-    for name, link in links.items():
-        for mass in link.iterfind("inertial/mass"):
-            value = float(mass.get("value", ""))
-            if value == 0.0 and name in moved:
-                raise RobotError(
-                    f"link {name} of the URDF: expected a mass above 0, as a joint moves it, found 0; "
-                    "a mere frame has no <inertial>"
-                )
-            if value < 0.0:
-                raise RobotError(f"link {name} of the URDF: expected a mass above 0, found {value:g}")
+def _check_axis(joint: ElementTree.Element) -> None:
+    axis = joint.find("axis")
+    if joint.get("type") == "fixed" or axis is None:
+        return
+    length = math.hypot(*map(float, axis.get("xyz", "").split()))
+    if not _SHORTEST <= length <= 1.0 / _SHORTEST:
+        raise RobotError(f"joint {joint.get('name')} of the URDF: expected an axis of length 1, found {length:g}")
 
 
 def _holds_numbers(text: str, count: int) -> bool:

@@ -82,7 +82,7 @@ def view_log(
     send_motion(
         destination,
         track,
-        RobotModel.load(config.urdf_text, config.joints),
+        RobotModel.load(config.plain_urdf, config.joints),
         plane=plane,
         recording_id=track.recording_id(config.urdf_text, "log", path.name),
         title=path.name,
@@ -129,7 +129,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     send_motion(
         destination,
         track,
-        RobotModel.load(robot.urdf_text, robot.joints),
+        RobotModel.load(robot.plain_urdf, robot.joints),
         plane=plane,
         recording_id=track.recording_id(controller.digest, "controller", title),
         title=title,

@@ -40,12 +40,12 @@ class RobotModel:
 
     @classmethod
     def load(cls, urdf_text: str, joint_names: Sequence[str]) -> "RobotModel":
-        """Read a URDF and find the joints by their names.
+        """Read a URDF, in which no mesh and no texture names a file, and find the joints by their names.
 
         Raises
         ------
         RobotError
-            The URDF cannot be read.
+            The URDF cannot be read, or names a file.
         JointError
             A joint is not in it, or is named twice.
         """
@@ -161,6 +161,8 @@ def _limits(joint: UrdfJoint) -> tuple[float, float]:
 
 
 def _load_urdf(urdf_text: str) -> UrdfTree:
+    if found := [tag for tag in ("<mesh", "<texture") if tag in urdf_text]:  # Rerun would open any file of any name
+        raise RobotError(f"the URDF cannot be shown: expected shapes that need no file, found {found[0]}>")
     with tempfile.TemporaryDirectory() as directory:  # Rerun reads a URDF from files only
         path = Path(directory) / "robot.urdf"
         path.write_text(urdf_text, encoding="utf-8")

@@ -112,7 +112,7 @@ def test_a_viewer_draws_it_without_any_file_of_its_own(name: str, tmp_path: Path
     hands = Kinematics(robot).hands(robot.comfort)[None]
     record_motion(
         tmp_path / "robot.rrd",
-        urdf_text=robot.urdf_text,
+        urdf_text=robot.plain_urdf,
         joint_names=robot.joints,
         times_ns=[0],
         joints=robot.comfort[None],

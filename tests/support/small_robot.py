@@ -5,7 +5,7 @@ from pathlib import Path
 ARM = ("shoulder", "swing", "elbow", "wrist")
 JOINTS = ("rise", "turn", *(f"{side}_{name}" for side in ("l", "r") for name in ARM))
 
-INERTIA = '<inertia ixx="0.002" ixy="0" ixz="0.0001" iyy="0.003" iyz="0" izz="0.001"/>'
+INERTIA = '<inertia ixx="0.002" ixy="0" ixz="0.0001" iyy="0.0025" iyz="0" izz="0.001"/>'
 MESH = '<geometry><mesh filename="package://nowhere/{0}.dae"/></geometry>'
 
 
