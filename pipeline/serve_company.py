@@ -9,6 +9,7 @@ import zenoh
 from pipeline.printable import printable
 from pipeline.robot_wire import RobotStatus, robot_key
 from recorders.errors import JointError, WireError
+from recorders.wire.node_keys import controller_key
 
 _ANSWER_S = 1.0  # who is there already answers within milliseconds
 _LOCKSTEP = (
@@ -18,11 +19,6 @@ _LOCKSTEP = (
 _SHOWN = 5  # joints in a line
 _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
-
-
-def controller_key(namespace: str, name: str, verb: str) -> str:
-    """Return the key of a served controller's liveliness token (`alive`) or of its status queryable (`status`)."""
-    return f"{namespace}/@controller/{name}/{verb}"
 
 
 def refuse_company(session: zenoh.Session, name: str, *, namespace: str, beside_others: bool) -> None:

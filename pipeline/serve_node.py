@@ -18,7 +18,7 @@ from pipeline.controller import Controller
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.robot_wire import robot_digest
 from pipeline.serve_clerk import UNNUMBERED, Clerk
-from pipeline.serve_company import RobotCheck, controller_key, refuse_company
+from pipeline.serve_company import RobotCheck, refuse_company
 from pipeline.serving import ServedController, ServingConfig
 from pipeline.serving_refusals import Refusal
 from pipeline.unpaused import unpaused
@@ -36,6 +36,7 @@ from recorders.wire.frames import (
     unpack,
 )
 from recorders.wire.node import running_node
+from recorders.wire.node_keys import controller_key
 from recorders.wire.node_status import NodeSource
 from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writer import LogWriter

@@ -13,10 +13,10 @@ import zenoh
 from pipeline.controller import Controller
 from pipeline.remote_robot import RemoteRobot
 from pipeline.robot import TOML_FILE, URDF_FILE
-from pipeline.serve_company import controller_key
 from recorders.errors import WireError
 from recorders.wire.frames import DEFAULT_NAMESPACE
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.node_keys import controller_key
 from recorders.wire.session import SessionConfig, open_session
 
 _NAME = "controller"  # by which `serve` is known unless told otherwise

@@ -27,8 +27,10 @@ from recorders.wire.frames import (
 )
 from recorders.wire.receiver import MAX_PAYLOAD, asking
 from recorders.wire.session import publishing
+from replay.awaited_controllers import await_matching, controller_status, matches
 from replay.transport import StreamFrom
 
+_VERBS = {"learner": "learn", "recorder": "record", "controller": "serve"}  # by the name that each has by default
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
 _BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
@@ -44,7 +46,8 @@ class SenderConfig:
     Parameters
     ----------
     consumers : tuple of str
-        Names of the consumers that are awaited; the window is the slowest one's. Without any, whoever listens may lose
+        Names of the consumers that are awaited; the window is the slowest one's. A served controller may be one of
+        them: it is awaited, acknowledges nothing, and its result is its status. Without any, whoever listens may lose
         messages.
     namespace : str
         First part of every key.
@@ -129,7 +132,7 @@ class ZenohTransport:
         deadline = time.monotonic() + _LISTENER_WAIT_S
         everything = f"{self._config.namespace}/**"
         with self._session.declare_publisher(everything, allowed_destination=zenoh.Locality.REMOTE) as probe:
-            while not _matches(probe):
+            while not matches(probe):
                 if time.monotonic() > deadline:
                     return False
                 time.sleep(0.01)
@@ -154,7 +157,8 @@ class _Delivery:
         self._offer = offer
         self._on_progress = on_progress
         self._changed = threading.Condition()
-        self._progress: dict[str, Progress] = {}
+        self._progress: dict[str, Progress] = {}  # of the consumers that acknowledge
+        self._controllers: list[str] = []
         self._unacknowledged: deque[Frame] = deque()
         self._sent = 0
         self._furthest = 0  # what was ever sent
@@ -179,8 +183,7 @@ class _Delivery:
     def run(self, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         try:
             for name in self._config.consumers:
-                self._progress[name] = self._hello(name)
-                self._check_start(name, self._progress[name].next)
+                self._greet(name)
             index = min((progress.next for progress in self._progress.values()), default=0)
             while not self._ended:
                 try:
@@ -191,8 +194,10 @@ class _Delivery:
             self._abort(_why(error))
             raise
         results = {name: progress.result or {} for name, progress in self._progress.items()}
-        for name in self._config.consumers:
+        for name in self._progress:
             self._ask(name, "status", asking(self._offer, farewell=True))
+        for name in self._controllers:  # behind everything that was sent: it has all of it when it answers
+            results[name] = controller_status(self._session, name, namespace=self._config.namespace) or {}
         return results
 
     def _send_from(self, index: int, stream_from: StreamFrom) -> None:
@@ -215,17 +220,37 @@ class _Delivery:
         with suppress(zenoh.ZError):
             self._put(self._frame(Kind.ABORT, reason=reason))
 
-    def _hello(self, name: str) -> Progress:
-        """Offer the stream until the consumer answers."""
+    def _greet(self, name: str) -> None:
+        """Wait until a consumer answers, or a served controller of that name is ready."""
+        answer = self._hello(name)
+        if isinstance(answer, Progress):
+            self._progress[name] = answer
+            self._check_start(name, answer.next)
+            return
+        if self._config.batch > 1:
+            raise WireError(
+                f"{name} is a controller, which takes messages one by one as they come: pace the replay with --rate, "
+                f"found batches of {self._config.batch}"
+            )
+        await_matching(
+            self._publisher, answer, namespace=self._config.namespace, wait_s=max(self._config.wait_s, _ANSWER_S)
+        )
+        self._controllers.append(name)
+
+    def _hello(self, name: str) -> Progress | dict[str, Any]:
+        """Offer the stream until the consumer answers, or return the status of the controller that does."""
         deadline = time.monotonic() + self._config.wait_s
         while True:
             answer = self._ask(name, "hello", self._offer.to_json(), timeout_s=max(self._config.wait_s, _ANSWER_S))
             if answer is not None:
                 return _checked(name, answer)
+            status = controller_status(self._session, name, namespace=self._config.namespace)
+            if status is not None:
+                return status
             if time.monotonic() > deadline:
                 raise WireError(
                     f"no consumer named {name!r} answered within {self._config.wait_s:g} s; "
-                    "start one with `reenact learn`, or give its endpoint with --connect"
+                    f"start one with {_starting(name)}, or give its endpoint with --connect"
                 )
             time.sleep(0.05)
 
@@ -284,7 +309,7 @@ class _Delivery:
             self._discard_consumed()
             if advanced:
                 return
-            for name in self._config.consumers:
+            for name in tuple(self._progress):
                 if self._progress[name].result is None:
                     self._poll(name, watch)
 
@@ -292,8 +317,7 @@ class _Delivery:
         """Ask a consumer how far it is, and send again what it has twice said it lacks."""
         answer = self._ask(name, "status", asking(self._offer))
         if answer is not None and answer.run != self._offer.run:
-            self._progress[name] = self._hello(name)  # it was started anew
-            self._check_start(name, self._progress[name].next)
+            self._greet(name)  # it was started anew
             raise _Rewind(self._progress[name].next)
         if answer is not None:
             self._note(name, answer)
@@ -381,9 +405,11 @@ class _Watch:
         return again
 
 
-def _matches(publisher: zenoh.Publisher) -> bool:
-    status: Any = publisher.matching_status  # typed as a bool, which it is not
-    return bool(status.matching)
+def _starting(name: str) -> str:
+    """Return the command that starts a consumer of that name."""
+    if name in _VERBS:
+        return f"`reenact {_VERBS[name]}`"
+    return f"`reenact learn --name {name}`, `reenact record --name {name}` or `reenact serve --name {name}`"
 
 
 def _why(error: BaseException) -> str:

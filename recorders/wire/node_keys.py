@@ -26,6 +26,11 @@ def node_key(namespace: str, kind: str, name: str, verb: str) -> str:
     return f"{namespace}/@node/{kind}/{name}/{verb}"
 
 
+def controller_key(namespace: str, name: str, verb: str) -> str:
+    """Return the key of a served controller's liveliness token (`alive`) or of its own, full status (`status`)."""
+    return f"{namespace}/@controller/{name}/{verb}"
+
+
 def node_of(namespace: str, key: str) -> NodeId | None:
     """Return the node that a key belongs to, None if it is no node's: anybody may declare any key."""
     found = _KEY.fullmatch(key.removeprefix(namespace))
