@@ -7,8 +7,8 @@ import resource
 import signal
 import subprocess
 import time
-from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +26,7 @@ from pipeline.samples import Samples, read_samples
 from pipeline.serving import ServedController, ServingConfig
 from pipeline.training import train
 from recorders.cdr import decode_as, encode
-from recorders.errors import LogError
+from recorders.errors import LogError, WireError
 from recorders.messages import JointState, PoseStamped
 from recorders.reader import LogReader
 from recorders.records import Stamped
@@ -34,7 +34,9 @@ from recorders.topics import JOINT_COMMANDS, LEARNER_TOPICS, LEFT_TARGET, RIGHT_
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
+from replay.live_stream import live_offer
 from replay.schedule import Schedule
+from replay.zenoh_transport import SenderConfig, ZenohTransport
 
 WAIT_S = 30.0
 
@@ -356,21 +358,120 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
     assert sorted(path.name for path in tmp_path.iterdir()) == ["c.npz", "controller.npz"]
 
 
-def test_a_robot_in_lockstep_is_pointed_out(controller: Controller, tmp_path: Path) -> None:
-    status = RobotStatus("asimo", False, time_ns=0, period_ns=10**8, commands=0, refused=0, slipped_s=0.0).to_json()
-    controller.save(tmp_path / "c.npz")
-    endpoint = free_endpoint()
+@contextmanager
+def robot_status(endpoint: str, *, joints: tuple[str, ...] = ()) -> Iterator[zenoh.Session]:
+    """Listen, and answer for a robot in lockstep."""
+    status = RobotStatus("berta\x1b", False, 0, 10**8, commands=0, refused=0, slipped_s=0.0, joints=joints).to_json()
 
     def answer(query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, status)
 
     with open_session(SessionConfig(listen=(endpoint,))) as session:
-        session.declare_queryable(robot_key("reenact", "status"), answer)
+        with session.declare_queryable(robot_key("reenact", "status"), answer):
+            yield session
+
+
+def test_a_robot_in_lockstep_is_pointed_out(controller: Controller, tmp_path: Path) -> None:
+    controller.save(tmp_path / "c.npz")
+    endpoint = free_endpoint()
+    with robot_status(endpoint):
         with start("serve", "c.npz", "--connect", endpoint, "--json", cwd=tmp_path) as process:
             assert "targets are stamped with its own time" in wait_for_line(process, "lockstep")
             wait_for_line(process, "controller serves")
             stop(process)
+
+
+def test_a_robot_with_other_joints_is_refused_by_name(controller: Controller, tmp_path: Path) -> None:
+    controller.save(tmp_path / "c.npz")
+    endpoint = free_endpoint()
+    joints = (*controller.joints[1:], *(f"finger_{k}" for k in range(7)))
+    with robot_status(endpoint, joints=joints):
+        line = complaint(reenact("serve", "c.npz", "--connect", endpoint, "--out", "o.npz", cwd=tmp_path))
+    assert line == (
+        f"reenact: robot 'berta\\x1b' has other joints than the controller: it lacks {controller.joints[0]}, the "
+        "controller lacks finger_0, finger_1, finger_2, finger_3, finger_4 and 2 more; serve a controller of this "
+        "robot, or choose its --namespace"
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["c.npz"]
+
+
+def test_a_robot_with_other_joints_that_comes_later_is_warned_of(controller: Controller, tmp_path: Path) -> None:
+    controller.save(tmp_path / "c.npz")
+    endpoint = free_endpoint()
+    with start("serve", "c.npz", "--listen", endpoint, "--json", cwd=tmp_path) as process:
+        wait_for_line(process, "controller serves")
+        with open_session(SessionConfig(connect=(endpoint,))) as session:
+            statuses = [
+                RobotStatus("same", True, 0, 10**8, 0, 0, 0.0, joints=controller.joints[::-1]),  # in another order
+                RobotStatus("other", True, 0, 10**8, 0, 0, 0.0, joints=controller.joints[:-1]),
+            ]
+            asked: queue.SimpleQueue[str] = queue.SimpleQueue()
+            for status in statuses:
+                with ExitStack() as stack:
+                    stack.enter_context(
+                        session.declare_queryable(robot_key("reenact", "status"), replier(status, asked))
+                    )
+                    stack.enter_context(session.liveliness().declare_token(robot_key("reenact", "alive")))
+                    assert asked.get(timeout=WAIT_S) == status.robot
+            line = wait_for_line(process, "has other joints")
+        stop(process)
+    assert line == (
+        f"warning: robot 'other' has other joints than the controller: it lacks {controller.joints[-1]}; "
+        "it refuses the commands\n"
+    )
+
+
+def replier(status: RobotStatus, asked: "queue.SimpleQueue[str]") -> Callable[[zenoh.Query], None]:
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, status.to_json())
+        asked.put(status.robot)
+
+    return answer
+
+
+def test_a_paced_replay_that_awaits_the_controller_is_answered_to_the_last_tick(
+    controller: Controller, log: Path, tmp_path: Path
+) -> None:
+    """Whichever of the two is there first."""
+    controller.save(tmp_path / "c.npz")
+    endpoint = free_endpoint()
+    played = ("replay", log, "--play", "--rate", 50, "--await", "anna", "--wait", WAIT_S, "--listen", endpoint)
+    with start(*played, "--json", cwd=tmp_path) as replaying:
+        with start("serve", "c.npz", "--name", "anna", "--connect", endpoint, "--json", cwd=tmp_path) as serving:
+            out, said = replaying.communicate(timeout=2 * WAIT_S)
+            stop(serving)
+    assert (replaying.returncode, said) == (0, "")
+    result = json.loads(out)["consumers"]["anna"]
+    assert (result["commands"], result["accepted"], result["refused"]) == (31, 31, {})
+
+
+def test_a_replay_that_does_not_pace_itself_cannot_await_a_controller(
+    controller: Controller, log: Path, tmp_path: Path
+) -> None:
+    with serving(controller, tmp_path) as (watcher, process):
+        there = ("--connect", watcher.endpoint, "--await", "controller")
+        assert "pace the replay with --rate" in complaint(reenact("replay", log, "--play", *there, cwd=tmp_path))
+        assert watcher.heard_nothing()
+        stop(process)
+
+
+@pytest.mark.parametrize(
+    ("name", "started"),
+    [
+        ("controller", "start one with `reenact serve`,"),
+        ("learner", "start one with `reenact learn`,"),
+        ("recorder", "start one with `reenact record`,"),
+        ("anna", "`reenact record --name anna` or `reenact serve --name anna`,"),
+    ],
+)
+def test_when_nobody_comes_the_verb_to_start_is_named(name: str, started: str) -> None:
+    with open_session(SessionConfig(listen=(free_endpoint(),))) as session:
+        transport = ZenohTransport(session, config=SenderConfig(consumers=(name,), wait_s=0.0))
+        with pytest.raises(WireError) as raised:
+            transport.deliver(live_offer("0" * 32, epochs=1, robot={}), lambda start: iter(()))
+    assert started in str(raised.value)
 
 
 def test_a_file_that_is_no_controller_is_one_clear_line(tmp_path: Path) -> None:

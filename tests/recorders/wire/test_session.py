@@ -18,7 +18,7 @@ from visitor import await_ready, outcome, refusal, visitor
 
 from recorders.errors import WireError
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session, publishing
+from recorders.wire.session import SessionConfig, beyond_loopback, open_session, publishing
 
 SECRET = "sesame-open"
 
@@ -276,3 +276,24 @@ def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyP
         await_ready(router)
         await_ready(client)
         assert {"rx", "tx"} <= zenoh_pools(client.pid)
+
+
+@pytest.mark.parametrize(
+    ("endpoint", "is_exposed"),
+    [
+        ("tcp/127.0.0.1:7447", False),
+        ("tls/127.0.0.2:7447", False),
+        ("tcp/[::1]:7447", False),
+        ("tcp/[::ffff:127.0.0.1]:7447", False),
+        ("tcp/localhost:7447", False),
+        ("unixsock-stream//tmp/reenact", False),
+        ("tcp/0.0.0.0:7447", True),
+        ("tcp/0:7447", True),
+        ("udp/[::]:7447", True),
+        ("quic/192.168.7.5:7447", True),
+        ("tcp/[fe80::1]:7447", True),
+        ("tcp/no-such-host.invalid:7447#iface=lo", True),
+    ],
+)
+def test_what_others_may_reach_is_told_from_loopback(endpoint: str, is_exposed: bool) -> None:
+    assert beyond_loopback(["tcp/127.0.0.1:1", endpoint]) == ([endpoint] if is_exposed else [])

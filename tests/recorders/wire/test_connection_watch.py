@@ -1,0 +1,74 @@
+"""What is lost and what is back: said with the time, for the endpoint and for nodes behind it, and only then."""
+
+import queue
+import re
+import time
+from contextlib import ExitStack
+
+import pytest
+from visitor import await_ready, visitor
+
+from recorders.wire.connection_watch import watching_connections
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.node_keys import NodeId, node_key
+from recorders.wire.session import SessionConfig, open_session
+
+OWN = NodeId("recorder", "recorder")
+WAIT_S = 30.0
+
+
+def test_an_endpoint_that_is_killed_is_lost_and_back_with_the_time() -> None:
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    endpoint = free_endpoint()
+    config = SessionConfig(connect=(endpoint,), wait_s=WAIT_S)
+    with ExitStack() as stack:
+        first = stack.enter_context(visitor("idle", listen=[endpoint]))
+        session = stack.enter_context(open_session(config))
+        await_ready(first)
+        stack.enter_context(watching_connections(session, config, own=OWN, namespace="reenact", report=lines.put))
+        first.kill()
+        assert moment(lines.get(timeout=WAIT_S)) == ("lost", endpoint)
+        stack.enter_context(visitor("idle", listen=[endpoint]))
+        assert moment(lines.get(timeout=WAIT_S)) == ("back", endpoint)
+    assert lines.empty()
+
+
+def moment(line: str) -> tuple[str, str]:
+    """Return what has become of what, by a line that names the time too."""
+    found = re.fullmatch(r"(lost|back) (\S+) at \d{4}-\d\d-\d\d \d\d:\d\d:\d\d[+-]\d\d:\d\d", line)
+    assert found is not None, line
+    return found[1], found[2]
+
+
+def test_nodes_that_end_only_when_they_are_told_to_are_missed_and_no_others() -> None:
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    endpoint = free_endpoint()
+    config = SessionConfig(listen=(endpoint,))
+    own = NodeId("controller", "mine")
+    with open_session(config) as session, open_session(SessionConfig(connect=(endpoint,))) as far, ExitStack() as stack:
+        token = far.liveliness().declare_token
+        there = token(node_key("lab", "robot", "asimo", "alive"))
+        passing = token(node_key("lab", "replay", "0a1b", "alive"))
+        foreign = token("lab/@node/robot/\x1b[2J/alive")
+        mine = token(node_key("lab", *own, "alive"))
+        deadline_s = time.monotonic() + WAIT_S
+        while len(list(session.liveliness().get("lab/**/@node/**", timeout=1.0))) < 4:
+            assert time.monotonic() < deadline_s
+        stack.enter_context(watching_connections(session, config, own=own, namespace="lab", report=lines.put))
+        for gone in (passing, foreign, mine, there):
+            gone.undeclare()
+        assert lines.get(timeout=WAIT_S).startswith("lost robot asimo at ")
+        stack.enter_context(token(node_key("lab", "robot", "asimo", "alive")))
+        assert lines.get(timeout=WAIT_S).startswith("back robot asimo at ")
+    assert lines.empty()
+
+
+@pytest.mark.parametrize("kind", ["robot", "controller"])
+def test_what_ends_with_the_one_that_watches_is_not_lost(kind: str) -> None:
+    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+    config = SessionConfig(listen=(free_endpoint(),))
+    with open_session(config) as session:
+        gone = session.liveliness().declare_token(node_key("lab", kind, "anna", "alive"))
+        with watching_connections(session, config, own=OWN, namespace="lab", report=lines.put):
+            gone.undeclare()
+    assert lines.empty()
