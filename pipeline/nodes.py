@@ -1,10 +1,11 @@
 """The nodes of learning: the online learner and the replay that feeds it, each in a process of its own over Zenoh."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from pipeline.learner_voice import LearnerVoice
 from pipeline.training import Trainer
+from recorders.declared import Declared
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.wire.frames import batch_topic
@@ -93,6 +94,7 @@ def replay(
     sender: SenderConfig,
     clock: Clock = _UNPACED,
     metrics_port: int | None = None,
+    channels: Sequence[Declared] = (),
     on_progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
@@ -100,7 +102,7 @@ def replay(
 
     `say` is told, a line each, if nobody listens to a stream that nobody need await, and what it loses sight of.
     `on_progress` is told nothing of a stream whose length nobody knows. With a `metrics_port`, the status of the replay
-    is there for Prometheus, on 127.0.0.1.
+    is there for Prometheus, on 127.0.0.1. Recorders learn the types of what is sent from `channels`.
 
     Raises
     ------
@@ -131,6 +133,6 @@ def replay(
         with running_node(
             opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port, report=say
         ):
-            transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say)
+            transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say, channels=channels)
             results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}

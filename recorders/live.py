@@ -11,12 +11,13 @@ from typing import Any, Self
 from uuid import uuid4
 
 from recorders.cdr import decode
+from recorders.declared import Declared
 from recorders.errors import ConfigError, LogError, MessageError, WireError
 from recorders.parts import PART, part_path, parts_in
 from recorders.records import Stamped
 from recorders.ros import is_known, typestore
 from recorders.topics import type_of
-from recorders.wire.frames import Frame, Kind
+from recorders.wire.frames import NO_RUN, Frame, Kind
 from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Event, Live, Offered, Receiver
 from recorders.writer import LogWriter
@@ -228,7 +229,7 @@ class LiveRecorder:
         if isinstance(event, WireError):
             self._leave(receiver, str(event))
         elif isinstance(event, Live):
-            self._write(event.record, numbered=event.numbered)
+            self._write(event.record, numbered=event.numbered, declared=_declared(receiver, event.sender, event.record))
         elif isinstance(event, Offered):
             self._note(event)
             self._streaming, self._ended = True, False
@@ -238,7 +239,7 @@ class LiveRecorder:
 
     def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
         for record in frame.messages:
-            self._write(record, numbered=True)
+            self._write(record, numbered=True, declared=_declared(receiver, frame.sender, record))
         if frame.kind is Kind.END:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.to_dict())
@@ -269,7 +270,7 @@ class LiveRecorder:
                 self._writer.attach(name, self._attachments[name])
         self._writer.note(self._notes)
 
-    def _write(self, record: Stamped, *, numbered: bool) -> None:
+    def _write(self, record: Stamped, *, numbered: bool, declared: Declared | None) -> None:
         if not self._config.wants(record.topic):
             self.recording.left_out += 1
             return
@@ -280,21 +281,35 @@ class LiveRecorder:
         if self._first_ns is None:
             self._first_ns = time.monotonic_ns()
         sequence = record.sequence if numbered else None
-        kind = self._type(record)
+        kind, declared = self._type(record, declared)
         self._writer.write(
-            record.topic, record.data, log_time_ns=time.time_ns(), sequence=sequence, type_name=kind, opaque=not kind
+            record.topic,
+            record.data,
+            log_time_ns=time.time_ns(),
+            sequence=sequence,
+            type_name=kind,
+            opaque=not kind,
+            declared=declared,
         )
         self._written += len(record.data)
         self.recording.messages += 1
         self.recording.size += len(record.data)
 
-    def _type(self, record: Stamped) -> str:
-        """Return the ROS 2 type of a message, an empty string for one that has none or is not what it is said to be."""
+    def _type(self, record: Stamped, declared: Declared | None) -> tuple[str, Declared | None]:
+        """Return the type of a message, an empty string if nothing tells, and the channel of another log to take over.
+
+        Messages on our topics are of the topics' types if they decode so, whatever a sender says of them.
+        """
         expected = type_of(record.topic)
-        if _decodes(expected, record.data) if expected else _is_standard(record.type, record.data):
-            return expected or record.type
+        if expected and _decodes(expected, record.data):
+            same = declared is not None and (declared.encoding, declared.type) == ("cdr", expected)
+            return expected, declared if same else None
+        if declared is not None and declared.type not in ("", expected):
+            return declared.type, declared
+        if not expected and _is_standard(record.type, record.data):
+            return record.type, None
         self.recording.opaque[record.topic] += 1
-        return ""
+        return "", declared
 
     def _count_gap(self, record: Stamped) -> None:
         last = self._last.get(record.topic)
@@ -351,6 +366,11 @@ def _next(receiver: Receiver) -> Event | WireError | None:
         return receiver.next_event(_POLL_S)
     except WireError as error:
         return error
+
+
+def _declared(receiver: Receiver, sender: bytes, record: Stamped) -> Declared | None:
+    """Return what the sender of a replay tells of the channel of a message; live messages are of no sender."""
+    return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
 
 
 def _decodes(kind: str, data: bytes) -> bool:

@@ -20,6 +20,7 @@ from mcap.records import (
 
 from recorders.chunk_table import ChunkTable
 from recorders.damage import damaged
+from recorders.declared import Declarations
 from recorders.mcap_records import CRC, Record, parse, summary_records
 from recorders.mcap_sections import check_data_section, read_footer, record_at
 
@@ -39,6 +40,8 @@ class Channels:
         Name of a schema by its number.
     topics : dict
         Topic and type of a channel by its number.
+    declarations : Declarations
+        The same channels with nothing left out.
     wanted : frozenset, optional
         Topics that are asked for; all if None.
     chosen : dict
@@ -49,12 +52,14 @@ class Channels:
 
     schemas: dict[int, str] = field(default_factory=dict)
     topics: dict[int, tuple[str, str]] = field(default_factory=dict)
+    declarations: Declarations = field(default_factory=Declarations)
     wanted: frozenset[str] | None = None
     chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
     complete: bool = True
 
     def learn(self, record: Record) -> None:
         """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
+        self.declarations.learn(record)
         if record.opcode == Opcode.SCHEMA:
             schema = parse(Schema, record)
             self.schemas[schema.id] = schema.name
@@ -65,6 +70,7 @@ class Channels:
 
     def learn_from(self, other: "Channels") -> None:
         """Take in the channels that another part of the log declares."""
+        self.declarations.add(other.declarations)
         self.schemas.update(other.schemas)
         for channel, declared in other.topics.items():
             self._declare(channel, declared)

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from recorders.damage import DamagedLog
+from recorders.declared import Declared
 from recorders.errors import LogError
 from recorders.log_scan import LogScan
 from recorders.manifest import METADATA_NAME, from_metadata
@@ -105,6 +106,11 @@ class LogReader:
     def topics(self) -> dict[str, str]:
         """The type of each topic, in the order in which they first appeared."""
         return dict(self._contents.channels.topics.values())
+
+    @property
+    def channels(self) -> tuple[Declared, ...]:
+        """Every channel as it was declared, with its schema."""
+        return tuple(self._contents.channels.declarations.channels.values())
 
     @property
     def counts(self) -> dict[str, int]:

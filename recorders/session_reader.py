@@ -8,6 +8,7 @@ from itertools import chain
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from recorders.declared import Declared
 from recorders.errors import LogError
 from recorders.parts import PART, Log, Parts, find_log
 from recorders.raw_records import FOREVER_NS
@@ -72,6 +73,11 @@ class SessionReader:
             for topic, kind in part.topics.items():
                 found[topic] = found.get(topic) or kind
         return found
+
+    @property
+    def channels(self) -> tuple[Declared, ...]:
+        """Every channel as it was declared in any of the parts, with its schema."""
+        return tuple(dict.fromkeys(channel for part in self.parts for channel in part.channels))
 
     @property
     def counts(self) -> dict[str, int]:

@@ -6,10 +6,11 @@ from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType, TracebackType
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 from recorders.cdr import encode
 from recorders.chunks import ChunkWriter
+from recorders.declared import Declared
 from recorders.errors import LogError, MessageError
 from recorders.log_file import LogFile
 from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, environment, to_metadata
@@ -19,6 +20,8 @@ from recorders.ros import schema_text
 from recorders.topics import type_of
 
 RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256", "environment")
+
+_Channel: TypeAlias = tuple[str, str, bool, Declared | None]  # topic, type, numbered by its producer, of another log
 
 _MAX_SEQUENCE = 2**32 - 1
 _MAX_TIME_NS = 2**64 - 1
@@ -76,8 +79,8 @@ class LogWriter:
         self._manifest = _with_environment(manifest)
         self._content = ContentHash()
         self._counts: Counter[str] = Counter()
-        self._schemas: dict[str, int] = {}
-        self._channels: dict[tuple[str, str, bool], int] = {}
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[_Channel, int] = {}
         self._numbered: Counter[str] = Counter()
         self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular, say=say)
         self.part = self._file.part
@@ -107,6 +110,7 @@ class LogWriter:
         sequence: int | None = None,
         type_name: str | None = None,
         opaque: bool = False,
+        declared: Declared | None = None,
     ) -> None:
         """Write one message.
 
@@ -124,6 +128,9 @@ class LogWriter:
             ROS 2 type of bytes on a topic that is not in the table.
         opaque : bool
             The bytes are not a ROS 2 message: they go to a channel of their own, without a schema.
+        declared : Declared, optional
+            The channel of bytes that come from another log: its encoding, schema and metadata are taken over, whatever
+            they are.
 
         Raises
         ------
@@ -137,17 +144,17 @@ class LogWriter:
         else:
             data, found = encode(message), message.TYPE
         expected = type_of(topic)
-        if opaque:
+        if opaque or declared is not None:
             found = ""
         elif expected and found != expected:
             raise MessageError(f"{topic}: expected {expected}, found {found}")
         number = self._numbered[topic] if sequence is None else sequence
         if not (0 <= number <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
-        channel = (topic, found, sequence is not None)
+        channel = (topic, found, sequence is not None, declared)
         if channel not in self._channels:
-            text = b"" if opaque else schema_text(found).encode()
-            self._file.change(lambda: self._open_channel(channel, text))
+            described = declared or _described(topic, found)
+            self._file.change(lambda: self._open_channel(channel, described))
         self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
         self._numbered[topic] += sequence is None
 
@@ -206,19 +213,27 @@ class LogWriter:
         }
         chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
 
-    def _open_channel(self, channel: tuple[str, str, bool], text: bytes) -> None:
-        topic, type_name, producer = channel
-        schema = self._schemas.get(type_name) if type_name else 0  # 0: MCAP's number for no schema
-        if schema is None:
-            schema = self._schemas[type_name] = self._file.chunks.register_schema(type_name, "ros2msg", text)
-        numbered_by = {"sequence": "producer" if producer else "writer"}
-        encoding = "cdr" if type_name else "application/octet-stream"
-        self._channels[channel] = self._file.chunks.register_channel(topic, encoding, schema, numbered_by)
+    def _open_channel(self, channel: _Channel, declared: Declared) -> None:
+        topic, _, producer, _ = channel
+        schema = 0  # MCAP's number for no schema
+        if declared.schema is not None:
+            known = self._schemas.get(declared.schema)
+            schema = known or self._file.chunks.register_schema(*declared.schema)
+            self._schemas[declared.schema] = schema
+        metadata = {**dict(declared.metadata), "sequence": "producer" if producer else "writer"}
+        self._channels[channel] = self._file.chunks.register_channel(topic, declared.encoding, schema, metadata)
 
     def _add(self, channel: int, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
         self._file.chunks.add_message(channel, sequence, log_time_ns, data)
         self._content.add(topic, sequence, log_time_ns, data)
         self._counts[topic] += 1
+
+
+def _described(topic: str, type_name: str) -> Declared:
+    """Return the channel of messages of a standard ROS 2 type, or of bytes of none; raises MessageError if unknown."""
+    if not type_name:
+        return Declared(topic, "application/octet-stream")
+    return Declared(topic, "cdr", schema=(type_name, "ros2msg", schema_text(type_name).encode()))
 
 
 def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -4,10 +4,11 @@ import hashlib
 import heapq
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import count, islice
 
+from recorders.declared import Declared
 from recorders.errors import ConfigError, LogError
 from recorders.manifest import content_sha256
 from recorders.parts import Log
@@ -108,6 +109,16 @@ class Playback:
         """Yield the messages from index `start` on."""
         rounds = range(self._config.loops) if self._config.loops else count()
         return islice((message for _ in rounds for message in self._once()), start, None)
+
+    @property
+    def channels(self) -> tuple[Declared, ...]:
+        """The channels of what is played, by the names that it is played under."""
+        renames, played = self._config.renames, self._played()
+        return tuple(
+            replace(channel, topic=renames.get(channel.topic, channel.topic))
+            for channel in dict.fromkeys(channel for reader in self._readers for channel in reader.channels)
+            if channel.topic in played
+        )
 
     def _once(self) -> Iterator[Stamped]:
         config = self._config

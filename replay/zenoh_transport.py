@@ -11,9 +11,11 @@ from uuid import uuid4
 
 import zenoh
 
+from recorders.declared import Declared
 from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Offer, Progress
+from recorders.wire.channel_table import telling
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     Frame,
@@ -104,6 +106,8 @@ class ZenohTransport:
         Told how many messages every consumer has consumed.
     say : callable
         Told, in one line, if no consumer is awaited and nobody listens.
+    channels : sequence of Declared
+        The channels of what is sent, of which recorders are told: by the names that it is sent under.
     """
 
     def __init__(
@@ -113,18 +117,23 @@ class ZenohTransport:
         config: SenderConfig | None = None,
         on_progress: Callable[[int], None] = lambda consumed: None,
         say: Callable[[str], None] = lambda line: None,
+        channels: Sequence[Declared] = (),
     ) -> None:
         self._session = session
         self._config = config or SenderConfig()
         self._on_progress = on_progress
         self._say = say
+        self._channels = channels
 
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
         if not self._config.consumers and not self._find_listener():
             self._say(f"nobody listens in namespace '{self._config.namespace}' yet; the stream begins all the same")
         offer = replace(offer, sender=uuid4().hex, window=self._config.window)
-        with _Delivery(self._session, self._config, offer, self._on_progress) as delivery:
+        with (
+            telling(self._session, self._config.namespace, offer.sender, self._channels, self._say),
+            _Delivery(self._session, self._config, offer, self._on_progress, self._channels) as delivery,
+        ):
             return delivery.run(stream_from)
 
     def _find_listener(self) -> bool:
@@ -150,12 +159,18 @@ class _Delivery:
     """One stream under way: what was sent, what was acknowledged."""
 
     def __init__(
-        self, session: zenoh.Session, config: SenderConfig, offer: Offer, on_progress: Callable[[int], None]
+        self,
+        session: zenoh.Session,
+        config: SenderConfig,
+        offer: Offer,
+        on_progress: Callable[[int], None],
+        channels: Sequence[Declared],
     ) -> None:
         self._session = session
         self._config = config
         self._offer = offer
         self._on_progress = on_progress
+        self._no_cdr = {(channel.topic, channel.type) for channel in channels if channel.encoding != "cdr"}
         self._changed = threading.Condition()
         self._progress: dict[str, Progress] = {}  # of the consumers that acknowledge
         self._controllers: list[str] = []
@@ -280,8 +295,13 @@ class _Delivery:
         if len(payload) > MAX_PAYLOAD:
             topic = frame.messages[0].topic
             raise WireError(f"{topic}: expected at most {MAX_PAYLOAD} bytes in a message, found {len(payload)}")
-        encoding = f"application/cdr;{frame.messages[0].type}" if single else None
+        encoding = self._encoding(frame.messages[0]) if single else None
         self._publisher(key).put(payload, attachment=attachment, encoding=encoding)
+
+    def _encoding(self, message: Stamped) -> str:
+        """Return how a message is encoded, and its type, for whoever hears it alone."""
+        kind = "octet-stream" if (message.topic, message.type) in self._no_cdr else "cdr"
+        return f"application/{kind};{message.type}"
 
     def _publisher(self, key: str) -> zenoh.Publisher:
         if key not in self._publishers:

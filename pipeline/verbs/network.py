@@ -190,10 +190,12 @@ def replay(
     from pipeline.playing import Guarded, keyboard
     from recorders.wire.metrics import check_metrics
     from replay.clock import Paced, Pausable, Unpaced
+    from replay.playback import Playback
     from replay.zenoh_transport import SenderConfig
 
     check_metrics(prometheus)
     source = _source(logs, epochs, as_recorded, play, renames(map_), loop, start, end, topic)
+    channels = source.channels if isinstance(source, Playback) else ()
     if against is not None:
         source = Guarded(source, against, everything=play)
     consumers = tuple(awaited or (() if play else ("learner",)))
@@ -216,6 +218,7 @@ def replay(
             sender=sender,
             clock=clock if rate is not None else pace,
             metrics_port=prometheus,
+            channels=channels,
             on_progress=advance,
             say=console.say,
         )

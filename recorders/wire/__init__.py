@@ -4,6 +4,7 @@ A *sender* (the replay) and its *consumers* (a learner, a recorder) meet under o
 
 - `NAMESPACE/hand/left/target` and so on: one message on the key of its topic, described by its attachment.
 - `NAMESPACE/replay/batch`: several messages, packed unchanged into one payload.
+- `NAMESPACE/@replay/SENDER/channels`: types and schemas of what a replay plays; published, and a query for who is late.
 - `NAMESPACE/@consumer/NAME/hello`: a query; the consumer answers with the index it wants next, or refuses.
 - `NAMESPACE/@consumer/NAME/status`: a query; how far the consumer has come. Ends with the sender's farewell.
 - `NAMESPACE/@consumer/NAME/ack`: published by the consumer; everything before `next` has been consumed.

@@ -16,6 +16,7 @@ from recorders.errors import MessageError, ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import Consumer, Offer, Progress
 from recorders.topics import type_of
+from recorders.wire.channel_table import ChannelTables
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     NO_RUN,
@@ -35,6 +36,7 @@ from recorders.wire.session import publishing
 MAX_PAYLOAD = 16 << 20
 """Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
 
+_ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
 _FAREWELL = b"farewell "
 _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
 _POLL_S = 1.0
@@ -92,10 +94,14 @@ class Offered(NamedTuple):
 
 
 class Live(NamedTuple):
-    """A message of nobody's stream; without a number of its producer's, its sequence is 0."""
+    """A message of nobody's stream; without a number of its producer's, its sequence is 0.
+
+    A replay that does not await this consumer is heard so, too: then `sender` tells it from others.
+    """
 
     record: Stamped
     numbered: bool
+    sender: bytes = NO_RUN
 
 
 Event: TypeAlias = Offered | Frame | Live
@@ -120,6 +126,8 @@ class Receiver:
     ----------
     refused : Counter of str
         How many messages were refused, by topic and reason.
+    channels : ChannelTables
+        What the senders of streams tell of the channels that they play.
     """
 
     def __init__(
@@ -144,6 +152,7 @@ class Receiver:
         self._stack = ExitStack()
         self._said: set[str] = set()
         self.refused: Counter[str] = Counter()
+        self.channels = ChannelTables(session, self._config.namespace, say=self._say_once)
 
     def __enter__(self) -> Self:
         """Declare the subscriber first: whoever gets an answer to hello can rely on it.
@@ -157,6 +166,7 @@ class Receiver:
         self._refuse_company()
         enter = self._stack.enter_context
         enter(self._session.liveliness().declare_token(control_key(namespace, name, "alive")))
+        enter(self.channels)
         self._hearing = self._stack.enter_context(ExitStack())
         kept = Kept(self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample)
         self._hearing.enter_context(
@@ -398,11 +408,14 @@ class Receiver:
         if len(sample.attachment) > MAX_PAYLOAD:
             raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
         try:
-            return unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
+            frame = unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
         except MessageError:
             if self._config.live and topic != batch_topic():
                 return None
             raise
+        if frame.kind is Kind.MESSAGE and not frame.messages[0].type:
+            return frame._replace(messages=(frame.messages[0]._replace(type=_schema_of(sample)),))
+        return frame
 
     def _queue_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
         kind = type_of(topic) or _schema_of(sample)
@@ -410,7 +423,7 @@ class Receiver:
             self._put_live(Live(Stamped(topic, kind, sample.payload.to_bytes(), 0, time.time_ns()), numbered=False))
             return
         for record in frame.messages:
-            self._put_live(Live(record._replace(type=record.type or kind), numbered=True))
+            self._put_live(Live(record._replace(type=record.type or kind), numbered=True, sender=frame.sender))
 
     def _put_live(self, live: Live) -> None:
         if not self._events.put(live, len(live.record.data)):
@@ -516,6 +529,6 @@ def _payload(query: zenoh.Query) -> bytes:
 
 
 def _schema_of(sample: zenoh.Sample) -> str:
-    """Return the type that a sample's encoding names, as `application/cdr;TYPE`, or an empty string."""
+    """Return the type that a sample's encoding names, such as `application/cdr;TYPE`, or an empty string."""
     encoding, _, schema = str(sample.encoding).partition(";")
-    return schema if encoding == str(zenoh.Encoding.APPLICATION_CDR) else ""
+    return schema if encoding in _ENCODINGS else ""

@@ -1,0 +1,201 @@
+"""What a sender says of the channels that it plays, so that who records them can declare the same.
+
+A sender publishes a table on `NAMESPACE/@replay/SENDER/channels` before its first message, and answers queries there
+for as long as its stream lasts, so that a recorder that comes late learns the types, too. What comes from the network
+is bounded, and checked before it is believed.
+"""
+
+import base64
+import json
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from typing import Any, Self, TypeAlias, TypeVar
+
+import zenoh
+
+from recorders.declared import Declared
+from recorders.errors import WireError
+
+TABLE_VERSION = 1
+MAX_TABLE = 4 << 20
+"""Most that a table may take [bytes]."""
+
+_MAX_NAME = 1000  # characters
+_ANSWER_S = 2.0
+_MAX_SENDERS = 16  # whose tables are remembered
+
+Schema: TypeAlias = tuple[str, str, bytes]
+_Key = TypeVar("_Key")
+_Value = TypeVar("_Value")
+
+
+def table_key(namespace: str, sender: str) -> str:
+    """Return the key on which a sender, 32 hexadecimal digits, tells of its channels."""
+    return f"{namespace}/@replay/{sender}/channels"
+
+
+def to_json(channels: Iterable[Declared]) -> bytes:
+    """Return the table of channels as JSON; a schema that several of them share is in it once."""
+    rows: list[dict[str, Any]] = []
+    schemas: dict[Schema, int] = {}
+    for channel in channels:
+        place = None if channel.schema is None else schemas.setdefault(channel.schema, len(schemas))
+        rows.append(
+            {
+                "topic": channel.topic,
+                "encoding": channel.encoding,
+                "metadata": dict(channel.metadata),
+                "schema": place,
+            }
+        )
+    texts = [
+        {"name": name, "encoding": encoding, "data": base64.b64encode(data).decode()}
+        for name, encoding, data in schemas
+    ]
+    return json.dumps({"version": TABLE_VERSION, "channels": rows, "schemas": texts}).encode()
+
+
+def from_json(data: bytes) -> list[Declared]:
+    """Read a table of channels back.
+
+    Raises
+    ------
+    WireError
+        If it is not one, of another version, or larger than `MAX_TABLE`.
+    """
+    if len(data) > MAX_TABLE:
+        raise WireError(f"channels: expected at most {MAX_TABLE} bytes, found {len(data)}")
+    try:
+        found = json.loads(data)
+        if found["version"] != TABLE_VERSION:
+            raise WireError(f"channels: expected version {TABLE_VERSION}, found {str(found['version'])[:40]!r}")
+        schemas = [_schema(row) for row in _rows(found["schemas"])]
+        return [_channel(row, schemas) for row in _rows(found["channels"])]
+    except (ValueError, KeyError, TypeError, IndexError, RecursionError) as error:
+        raise WireError(f"channels: expected topics, encodings and schemas, found {data[:80]!r}") from error
+
+
+@contextmanager
+def telling(
+    session: zenoh.Session,
+    namespace: str,
+    sender: str,
+    channels: Sequence[Declared],
+    say: Callable[[str], None] = lambda line: None,
+) -> Iterator[None]:
+    """Publish the channels of a stream, and answer whoever asks for them, while the block runs.
+
+    If they are too many, none travels, and `say` is told.
+    """
+    table, key = to_json(channels), table_key(namespace, sender)
+    if len(table) > MAX_TABLE:
+        say(f"types and schemas take {len(table)} bytes, more than the {MAX_TABLE} that travel: a recorder learns none")
+    if not channels or len(table) > MAX_TABLE:
+        yield
+        return
+
+    def answer(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, table)
+
+    with session.declare_queryable(key, answer):
+        session.put(key, table, congestion_control=zenoh.CongestionControl.BLOCK)
+        yield
+
+
+class ChannelTables:
+    """The channels of the senders that are heard: as they were published, or else as a sender answers when asked once.
+
+    A context manager: it subscribes for as long as the block runs.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+    say : callable
+        Told of an answer that is no table.
+    """
+
+    def __init__(self, session: zenoh.Session, namespace: str, say: Callable[[str], None] = lambda line: None) -> None:
+        self._session = session
+        self._namespace = namespace
+        self._say = say
+        self._published: dict[str, bytes] = {}  # by key, not read yet
+        self._tables: dict[bytes, dict[str, list[Declared]]] = {}
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        key = table_key(self._namespace, "*")
+        subscriber = self._session.declare_subscriber(key, self._on_table, allowed_origin=zenoh.Locality.REMOTE)
+        self._stack.enter_context(subscriber)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def find(self, sender: bytes, topic: str, type_name: str) -> Declared | None:
+        """Return what a sender has told of the channel of a message; None if it has told nothing of it."""
+        table = self._tables.get(sender)
+        if table is None:
+            table = self._ask(sender)
+        channels = table.get(topic, [])
+        of_type = [channel for channel in channels if channel.type == type_name]
+        return of_type[0] if of_type else channels[0] if len(channels) == 1 else None
+
+    def _ask(self, sender: bytes) -> dict[str, list[Declared]]:
+        table: dict[str, list[Declared]] = {}
+        try:
+            for channel in self._answer(sender):
+                table.setdefault(channel.topic, []).append(channel)
+        except WireError as error:
+            self._say(str(error))
+        _remember(self._tables, sender, table)
+        return table
+
+    def _on_table(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT and len(sample.payload) <= MAX_TABLE:
+            _remember(self._published, str(sample.key_expr), sample.payload.to_bytes())
+
+    def _answer(self, sender: bytes) -> list[Declared]:
+        key = table_key(self._namespace, sender.hex())
+        if (published := self._published.pop(key, None)) is not None:
+            return from_json(published)
+        for reply in self._session.get(key, timeout=_ANSWER_S):
+            if reply.ok is not None and len(reply.ok.payload) <= MAX_TABLE:
+                return from_json(reply.ok.payload.to_bytes())
+        return []
+
+
+def _remember(kept: dict[_Key, _Value], key: _Key, value: _Value) -> None:
+    """Keep a value, and no more than so many: the oldest goes."""
+    while len(kept) >= _MAX_SENDERS:
+        kept.pop(next(iter(kept)), None)
+    kept[key] = value
+
+
+def _rows(value: Any) -> list[Any]:
+    if not isinstance(value, list):
+        raise TypeError("expected a list")
+    return value
+
+
+def _schema(row: Any) -> Schema:
+    return _text(row["name"]), _text(row["encoding"]), base64.b64decode(row["data"], validate=True)
+
+
+def _channel(row: Any, schemas: Sequence[Schema]) -> Declared:
+    place, metadata = row["schema"], row["metadata"]
+    if not (isinstance(metadata, dict) and (place is None or (type(place) is int and place >= 0))):
+        raise ValueError("a channel of another form")
+    pairs = tuple((_text(name), _text(value, MAX_TABLE)) for name, value in metadata.items())
+    schema = None if place is None else schemas[place]
+    return Declared(_text(row["topic"]), _text(row["encoding"]), pairs, schema)
+
+
+def _text(value: Any, longest: int = _MAX_NAME) -> str:
+    if not isinstance(value, str) or len(value) > longest:
+        raise ValueError("a name of another form")
+    value.encode()  # no half of a pair of surrogates, which no log can hold
+    return value
