@@ -153,7 +153,7 @@ class LogWriter:
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
         channel = (topic, found, sequence is not None, declared)
         if channel not in self._channels:
-            described = declared or _described(topic, found)
+            described = declared or (_opaque(topic) if opaque else _standard(topic, found))
             self._file.change(lambda: self._open_channel(channel, described))
         self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
         self._numbered[topic] += sequence is None
@@ -229,10 +229,12 @@ class LogWriter:
         self._counts[topic] += 1
 
 
-def _described(topic: str, type_name: str) -> Declared:
-    """Return the channel of messages of a standard ROS 2 type, or of bytes of none; raises MessageError if unknown."""
-    if not type_name:
-        return Declared(topic, "application/octet-stream")
+def _opaque(topic: str) -> Declared:
+    return Declared(topic, "application/octet-stream")
+
+
+def _standard(topic: str, type_name: str) -> Declared:
+    """Return the channel of messages of a standard ROS 2 type; raises MessageError if there is none of this name."""
     return Declared(topic, "cdr", schema=(type_name, "ros2msg", schema_text(type_name).encode()))
 
 
