@@ -24,6 +24,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
 from recorders.regular import begins_with, refuse_irregular
+from recorders.wording import kind_text, value_text
 
 FORMAT = "reenact-controller"
 VERSION = 1
@@ -199,12 +200,12 @@ def _parse_header(text: object) -> dict[str, Any]:
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ControllerError(f"its header does not say {FORMAT}")
     if type(header.get("version")) is not int or header["version"] != VERSION:
-        raise ControllerError(f"expected format version {VERSION}, found {header.get('version')!r}")
+        raise ControllerError(f"expected format version {VERSION}, found {value_text(header.get('version'))}")
     kinds = {"config": dict, "joints": list, "provenance": dict, **dict.fromkeys(_HEADER_TEXTS, str)}
     for name, kind in kinds.items():
         if not isinstance(header.get(name), kind):
             raise ControllerError(
-                f"expected {name} in its header to be a {kind.__name__}, found {header.get(name)!r:.40}"
+                f"expected {name} in its header to be {kind_text(kind)}, found {value_text(header.get(name))}"
             )
     if not all(isinstance(joint, str) for joint in header["joints"]):
         raise ControllerError("expected joint names in its header to be strings")

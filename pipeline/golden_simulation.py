@@ -19,6 +19,7 @@ from recorders.errors import ConfigError, LogError
 from recorders.reader import LogReader
 from recorders.ticks import join_ticks
 from recorders.topics import JOINT_COMMANDS, SAMPLE_JOINTS
+from recorders.wording import value_text
 from replay.differences import texts
 from replay.engine import naming, read_robot
 
@@ -97,7 +98,7 @@ def _logged(log: Path) -> RobotConfig:
 def _exploration(log: Path) -> _Exploration:
     manifest = LogReader(log).manifest
     if manifest.get("kind") != "exploration":
-        raise LogError(f"{log}: expected a log of explore, found one of kind {manifest.get('kind')!r:.40}")
+        raise LogError(f"{log}: expected a log of explore, found one of kind {value_text(manifest.get('kind'))}")
     try:
         return _Exploration(
             teacher=TeacherConfig(**manifest["teacher"]),

@@ -6,6 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from recorders.errors import ConfigError
+from recorders.wording import value_text
 
 MAX_NEURONS = 1_000_000  # keeps a configuration read from a file from asking for all of the memory
 MAX_CONNECTIONS = 20_000_000
@@ -135,7 +136,9 @@ def _check_value(name: str, kind: object, value: object) -> None:
 def _check_integer(name: str, value: object) -> None:
     low, high = (1, _POSITIVE_INTEGERS[name]) if name in _POSITIVE_INTEGERS else (0, 2**63 - 1)
     if type(value) is not int or not low <= value <= high:
-        raise ConfigError(f"expected learner setting {name} to be an integer from {low} to {high}, found {value!r}")
+        raise ConfigError(
+            f"expected learner setting {name} to be a whole number from {low} to {high}, found {value_text(value)}"
+        )
 
 
 def _check_float(name: str, value: object) -> None:
@@ -147,4 +150,4 @@ def _check_float(name: str, value: object) -> None:
     else:
         allowed, text = 0.0 <= number < math.inf, "at least 0"
     if not allowed:
-        raise ConfigError(f"expected learner setting {name} to be a number {text}, found {value!r}")
+        raise ConfigError(f"expected learner setting {name} to be a number {text}, found {value_text(value)}")

@@ -34,6 +34,7 @@ from recorders.cdr import decode_as
 from recorders.errors import JointError, MessageError, WireError
 from recorders.messages import JointState
 from recorders.ticks import JointMap
+from recorders.wording import value_text
 
 Floats = NDArray[np.float64]
 
@@ -164,10 +165,12 @@ class RobotStatus:
             found = json.loads(data)
             status = cls(**found | {"joints": tuple(found.get("joints", ()))})
         except (ValueError, TypeError, AttributeError, RecursionError):
-            raise WireError(f"expected the status of a robot, found {data[:80]!r}") from None
+            raise WireError(f"expected the status of a robot, found {value_text(data[:80])}") from None
         for name, kind in _STATUS_TYPES.items():
             if type(getattr(status, name)) is not kind:
-                raise WireError(f"status of a robot: found {name} {getattr(status, name)!r:.40}, of the wrong type")
+                raise WireError(
+                    f"status of a robot: found {name} {value_text(getattr(status, name))}, of the wrong type"
+                )
         if not all(isinstance(joint, str) for joint in status.joints):
             raise WireError("status of a robot: expected names of joints, found something else")
         if status.period_ns <= 0:

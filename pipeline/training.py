@@ -16,6 +16,7 @@ from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
 from recorders.stream import Offer
 from recorders.topics import SESSION_PHASE
+from recorders.wording import value_text
 from replay.engine import Episode, Replay, naming
 from replay.schedule import Schedule
 from replay.transport import InProcess, Source
@@ -313,7 +314,7 @@ class Trainer:
         run.restore(controller, kept)
         start = kept.get("next")
         if type(start) is not int:
-            raise ControllerError(f"{path}: expected the stream index to go on from, found {start!r}")
+            raise ControllerError(f"{path}: expected the stream index to go on from, found {value_text(start)}")
         return start
 
     def _keep(self, run: LearningRun) -> None:

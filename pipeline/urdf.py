@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.urdf_cleaning import cleaned
 from recorders.errors import RobotError
+from recorders.wording import value_text
 
 WORLD = "world"  # what a link is called that is the ground; any other root is welded to it
 MAX_BYTES = 4 * 2**20  # real ones take at most one megabyte
@@ -75,10 +76,7 @@ def check_name(value: object, where: str) -> str:
 
 def shown(value: object) -> str:
     """Show a value of any size or kind within a message, in at most 80 characters."""
-    try:
-        return f"{value!r:.80}"
-    except (ValueError, RecursionError):  # an integer of thousands of digits, a table of thousands of levels
-        return f"a huge {type(value).__name__}"
+    return value_text(value)
 
 
 def one_line(text: str) -> str:

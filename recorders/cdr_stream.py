@@ -10,6 +10,7 @@ import numpy as np
 
 from recorders.errors import MessageError
 from recorders.fields import MAX_STAMP_NS, FloatArray
+from recorders.wording import value_text
 
 ENCAPSULATION = b"\x00\x01\x00\x00"  # plain CDR, little-endian, no options
 _HEADER_SIZE = len(ENCAPSULATION)
@@ -60,7 +61,7 @@ class CdrReader:
         try:
             return raw[:-1].decode()
         except UnicodeDecodeError:
-            raise MessageError(f"expected a string of UTF-8, found {raw[:40]!r}") from None
+            raise MessageError(f"expected a string of UTF-8, found {value_text(raw[:40])}") from None
 
     def float64s(self, count: int) -> FloatArray:
         """Read `count` floats to the bit, shape (count,)."""

@@ -12,6 +12,7 @@ from typing import Any
 from recorders.errors import LogError
 from recorders.records import Stamped
 from recorders.upgrades import upgrade
+from recorders.wording import value_text
 
 FORMAT_VERSION = 2
 METADATA_NAME = "reenact"  # the name of the MCAP metadata record
@@ -94,13 +95,15 @@ def from_metadata(metadata: Mapping[str, str]) -> dict[str, Any]:
         raise LogError("the manifest is not JSON") from None
     found = manifest.get("format_version")
     if type(found) is not int or not 1 <= found <= FORMAT_VERSION:  # True is an int, and equal to 1
-        raise LogError(f"expected log format {FORMAT_VERSION} or older, found {found!r}: it needs a newer reenact")
+        raise LogError(
+            f"expected log format {FORMAT_VERSION} or older, found {value_text(found)}: it needs a newer reenact"
+        )
     return upgrade(manifest)
 
 
 def _to_json(key: Any, value: Any) -> str:
     if not isinstance(key, str):
-        raise LogError(f"manifest: expected keys that are strings, found {key!r}")
+        raise LogError(f"manifest: expected keys that are strings, found {value_text(key)}")
     try:
         return json.dumps(value, allow_nan=False, sort_keys=True)
     except (TypeError, ValueError, RecursionError) as error:

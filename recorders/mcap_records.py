@@ -102,7 +102,7 @@ def parse_counted(kind: Parser[_T_co], record: Record) -> tuple[_T_co, int]:
     try:
         return kind.read(_WholeStream(body)), body.tell()
     except _PARSE_ERRORS as error:
-        raise damaged(record.offset, f"its record of kind {record.opcode} is malformed ({error!r})") from None
+        raise damaged(record.offset, f"its record of kind {record.opcode} is malformed ({error})") from None
 
 
 def read_record(file: BinaryIO, size: int) -> Record:
@@ -227,7 +227,7 @@ def chunk_head(record: Record) -> ChunkHead:
         compression = str(record.body[_CHUNK.size : _CHUNK.size + length], "utf-8")
         (data_length,) = _LENGTH.unpack_from(record.body, _CHUNK.size + length)
     except (struct.error, ValueError) as error:
-        raise damaged(record.offset, f"a chunk is malformed ({error!r})") from None
+        raise damaged(record.offset, f"a chunk is malformed ({error})") from None
     start = _CHUNK.size + length + _LENGTH.size
     if len(record.body) - start < data_length:
         raise damaged(record.offset, "a chunk is not as long as it says")

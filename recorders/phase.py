@@ -6,6 +6,7 @@ from typing import Any
 
 from recorders.errors import MessageError
 from recorders.messages import String
+from recorders.wording import kind_text, value_text
 
 WASHOUT = "washout"  # the network runs, nothing is learned
 LEARN = "learn"
@@ -50,7 +51,7 @@ class Phase:
         for name, kind in _KINDS.items():
             value = getattr(self, name)
             if type(value) is not kind:  # exactly: JSON's true would pass as an int
-                raise MessageError(f"phase marker: {name} must be {kind.__name__}, found {value!r}")
+                raise MessageError(f"phase marker: {name} must be {kind_text(kind)}, found {value_text(value)}")
         if not (0 <= self.epoch < MAX_COUNT and 0 <= self.cycle < MAX_COUNT):
             raise MessageError(
                 f"phase marker: epoch and cycle count from 0 to {MAX_COUNT - 1}, found a number out of range"

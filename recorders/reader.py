@@ -19,6 +19,7 @@ from recorders.protection import is_protected
 from recorders.raw_records import FOREVER_NS, MessageWalk
 from recorders.records import Stamped
 from recorders.regular import refuse_irregular
+from recorders.wording import value_text
 
 _NO_JUMPS: Mapping[int, int] = {}
 
@@ -47,7 +48,7 @@ class LogReader:
         if not magic:
             raise LogError(f"{self.path}: expected an MCAP file, found an empty one")
         if magic != MAGIC:
-            raise LogError(f"{self.path}: expected an MCAP file, found one that begins with {magic!r}")
+            raise LogError(f"{self.path}: expected an MCAP file, found one that begins with {value_text(magic)}")
 
     def __iter__(self) -> Iterator[Stamped]:
         return self.records()

@@ -8,6 +8,7 @@ from typing import Any, Protocol, Self
 
 from recorders.errors import WireError
 from recorders.records import Stamped
+from recorders.wording import value_text
 
 PROTOCOL_VERSION = 1
 
@@ -142,10 +143,10 @@ def _json_object(data: bytes, types: dict[str, type | tuple[type, ...]]) -> dict
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
-        raise WireError(f"expected JSON, found {data[:40]!r}") from error
+        raise WireError(f"expected JSON, found {value_text(data[:40])}") from error
     if not isinstance(found, dict) or set(found) != set(types):
-        raise WireError(f"expected an object with {', '.join(types)}, found {data[:80]!r}")
+        raise WireError(f"expected an object with {', '.join(types)}, found {value_text(data[:80])}")
     for name, kind in types.items():
         if not isinstance(found[name], kind) or isinstance(found[name], bool):
-            raise WireError(f"{name}: found {found[name]!r:.40}, which is of the wrong type")
+            raise WireError(f"{name}: found {value_text(found[name])}, which is of the wrong type")
     return found

@@ -16,6 +16,7 @@ from recorders.regular import refuse_irregular
 from recorders.salvage import Damage, Survey, opened
 from recorders.sound_summary import read_sound_summary
 from recorders.walk import NOT_WHOLE, Walk, end_of
+from recorders.wording import value_text
 
 CUT_OFF = "the log is cut off"
 _DATA_CRC = "the CRC of the data section does not hold: something in it was changed that no other CRC covers"
@@ -58,7 +59,7 @@ def _magics(file: BinaryIO, size: int) -> tuple[bool, bool]:
     file.seek(-min(len(MAGIC), size), SEEK_END)
     ends = size > len(MAGIC) and file.read() == MAGIC
     if begin != MAGIC and not ends:
-        found = f"one that begins with {begin!r}" if begin else "an empty one"
+        found = f"one that begins with {value_text(begin)}" if begin else "an empty one"
         raise LogError(f"expected an MCAP file, found {found}")
     return begin == MAGIC, ends
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
+from recorders.wording import value_text
 from replay.golden_folder import CASE_FILE
 from replay.golden_log import LogEntry, file_sha256
 from replay.golden_recipe import Recipe
@@ -64,7 +65,9 @@ class Tolerances:
         if set(values) != names or not all(
             type(value) in (int, float) and 0 <= value <= 1 for value in values.values()
         ):
-            raise ConfigError(f"tolerances: expected {', '.join(sorted(names))}, numbers from 0 to 1, found {values}")
+            raise ConfigError(
+                f"tolerances: expected {', '.join(sorted(names))}, numbers from 0 to 1, found {value_text(values)}"
+            )
         return cls(**values)
 
 
@@ -192,7 +195,7 @@ def own_files(logs: Sequence[str]) -> tuple[str, ...]:
 def _case(folder: Path, values: object) -> Case:
     table = _typed(values, _KINDS, "the case")
     if table["format_version"] != FORMAT_VERSION:
-        raise ConfigError(f"expected golden case format {FORMAT_VERSION}, found {table['format_version']}")
+        raise ConfigError(f"expected golden case format {FORMAT_VERSION}, found {value_text(table['format_version'])}")
     logs = tuple(LogEntry(**_typed(log, _LOG_KINDS, "a log")) for log in table["logs"])
     recipe = Recipe(
         logs=tuple(folder / check_name(log.name) for log in logs),
@@ -218,7 +221,7 @@ def _files(files: dict[str, Any], logs: Sequence[str]) -> dict[str, str]:
     """Check the hashes of the other files; only names that a case gives its own files are ever opened."""
     names = own_files(logs)
     if set(files) != set(names) or not all(isinstance(value, str) for value in files.values()):
-        raise ConfigError(f"files: expected the SHA-256 of {', '.join(names)}, found {str(files)[:80]}")
+        raise ConfigError(f"files: expected the SHA-256 of {', '.join(names)}, found {value_text(files)}")
     return files
 
 
@@ -226,16 +229,18 @@ def _history(entries: list[Any], digest: object) -> tuple[Mapping[str, Any], ...
     """Check that every change has a reason and a digest, the last one that which is expected now."""
     for entry in entries:
         if not isinstance(entry, dict) or not all(isinstance(entry.get(name), str) for name in ("reason", "digest")):
-            raise ConfigError(f"history: expected entries with reason and digest, found {str(entry)[:80]}")
+            raise ConfigError(f"history: expected entries with reason and digest, found {value_text(entry)}")
     last = entries[-1]["digest"] if entries else None
     if last is None or last != digest:
-        raise ConfigError(f"history: expected the digest of its last entry to be {str(digest)[:80]}, found {last}")
+        raise ConfigError(
+            f"history: expected the digest of its last entry to be {value_text(digest)}, found {value_text(last)}"
+        )
     return tuple(entries)
 
 
 def _typed(values: object, kinds: Mapping[str, type | tuple[type, ...]], what: str) -> dict[str, Any]:
     if not isinstance(values, dict) or set(values) != set(kinds):
-        raise ConfigError(f"{what}: expected {', '.join(kinds)}, found {str(values)[:80]}")
+        raise ConfigError(f"{what}: expected {', '.join(kinds)}, found {value_text(values)}")
     for name, kind in kinds.items():
         if not isinstance(values[name], kind) or (isinstance(values[name], bool) and kind is not bool):
             raise ConfigError(f"{what}: {name} is of the wrong type: {str(values[name])[:40]}")

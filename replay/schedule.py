@@ -6,6 +6,7 @@ from typing import Any, Self
 
 from recorders.errors import ConfigError
 from recorders.phase import EVALUATE, LEARN, PHASES, WASHOUT
+from recorders.wording import value_text
 
 MAX_CYCLES = 1_000_000
 """More cycles an epoch than anyone presents: a schedule may come from the network."""
@@ -35,13 +36,15 @@ class Schedule:
     def __post_init__(self) -> None:
         """Check ranges and names."""
         if type(self.epochs) is not int or not 1 <= self.epochs <= MAX_CYCLES:
-            raise ConfigError(f"epochs: expected a whole number from 1 to {MAX_CYCLES}, found {self.epochs!r}")
+            raise ConfigError(
+                f"epochs: expected a whole number from 1 to {MAX_CYCLES}, found {value_text(self.epochs)}"
+            )
         for phase, cycles in self.phases:
             if phase not in PHASES:
-                raise ConfigError(f"phase: expected one of {', '.join(PHASES)}, found {phase!r}")
+                raise ConfigError(f"phase: expected one of {', '.join(PHASES)}, found {value_text(phase)}")
             if type(cycles) is not int or not 1 <= cycles <= MAX_CYCLES:
                 raise ConfigError(
-                    f"{phase}: expected a whole number of cycles from 1 to {MAX_CYCLES}, found {cycles!r}"
+                    f"{phase}: expected a whole number of cycles from 1 to {MAX_CYCLES}, found {value_text(cycles)}"
                 )
         if not self.phases:
             raise ConfigError("phases: expected at least one, found none")

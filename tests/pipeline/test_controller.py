@@ -174,7 +174,7 @@ def rewrite_header(path, **changes):
 
 def test_a_missing_file_and_a_directory(tmp_path):
     refuse(tmp_path / "none.npz", "No such file")
-    refuse(tmp_path, "Is a directory")
+    refuse(tmp_path, "expected a controller, found a directory")
 
 
 @pytest.mark.parametrize("data", [b"", b"not a zip", b"PK\x03\x04" + bytes(100), b"PK\x05\x06" + bytes(18)])
@@ -203,7 +203,7 @@ def test_pickled_arrays_are_never_unpickled(tmp_path):
     [
         ({"format": "other"}, "reenact-controller"),
         ({"version": 2}, "format version 1, found 2"),
-        ({"version": True}, "format version 1, found True"),
+        ({"version": True}, "format version 1, found true"),
         ({"config": {"reservoir": 10**9}}, "reservoir"),
         ({"config": {"reservoir": 200_000, "outputs": 8}}, "20000000 connections"),
         ({"config": {"reservoir": 5000, "outputs": 8}}, "shape"),

@@ -76,7 +76,7 @@ def test_links_are_told_with_their_parents() -> None:
         ('effort="2000"', 'effort="much"', "joint 'hip_height' .* <limit effort=...>"),
         ('type="prismatic"', 'type="slidy"', "hip_height .* expected a type of revolute, .* found 'slidy'"),
         ('<link name="pelvis">', '<link name="pelvis"/><link name="pelvis">', "link pelvis .* more than once"),
-        ('<link name="pelvis">', "<link>", "name of a link of the URDF: expected a name, found None"),
+        ('<link name="pelvis">', "<link>", "name of a link of the URDF: expected a name, found nothing"),
         (
             '<child link="pelvis"/>',
             '<child link="hat"/>',

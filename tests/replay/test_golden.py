@@ -127,13 +127,13 @@ BAD = (
     (set_log(name="../../etc/passwd"), "plain file name"),
     (set_log(name="/etc/passwd"), "plain file name"),
     (set_log(name="gone.mcap"), "gone.mcap"),
-    (set_value(files={}), "files: expected the SHA-256 of steps.bin, states.npz, log.mcap.index, found {}"),
+    (set_value(files={}), "files: expected the SHA-256 of steps.bin, states.npz, log.mcap.index, found a table of 0"),
     (set_value(files={"../../../log.mcap": "0" * 64}), "files: expected the SHA-256 of steps.bin"),
     (set_value(files=dict.fromkeys(("steps.bin", "states.npz", "log.mcap.index"), 1)), "files: expected the SHA-256"),
-    (set_value(history=["x"]), "history: expected entries with reason and digest, found x"),
+    (set_value(history=["x"]), "history: expected entries with reason and digest, found 'x'"),
     (set_value(history=[{"reason": "x", "digest": 1}]), "history: expected entries with reason and digest"),
-    (set_value(history=[{"reason": "x", "digest": "x"}]), "history: expected the digest of its last entry to be 10"),
-    (set_value(history=[]), "history: expected the digest of its last entry to be 10.0, found None"),
+    (set_value(history=[{"reason": "x", "digest": "x"}]), "history: expected the digest of its last entry to be '10"),
+    (set_value(history=[]), "history: expected the digest of its last entry to be '10.0', found nothing"),
 )
 
 
