@@ -7,6 +7,7 @@ drawing is a fixed integer computation, and a digest in the header shows if it e
 
 import dataclasses
 import json
+import math
 import os
 import secrets
 import stat
@@ -21,7 +22,7 @@ from pipeline import npz
 from pipeline.kernels import FloatArray
 from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
-from pipeline.network import check_state, state_shapes
+from pipeline.network import check_size, check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
 from recorders.regular import begins_with, refuse_irregular
 from recorders.wording import kind_text, value_text
@@ -29,6 +30,8 @@ from recorders.wording import kind_text, value_text
 FORMAT = "reenact-controller"
 VERSION = 1
 _ZIP_MAGIC = b"PK\x03\x04"
+MAX_HEADER_BYTES = 4 * 2**20  # robots take at most one million
+_HEADER = "header"
 _CONSTANTS = ("input_centre", "output_centre", "pending")
 _HEADER_TEXTS = ("robot_toml", "robot_urdf", "state_digest", "connections_digest")
 
@@ -128,7 +131,9 @@ class Controller:
         Raises
         ------
         ControllerError
-            If the file cannot be written, or the provenance is not plain JSON.
+            If the file cannot be written, or the provenance is not plain JSON or too large.
+        ConfigError
+            If the network is too large for a file.
         """
         header = {
             "format": FORMAT,
@@ -145,8 +150,14 @@ class Controller:
             text = json.dumps(header, allow_nan=False, sort_keys=True)
         except (TypeError, ValueError, RecursionError) as error:
             raise ControllerError(f"expected a provenance of plain JSON values: {error}") from error
+        check_size(self.config)
+        if len(text) > MAX_HEADER_BYTES:
+            raise ControllerError(
+                f"cannot write controller {path}: expected robot and provenance of at most {MAX_HEADER_BYTES} bytes, "
+                f"found {len(text)}"
+            )
         constants = {name: getattr(self, name) for name in _CONSTANTS}
-        _write_atomically(Path(path), npz.pack({"header": text, **constants, **self.state}))
+        _write_atomically(Path(path), npz.pack({_HEADER: text, **constants, **self.state}))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -159,19 +170,18 @@ class Controller:
         """
         refuse_irregular(Path(path), expected="a controller", error=ControllerError)
         try:
-            return cls._parse(npz.unpack(_read(Path(path))))
+            return cls._parse(npz.Npz(_read(Path(path))))
         except (ControllerError, ConfigError) as error:
             raise ControllerError(f"cannot use controller {path}: {error}") from error
 
     @classmethod
-    def _parse(cls, members: dict[str, str | FloatArray]) -> Self:
-        header = _parse_header(members.pop("header", None))
-        arrays = {name: values for name, values in members.items() if not isinstance(values, str)}
-        missing = [name for name in _CONSTANTS if name not in arrays]
-        if missing:
-            raise ControllerError(f"expected array {missing[0]}, found {', '.join(arrays)}")
+    def _parse(cls, file: npz.Npz) -> Self:
+        header = _parse_header(file)
+        config = LearnerConfig.from_dict(header["config"])
+        check_size(config)
+        arrays = _read_arrays(file, config)
         controller = cls(
-            config=LearnerConfig.from_dict(header["config"]),
+            config=config,
             **{name: arrays.pop(name) for name in _CONSTANTS},
             joints=tuple(header["joints"]),
             robot_toml=header["robot_toml"],
@@ -190,7 +200,26 @@ def _frozen(values: FloatArray) -> FloatArray:
     return copy
 
 
-def _parse_header(text: object) -> dict[str, Any]:
+def _read_arrays(file: npz.Npz, config: LearnerConfig) -> dict[str, FloatArray]:
+    """Read the arrays of a controller of this configuration; one of another size is not even unpacked."""
+    constants = {"input_centre": (config.inputs,), "output_centre": (config.outputs,), "pending": (config.inputs,)}
+    arrays: dict[str, FloatArray] = {}
+    for name, shape in {**constants, **state_shapes(config)}.items():
+        if name not in file.names:
+            raise ControllerError(f"expected array {name}, found {', '.join(file.names):.1000}")
+        if not (file.holds(name, math.prod(shape)) or (name == "pending" and file.holds(name, 0))):
+            raise ControllerError(f"expected {name} of shape {shape}, found another size")
+        values = file.read(name)
+        if isinstance(values, str):
+            raise ControllerError(f"expected {name} of shape {shape}, found a text")
+        arrays[name] = values
+    if unknown := [name for name in file.names if name not in arrays and name != _HEADER]:
+        raise ControllerError(f"expected arrays {', '.join(arrays)}, found {unknown[0]!r:.80} beside them")
+    return arrays
+
+
+def _parse_header(file: npz.Npz) -> dict[str, Any]:
+    text = file.read(_HEADER, most=MAX_HEADER_BYTES) if _HEADER in file.names else None
     if not isinstance(text, str):
         raise ControllerError("expected a member header.npy with JSON, found none")
     try:
@@ -221,7 +250,8 @@ def _read(path: Path) -> bytes:
     try:
         if path.stat().st_size > npz.MAX_BYTES:
             raise ControllerError(f"expected at most {npz.MAX_BYTES} bytes, found {path.stat().st_size}")
-        return path.read_bytes()
+        with path.open("rb") as file:
+            return file.read(npz.MAX_BYTES)
     except OSError as error:
         raise ControllerError(error.strerror or str(error)) from error
 
@@ -259,7 +289,7 @@ def _holds_something_else(path: Path) -> bool:
     if not path.exists() or path.stat().st_size == 0:
         return False
     try:
-        _parse_header(npz.unpack(_read(path)).get("header"))
+        _parse_header(npz.Npz(_read(path)))
     except ControllerError:
         return True
     return False

@@ -10,6 +10,7 @@ from pipeline import golden_states
 from pipeline.controller import Controller
 from pipeline.golden_observer import ObservedRun
 from pipeline.learner_config import LearnerConfig
+from pipeline.network import state_numbers
 from pipeline.samples import read_samples
 from pipeline.toml_text import MAX_BYTES, parse_toml
 from pipeline.training import CheckpointConfig, Trainer
@@ -18,7 +19,7 @@ from recorders.errors import ConfigError
 from recorders.messages import Message
 from recorders.records import Stamped
 from recorders.regular import refuse_irregular
-from replay.golden_recipe import EpochEnd, Moment, Recipe, State
+from replay.golden_recipe import MAX_CASE_BYTES, EpochEnd, Moment, Recipe, State
 from replay.schedule import Schedule
 from replay.session import RecordedSession
 
@@ -67,7 +68,13 @@ class GoldenRunner:
 
 
 def _config(recipe: Recipe) -> LearnerConfig:
-    return LearnerConfig.from_dict(recipe.learner)
+    config = LearnerConfig.from_dict(recipe.learner)
+    size = 8 * state_numbers(config)
+    if size > MAX_CASE_BYTES:
+        raise ConfigError(
+            f"golden case: expected a learner whose state takes at most {MAX_CASE_BYTES} bytes, found {size}"
+        )
+    return config
 
 
 def _trained(recipe: Recipe) -> Trainer:

@@ -4,6 +4,7 @@ The kernel's layout (padding, slots) is made for speed. The state that is saved,
 not know it: weights are kept per type of connection, ordered by target, then source.
 """
 
+import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
@@ -14,7 +15,10 @@ from pipeline import kernels
 from pipeline.kernels import FloatArray, Sizes
 from pipeline.learner_config import ConnectionConfig, LearnerConfig
 from pipeline.seeding import distinct, raw_words, uniforms
-from recorders.errors import ControllerError
+from recorders.errors import ConfigError, ControllerError
+
+MAX_NEURONS = 50_000
+MAX_NUMBERS = 2**20  # a thousand neurons, each connected to each, take fewer
 
 _LANES = 4  # the kernel squares z four at a time
 _Places = NDArray[np.int64]
@@ -66,6 +70,27 @@ def state_shapes(config: LearnerConfig) -> dict[str, tuple[int, ...]]:
         "e": (config.outputs,),
         "epoch": (1,),
     }
+
+
+def state_numbers(config: LearnerConfig) -> int:
+    """Return how many numbers the state has."""
+    return sum(math.prod(shape) for shape in state_shapes(config).values())
+
+
+def check_size(config: LearnerConfig) -> None:
+    """Check that a network is small enough to be kept in a file, which may come from anyone.
+
+    Raises
+    ------
+    ConfigError
+        If it has more than `MAX_NEURONS` neurons, or `MAX_NUMBERS` numbers in its state.
+    """
+    neurons, numbers = config.inputs + config.outputs + config.reservoir, state_numbers(config)
+    if neurons > MAX_NEURONS or numbers > MAX_NUMBERS:
+        raise ConfigError(
+            f"expected at most {MAX_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be kept in a file, "
+            f"found {neurons} and {numbers}"
+        )
 
 
 def check_state(config: LearnerConfig, state: Mapping[str, FloatArray]) -> None:

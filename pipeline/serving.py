@@ -15,14 +15,14 @@ from pipeline.evaluation import WASHOUT_STEPS, hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import state_digest
 from pipeline.plausible import MAX_DISTANCE_M, Implausible, plausible
-from pipeline.robot import parse_robot
 from pipeline.samples import CommandedPairs
 from pipeline.serving_calls import ServingCalls
 from pipeline.serving_codec import CommandEncoder, PoseReader, Position
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
 from pipeline.serving_restart import LEAP_NS, RESTART_AFTER, RestartWatch
+from pipeline.trials import robot_of
 from recorders.cdr import decode_as, encode
-from recorders.errors import ConfigError, ControllerError, JointError, MessageError
+from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
 from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
@@ -132,12 +132,7 @@ class ServedController:
         self._controller = controller
         self._say = say
         self._config = config or ServingConfig()
-        self._robot = parse_robot(controller.robot_toml, controller.robot_urdf)
-        if self._robot.joints != controller.joints or controller.config.inputs != 6:
-            raise ControllerError(
-                f"expected a controller of two hands and the joints of {self._robot.name}, "
-                f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints)}"
-            )
+        self._robot = robot_of(controller)
         self._learner = controller.learner()
         self._encoder = CommandEncoder(controller.joints)
         self._poses = PoseReader()

@@ -12,7 +12,7 @@ from pipeline.evaluation import HandErrors, hand_errors, linear_joints, predicte
 from pipeline.kinematics import Kinematics
 from pipeline.motions import is_recorded, load_motion
 from pipeline.robot import RobotConfig, parse_robot
-from pipeline.samples import Samples, read_samples
+from pipeline.samples import HANDS, Samples, read_samples
 from recorders.errors import ControllerError
 
 Floats = NDArray[np.float64]
@@ -53,8 +53,22 @@ class Trial:
 
 
 def robot_of(controller: Controller) -> RobotConfig:
-    """Return the robot that a controller was made for; the controller carries it."""
-    return parse_robot(controller.robot_toml, controller.robot_urdf)
+    """Return the robot that a controller was made for; the controller carries it.
+
+    Raises
+    ------
+    ControllerError
+        If the controller does not take two hand targets, or is not for the joints of its own robot, in their order.
+    RobotError
+        If the robot cannot be used.
+    """
+    robot = parse_robot(controller.robot_toml, controller.robot_urdf)
+    if robot.joints != controller.joints or controller.config.inputs != HANDS:
+        raise ControllerError(
+            f"expected a controller of two hands and the joints of {robot.name}, {', '.join(robot.joints)}; "
+            f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints):.1000}"
+        )
+    return robot
 
 
 def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path | None = None) -> Trial:

@@ -25,10 +25,7 @@ from replay.golden_finding import PHYSICS
 from replay.golden_folder import CASE_FILE, put, restore
 from replay.golden_learning import short
 from replay.golden_log import describe, index, slim
-from replay.golden_recipe import EpochEnd, Recipe, Runner
-
-MAX_CASE_BYTES = 300_000
-"""A case lies beside the code that it guards."""
+from replay.golden_recipe import MAX_CASE_BYTES, EpochEnd, Recipe, Runner
 
 Progress = Callable[[float], None]
 

@@ -254,11 +254,13 @@ def check_steps(steps: bytes) -> None:
 
 
 def check_size(path: Path, most: int = MAX_BYTES) -> None:
-    """Check that a path is that of a file, and of one that is not too large; raises LogError if not."""
+    """Check that a path is that of a file among the cases, and not too large; raises LogError if not."""
     try:
         found = path.stat()
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+    if not path.resolve().is_relative_to(path.parent.resolve().parent):
+        raise LogError(f"{path}: expected a file beside the golden cases, found a link that leads elsewhere")
     if not stat.S_ISREG(found.st_mode):
         raise LogError(f"{path}: expected a file, found something else of that name")
     if found.st_size > most:

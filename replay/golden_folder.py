@@ -18,10 +18,11 @@ def find_cases(folder: Path) -> list[Path]:
     Raises
     ------
     ConfigError
-        If there is none, a folder cannot be read, or the replacement of a case was cut short.
+        If there is none, a folder cannot be read or is a link out of this one, or the replacement of a case was cut
+        short.
     """
     try:
-        found = list(_cases(folder, set()))
+        found = list(_cases(folder, set(), tree=folder.resolve()))
     except OSError as error:
         raise ConfigError(f"{error.filename}: cannot be read: {error.strerror or error}") from error
     if not found:
@@ -64,7 +65,9 @@ def _aside(folder: Path) -> Path:
     return folder.with_name(f".{folder.name}{_REPLACED}")
 
 
-def _cases(folder: Path, seen: set[Path]) -> Iterator[Path]:
+def _cases(folder: Path, seen: set[Path], *, tree: Path) -> Iterator[Path]:
+    if not folder.resolve().is_relative_to(tree):
+        raise ConfigError(f"{folder}: expected a folder within {tree}, found a link that leads out of it")
     if (folder / CASE_FILE).is_file():
         yield folder
         return
@@ -73,7 +76,7 @@ def _cases(folder: Path, seen: set[Path]) -> Iterator[Path]:
         if path.name.startswith("."):
             _refuse_cut_short(path)
         elif path.is_dir() and path.resolve() not in seen:  # a link may lead back
-            yield from _cases(path, seen)
+            yield from _cases(path, seen, tree=tree)
 
 
 def _refuse_cut_short(path: Path) -> None:

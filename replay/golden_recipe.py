@@ -17,6 +17,12 @@ from replay.session import RecordedSession
 MAX_EPOCHS = 6
 """The state is kept at the end of each: more would make a case too large to keep beside the code."""
 
+MAX_CYCLES = 100
+"""Of an epoch: a case may come from anyone, and is run on every change."""
+
+MAX_CASE_BYTES = 300_000
+"""A case lies beside the code that it guards."""
+
 PHYSICS_TICKS = 64
 
 State: TypeAlias = Mapping[str, NDArray[np.float64]]
@@ -59,6 +65,8 @@ class Recipe:
             raise ConfigError(f"golden case: expected logs, one if it is a session, found {len(self.logs)}")
         if self.schedule.epochs > MAX_EPOCHS:
             raise ConfigError(f"golden case: expected at most {MAX_EPOCHS} epochs, found {self.schedule.epochs}")
+        if self.schedule.cycles > MAX_CYCLES:
+            raise ConfigError(f"golden case: expected at most {MAX_CYCLES} cycles, found {self.schedule.cycles}")
         if self.resume_after is not None and self.resume_after < 1:
             raise ConfigError(f"golden case: expected to resume after at least 1 tick, found {self.resume_after}")
 

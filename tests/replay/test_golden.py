@@ -276,6 +276,28 @@ def test_cases_are_found_at_any_depth(case: Path, monkeypatch: pytest.MonkeyPatc
     assert verdict.name == "a"
 
 
+def test_a_link_out_of_the_tree_is_not_followed(case: Path, tmp_path: Path) -> None:
+    elsewhere = tmp_path / "elsewhere"
+    shutil.copytree(case, elsewhere / "b")
+    golden = case.parent
+    (golden / "link").symlink_to(elsewhere)
+    with pytest.raises(ConfigError, match=r"link: expected a folder within .* found a link that leads out of it"):
+        find_cases(golden)
+    (golden / "link").unlink()
+    (golden / "again").symlink_to(case)
+    assert [path.name for path in find_cases(golden)] == ["a", "again"]
+
+
+@pytest.mark.parametrize("name", [CASE_FILE, "steps.bin", "log.mcap"])
+def test_a_file_of_a_case_is_no_link_out_of_the_tree(case: Path, tmp_path: Path, name: str) -> None:
+    (case / name).rename(tmp_path / name)
+    (case / name).symlink_to(tmp_path / name)
+    finding = check_case(case, CountingRunner()).finding
+    assert finding is not None
+    assert finding.tier == "case"
+    assert "found a link that leads elsewhere" in finding.found
+
+
 class Interrupt(BaseException):
     """What Ctrl-C raises, but not it: pytest would stop."""
 
