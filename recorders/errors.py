@@ -16,6 +16,10 @@ class LogError(ReenactError):
     """A log is missing, is not MCAP, is cut off, damaged, or lacks what is asked of it."""
 
 
+class TakenError(LogError):
+    """The name of a log is another's: there is one already, or it is being written."""
+
+
 class MessageError(ReenactError):
     """A message is of the wrong type, does not decode, holds NaN, or comes out of order."""
 

@@ -1,10 +1,7 @@
 """The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
 
-import fnmatch
 import time
-from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self
@@ -12,8 +9,11 @@ from uuid import uuid4
 
 from recorders.cdr import decode
 from recorders.declared import Declared
-from recorders.errors import ConfigError, LogError, MessageError, WireError
-from recorders.parts import PART, part_path, parts_in
+from recorders.errors import MessageError, TakenError, WireError
+from recorders.log_clock import LogClock
+from recorders.parts import PART, part_path
+from recorders.recording import RecordConfig, Recording
+from recorders.recording_name import recording_names
 from recorders.records import Stamped
 from recorders.ros import is_known, typestore
 from recorders.topics import type_of
@@ -23,77 +23,8 @@ from recorders.wire.receiver import Event, Live, Offered, Receiver
 from recorders.writer import LogWriter
 
 _POLL_S = 0.2
-_MAX_BROKEN = 100  # anyone may offer a stream and break it off
 _STOPPED = "the recorder was stopped"
 _FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
-
-
-@dataclass(frozen=True)
-class RecordConfig:
-    """What is recorded, and into how many files.
-
-    Parameters
-    ----------
-    include, exclude : tuple of str
-        Patterns of topics, such as `/hand/*`; everything is included if no pattern is given.
-    split_bytes : int, optional
-        Begin another file when one has this many bytes of messages.
-    split_ns : int, optional
-        Begin another file with the first message that comes this long after the first one of a file [ns].
-    """
-
-    include: tuple[str, ...] = ()
-    exclude: tuple[str, ...] = ()
-    split_bytes: int | None = None
-    split_ns: int | None = None
-
-    def __post_init__(self) -> None:
-        """Check ranges."""
-        if any(split is not None and split < 1 for split in (self.split_bytes, self.split_ns)):
-            raise ConfigError("split: expected a size or a time above 0")
-
-    def wants(self, topic: str) -> bool:
-        """Whether a topic is to be recorded."""
-        included = not self.include or any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.include)
-        return included and not any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.exclude)
-
-
-@dataclass
-class Recording:
-    """What has been recorded so far.
-
-    Attributes
-    ----------
-    paths : files, in order
-    messages, size : how many messages, and how many bytes of them
-    gaps : messages that producers numbered and that did not arrive, by topic
-    opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
-    refused : messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting
-    broken : why the latest of the streams that awaited this and never came to their end did not
-    left_out : how many messages were on topics that are not to be recorded
-    """
-
-    paths: list[Path] = field(default_factory=list)
-    messages: int = 0
-    size: int = 0
-    gaps: Counter[str] = field(default_factory=Counter)
-    opaque: Counter[str] = field(default_factory=Counter)
-    refused: Counter[str] = field(default_factory=Counter)
-    broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
-    left_out: int = 0
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the recording for JSON."""
-        return {
-            "paths": [str(path) for path in self.paths],
-            "messages": self.messages,
-            "bytes": self.size,
-            "gaps": dict(self.gaps),
-            "opaque": dict(self.opaque),
-            "refused": dict(self.refused),
-            "broken": list(self.broken),
-            "left_out": self.left_out,
-        }
 
 
 class LiveRecorder:
@@ -103,14 +34,26 @@ class LiveRecorder:
 
     Parameters
     ----------
-    out : Path
-        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on.
+    out : Path, optional
+        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on. `recorders.recording_name` says what is
+        written without a name, and where parts are that a crash left.
     config : RecordConfig
         What is recorded.
     overwrite : bool
         Whether existing files may be replaced.
     on_progress : callable
         Told of the recording so far, a few times a second.
+    say : callable
+        Told, in one line, of what a crash left, and of a clock that steps back.
+    clock : callable
+        The clock on the wall [ns]; log time goes by it, but never falls.
+
+    Attributes
+    ----------
+    out : Path
+        The log, or what its parts are called without their numbers.
+    recording : Recording
+        What has been recorded so far.
 
     Raises
     ------
@@ -120,16 +63,19 @@ class LiveRecorder:
 
     def __init__(
         self,
-        out: Path,
+        out: Path | None,
         *,
         config: RecordConfig | None = None,
         overwrite: bool = False,
         on_progress: Callable[[Recording], None] = lambda recording: None,
+        say: Callable[[str], None] = lambda line: None,
+        clock: Callable[[], int] = time.time_ns,
     ) -> None:
-        self._out = out
         self._config = config or RecordConfig()
         self._overwrite = overwrite
         self._on_progress = on_progress
+        self._say = say
+        self._clock = LogClock(clock, say=say)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
         self._last: dict[str, int] = {}
@@ -138,9 +84,8 @@ class LiveRecorder:
         self.recording = Recording()
         self._splits = self._config.split_bytes is not None or self._config.split_ns is not None
         self._session = uuid4().hex  # names what the parts are parts of
-        self._refuse_existing()
         self._first_ns: int | None = None  # when the file's first message came
-        self._writer = self._open()
+        self.out, self._writer = self._begin(out, clock())
 
     def __enter__(self) -> Self:
         return self
@@ -185,7 +130,7 @@ class LiveRecorder:
         finally:
             self._writer.close()
         if until_end and self.recording.broken:
-            raise WireError(f"{self._out}: the stream is not all there: {self.recording.broken[-1]}")
+            raise WireError(f"{self.out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
 
     def source(self, name: str) -> NodeSource:
@@ -285,7 +230,7 @@ class LiveRecorder:
         self._writer.write(
             record.topic,
             record.data,
-            log_time_ns=time.time_ns(),
+            log_time_ns=self._clock.now_ns(),
             sequence=sequence,
             type_name=kind,
             opaque=not kind,
@@ -330,29 +275,35 @@ class LiveRecorder:
     def _next_file(self) -> None:
         self._writer.note(self._part(len(self.recording.paths) - 1, more=True))
         self._writer.close()
-        self._writer = self._open()
+        self._writer = self._open(self.out)
         if self._notes:
             self._writer.note(self._notes)
 
-    def _refuse_existing(self) -> None:
-        """Look for all the files that a split may come to, not only once it does."""
-        taken = parts_in(self._out.parent, self._out.stem)
-        if taken and self._splits and not self._overwrite:
-            raise LogError(f"{taken[0]} exists: choose another name, or --overwrite")
+    def _begin(self, out: Path | None, now_ns: int) -> tuple[Path, LogWriter]:
+        """Open the first file, under the first name that nobody else takes at this moment; returns that name too."""
+        names = recording_names(out, splits=self._splits, overwrite=self._overwrite, now_ns=now_ns, say=self._say)
+        for name in names:
+            try:
+                return name, self._open(name)
+            except TakenError:
+                if name == out:
+                    raise
+        raise AssertionError("there is always another name")
 
     def _part(self, number: int, *, more: bool) -> dict[str, Any]:
         """Return what the manifest of a part says of its place in the session."""
         return {PART: {"session": self._session, "number": number, "more": more}}
 
-    def _open(self) -> LogWriter:
+    def _open(self, name: Path) -> LogWriter:
         number = len(self.recording.paths)
-        path = part_path(self._out, number) if self._splits else self._out
+        path = part_path(name, number) if self._splits else name
         writer = LogWriter(
             path,
             manifest={"kind": "recording", **(self._part(number, more=False) if self._splits else {})},
             attachments=self._attachments,
             overwrite=self._overwrite,
             regular=False,
+            say=self._say,
         )
         self.recording.paths.append(path)
         self._written = 0

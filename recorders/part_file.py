@@ -11,7 +11,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import BinaryIO
 
-from recorders.errors import LogError
+from recorders.errors import LogError, TakenError
 from recorders.nameless import NamelessFile
 
 _FLAGS = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
@@ -209,7 +209,7 @@ class PartFile:
             if not os.path.samestat(os.lstat(self.part), os.fstat(descriptor)):
                 raise BlockingIOError  # another was faster between opening and locking
         except (BlockingIOError, FileNotFoundError):
-            raise LogError(f"{self.part} is being written by another recording: choose another name") from None
+            raise TakenError(f"{self.part} is being written by another recording: choose another name") from None
         return locked
 
     def _set_aside(self, size: int) -> None:
@@ -239,6 +239,18 @@ def part_of(path: Path) -> Path:
     return path.with_name(f"{path.name}.part")
 
 
+def is_written(part: Path) -> bool:
+    """Whether another process writes a file, as far as its lock tells; raises OSError if it cannot be opened."""
+    descriptor = os.open(part, _FLAGS)
+    try:
+        _lock(descriptor)
+    except BlockingIOError:
+        return True
+    finally:
+        os.close(descriptor)
+    return False
+
+
 def check_place(path: Path, *, overwrite: bool) -> None:
     """Check that a log can be written as `path`, before the work that fills it; leaves nothing behind.
 
@@ -262,7 +274,7 @@ def _refuse_taken(path: Path, *, overwrite: bool) -> None:
     if found and not path.is_file():
         raise _no_file(path)
     if found and not overwrite:
-        raise LogError(f"{path} exists: choose another name, or replace it with --overwrite")
+        raise TakenError(f"{path} exists: choose another name, or replace it with --overwrite")
 
 
 def _no_file(path: Path) -> LogError:

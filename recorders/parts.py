@@ -127,6 +127,12 @@ def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: 
     return [one_session(members) for members in sessions.values()]
 
 
+def is_followed(path: Path) -> bool:
+    """Whether a finished part says that another one follows it."""
+    part = _part(path)
+    return part is not None and part.more
+
+
 def is_log(path: Path) -> bool:
     """Whether a path names a recording: a file by its first bytes or its ending, or what `find_log` finds logs for."""
     if path.is_dir():

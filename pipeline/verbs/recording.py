@@ -1,5 +1,6 @@
 """The verb record: live Zenoh keys to MCAP."""
 
+from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -7,13 +8,21 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import Connect, Json, Listen, Namespace, Overwrite, Prometheus, ZenohConfig, session_config
+from recorders.errors import LogError
 
 if TYPE_CHECKING:
-    from recorders.live import Recording
+    from recorders.recording import Recording
 
 
 def record(
-    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    out: Annotated[
+        Path | None,
+        typer.Option(
+            help="Log to write; by default session_DATE_TIME.mcap in this folder, in UTC.",
+            metavar="LOG.mcap",
+            show_default=False,
+        ),
+    ] = None,
     include: Annotated[
         list[str] | None, typer.Option(help="Pattern of topics to record, such as '/hand/*'.", metavar="PATTERN")
     ] = None,
@@ -40,8 +49,9 @@ def record(
 ) -> None:
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from pipeline.signals import until_stopped
-    from recorders.live import LiveRecorder, RecordConfig
+    from recorders.live import LiveRecorder
     from recorders.quantities import parse_size_or_time
+    from recorders.recording import RecordConfig
     from recorders.topics import ROBOT_DESCRIPTION
     from recorders.wire.metrics import check_metrics
     from recorders.wire.node import running_node
@@ -57,7 +67,11 @@ def record(
     with (
         console.counter("record") as show,
         LiveRecorder(
-            out, config=config, overwrite=overwrite, on_progress=lambda so_far: show(so_far.messages, so_far.size)
+            out,
+            config=config,
+            overwrite=overwrite,
+            on_progress=lambda so_far: show(so_far.messages, so_far.size),
+            say=console.say,
         ) as recorder,  # first, as it refuses a name that is taken
         open_session(session) as opened,
         Receiver(opened, config=receiving, say=console.say) as receiver,
@@ -72,18 +86,23 @@ def record(
         until_stopped() as stopped,
     ):
         where = ", ".join(session.listen or session.connect)
-        console.say(f"{name} records {namespace}/** at {where} to {out}; Ctrl-C ends it")
+        console.say(f"{name} records {namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, until_end=until_end)
-    if not recorder.recording.messages:
-        console.say(_why_empty(recorder.recording, f"{namespace}/**"))
     console.show(recorder.recording.to_dict(), as_json=as_json)
+    console.say(_outcome(recorder.recording, f"{namespace}/**"))
 
 
-def _why_empty(recording: "Recording", key: str) -> str:
+def _outcome(recording: "Recording", key: str) -> str:
+    """Return the last line: where the recording is, or why it is empty."""
+    if recording.messages:
+        first, last = recording.paths[0], recording.paths[-1]
+        where = str(first) if first == last else f"{len(recording.paths)} parts, {first} to {last}"
+        return f"{recording.messages} messages are recorded in {where}"
+    if recording.refused:
+        reasons = "; ".join(islice(recording.refused, 3))
+        raise LogError(f"nothing is recorded: what came on {key} was refused: {reasons}")
     if recording.left_out:
         return f"nothing is recorded: no message that came on {key} ({recording.left_out}) is on a topic to record"
-    if recording.refused:
-        return f"nothing is recorded: what came on {key} was refused"
     return (
         f"nothing is recorded: nobody published on {key}, or this session may not read it; "
         "look at --namespace, the endpoint, and access control where the other end has it"

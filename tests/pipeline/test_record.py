@@ -13,6 +13,7 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager, suppress
 from itertools import islice
 from pathlib import Path
+from typing import Any
 
 import pytest
 import zenoh
@@ -29,6 +30,7 @@ from recorders.errors import LogError, WireError
 from recorders.live import LiveRecorder
 from recorders.messages import Float64MultiArray, PoseStamped, String
 from recorders.reader import LogReader
+from recorders.recording import RecordConfig, Recording
 from recorders.records import Stamped
 from recorders.session_reader import open_log
 from recorders.stream import Offer
@@ -87,26 +89,18 @@ def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subp
 
 
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
-    await_quiet(Path(f"/proc/{process.pid}/cwd"))
     process.send_signal(number)
-    printed, complaints = process.communicate(timeout=30)
+    printed, complaints = process.communicate(timeout=60)
     assert process.returncode == 0, complaints
     return dict(json.loads(printed))
 
 
-def await_quiet(folder: Path) -> None:
-    """Wait until half a second has brought nothing new to a folder's files: what was put before is there.
-
-    Not for long, as there are recordings without an end.
-    """
-    before: list[tuple[str, int]] = []
-    for _ in range(8):
-        with suppress(FileNotFoundError):  # just renamed
-            now = sorted((path.name, path.stat().st_size) for path in folder.iterdir())
-            if now == before:
-                return
-            before = now
-        time.sleep(0.5)
+def stop_once_all_is_there(
+    session: zenoh.Session, process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT
+) -> dict[str, object]:
+    """Stop a recorder when it has what was put before."""
+    await_arrival(session)
+    return stop(process, number)
 
 
 def await_that(holds: Callable[[], bool]) -> None:
@@ -114,6 +108,15 @@ def await_that(holds: Callable[[], bool]) -> None:
     while not holds():
         assert time.monotonic() < deadline, "it does not come about"
         time.sleep(0.01)
+
+
+def handed_over(part: Path) -> list[Stamped]:
+    """Return what another process finds in a log that is being written."""
+    found: list[Stamped] = []
+    with suppress(LogError):
+        for record in LogReader(part):
+            found.append(record)  # one by one: the last step raises
+    return found
 
 
 def bare(record: Stamped) -> tuple[str, int, bytes]:
@@ -135,7 +138,7 @@ def test_a_producers_messages_keep_their_numbers_and_bytes(tmp_path: Path, numbe
     with recorder(tmp_path) as (session, process):
         with Producer(session) as producer:
             sent = [producer.publish(LEFT_TARGET, pose(index), log_time_ns=0) for index in range(500)]
-        result = stop(process, number)
+        result = stop_once_all_is_there(session, process, number)
     recorded = list(LogReader(tmp_path / "log.mcap"))
     assert [(record.topic, record.sequence, record.data) for record in recorded] == [
         (record.topic, record.sequence, record.data) for record in sent
@@ -153,7 +156,7 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
             frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (records[0]._replace(sequence=sequence),))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     assert result["gaps"] == {RIGHT_TARGET: 5}
 
 
@@ -165,7 +168,7 @@ def test_a_late_message_is_no_second_gap(tmp_path: Path) -> None:
             frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     assert (result["gaps"], result["messages"]) == ({RIGHT_TARGET: 4}, 6)
 
 
@@ -197,7 +200,7 @@ def test_a_foreign_attachment_keeps_nothing_from_being_recorded_and_what_is_refu
             blocking = zenoh.CongestionControl.BLOCK
             session.put(f"reenact/{key}", payload, attachment=attachment, congestion_control=blocking)
         session.delete("reenact/notes")
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     recorded = {record.topic: record for record in LogReader(tmp_path / "log.mcap")}
     assert recorded[LEFT_TARGET].data == encode(pose(1))
     assert recorded["/notes"].data == b"{}"
@@ -211,7 +214,7 @@ def test_what_is_not_of_the_type_that_its_encoding_names_is_opaque(tmp_path: Pat
         for name, payload in (("junk", b"junk"), ("pose", encode(pose(1)))):
             session.put(f"reenact/a/{name}", payload, encoding=f"application/cdr;{PoseStamped.TYPE}")
         session.put("reenact/a/image", b"\x00\x01\x00\x00\xff\xff", encoding="application/cdr;sensor_msgs/msg/Image")
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     recorded = {record.topic: record.type for record in LogReader(tmp_path / "log.mcap")}
     assert recorded == {"/a/junk": "", "/a/pose": PoseStamped.TYPE, "/a/image": ""}
     assert result["opaque"] == {"/a/junk": 1, "/a/image": 1}
@@ -225,7 +228,7 @@ def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp
         with Producer(session) as producer:
             producer.publish("/my/values", Float64MultiArray([1.0, 2.0]), log_time_ns=0)
             producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     recorded = {record.topic: record for record in LogReader(tmp_path / "log.mcap")}
     assert {topic: recorded[topic].data for topic in ("/camera/raw", "/hand/left/target", "/notes")} == {
         f"/{key}": payload for key, payload in plain.items()
@@ -242,7 +245,7 @@ def test_topics_are_chosen(tmp_path: Path) -> None:
             for topic in (LEFT_TARGET, RIGHT_TARGET):
                 producer.publish(topic, pose(1), log_time_ns=0)
             producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
-        stop(process)
+        stop_once_all_is_there(session, process)
     assert LogReader(tmp_path / "log.mcap").counts == {LEFT_TARGET: 1}
 
 
@@ -251,7 +254,7 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
         with Producer(session) as producer:
             for index in range(300):
                 producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
-        result = stop(process)
+        result = stop_once_all_is_there(session, process)
     assert isinstance(result["paths"], list)
     assert len(result["paths"]) > 2
     assert [record.sequence for record in open_log(tmp_path / "log.mcap")] == list(range(300))
@@ -260,22 +263,60 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
         open_log(tmp_path)
 
 
+@contextmanager
+def recording_here(out: Path, **options: Any) -> Iterator[tuple[Producer, LiveRecorder, Callable[[], Recording]]]:
+    """Record in this process; yields who is recorded, the recorder, and what stops it and returns the recording."""
+    over, endpoint = threading.Event(), free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Producer(elsewhere) as producer,
+        Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        stack.callback(over.set)  # or the recorder would outlive a test that fails
+        live = LiveRecorder(out, **options)
+        recording = pool.submit(live.run, receiver, stopped=over.is_set)
+
+        def stopped() -> Recording:
+            over.set()
+            return recording.result(timeout=60)
+
+        yield producer, live, stopped
+
+
 def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
-    with recorder(tmp_path, "--split", "0.2s") as (session, process):
-        time.sleep(0.5)
+    looks: list[Recording] = []
+    options = {"config": RecordConfig(split_ns=1), "on_progress": looks.append}
+    with (
+        recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
+    ):
+        await_that(lambda: len(looks) > 2)
         assert [path.name for path in tmp_path.iterdir()] == ["log_000.mcap.part"]
-        with Producer(session) as producer:
+        for index in range(3):
+            producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
+        await_that(lambda: live.recording.messages == 3)
+        paths = stopped().paths
+    assert [path.name for path in paths] == ["log_000.mcap", "log_001.mcap", "log_002.mcap"]
+    assert [[record.sequence for record in LogReader(path)] for path in paths] == [[0], [1], [2]]
 
-            def another_file() -> bool:
-                producer.publish(LEFT_TARGET, pose(0), log_time_ns=0)
-                return (tmp_path / "log_002.mcap.part").exists()
 
-            await_that(another_file)
-        result = stop(process)
-    assert result["paths"] == ["log_000.mcap", "log_001.mcap", "log_002.mcap"]
-    files = [[record.sequence for record in LogReader(tmp_path / path)] for path in result["paths"]]
-    assert all(files)
-    assert [number for file in files for number in file] == list(range(sum(map(len, files))))
+def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(tmp_path: Path) -> None:
+    told: list[str] = []
+    now_ns = 1_700_000_000_000_000_001
+    shown = iter([0, 0, 5, 5 - 3600 * 10**9, -now_ns, 6])  # the first names the file
+    options = {"clock": lambda: now_ns + next(shown), "say": told.append}
+    with (
+        recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
+    ):
+        for index in range(5):
+            producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
+        await_that(lambda: live.recording.messages == 5)
+        stopped()
+    times_ns = [record.log_time_ns - now_ns for record in LogReader(tmp_path / "log.mcap")]
+    assert times_ns == [0, 5, 5, 5, 6]
+    assert told == ["the clock on the wall stepped back by 3600 s: log time waits until it has caught up"]
 
 
 def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_recorded(tmp_path: Path) -> None:
@@ -405,7 +446,7 @@ def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: P
 def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     with recording_endlessly(log) as (process, replay):
-        time.sleep(1.0)
+        await_that(lambda: bool(handed_over(tmp_path / "run.mcap.part")))
         replay.kill()
         result = stop(process)
     records = list(LogReader(tmp_path / "run.mcap"))
@@ -480,7 +521,7 @@ def test_a_recorder_that_has_nothing_says_why(
     with recorder(tmp_path, *options) as (session, process):
         if published:
             session.put("reenact/notes", b"{}")
-        time.sleep(0.5)
+        await_arrival(session)
         process.send_signal(signal.SIGINT)
         _, complaints = process.communicate(timeout=30)
     assert process.returncode == 0

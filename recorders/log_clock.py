@@ -1,0 +1,33 @@
+"""The log time of a recording: the clock on the wall, but never back."""
+
+from collections.abc import Callable
+
+
+class LogClock:
+    """Tells the time at which a message is recorded. Where the clock on the wall steps back, log time waits for it.
+
+    Parameters
+    ----------
+    clock : callable
+        The clock on the wall [ns].
+    say : callable
+        Told, in one line, that it stepped back; not again before it has caught up.
+    """
+
+    def __init__(self, clock: Callable[[], int], *, say: Callable[[str], None] = lambda line: None) -> None:
+        self._clock = clock
+        self._say = say
+        self._last_ns = 0
+        self._waits = False
+
+    def now_ns(self) -> int:
+        """Return the log time [ns], which is never less than the one before."""
+        now_ns = self._clock()
+        behind_ns = self._last_ns - now_ns
+        if behind_ns > 0 and not self._waits:
+            self._say(
+                f"the clock on the wall stepped back by {behind_ns / 1e9:g} s: log time waits until it has caught up"
+            )
+        self._waits = behind_ns > 0
+        self._last_ns = max(self._last_ns, now_ns)
+        return self._last_ns
