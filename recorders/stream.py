@@ -12,6 +12,12 @@ from recorders.wording import value_text
 
 PROTOCOL_VERSION = 1
 
+MAX_MESSAGE = 64 << 20
+"""The largest message that travels [bytes]: an uncompressed picture takes 33 MB in 4K."""
+
+WINDOW_BYTES = 64 << 20
+"""How much may be under way unacknowledged, whatever the window allows; a single message may, however large."""
+
 _MAX_INDEX = 2**63 - 1
 
 _OFFER_TYPES: dict[str, type | tuple[type, ...]] = {

@@ -12,7 +12,7 @@ from recorders.parts import Log
 from recorders.phase import Phase
 from recorders.records import Stamped
 from recorders.session_reader import Reader, open_log
-from recorders.stream import Offer
+from recorders.stream import MAX_MESSAGE, Offer
 from recorders.ticks import TickJoiner
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
 from replay.digests import StreamDigest
@@ -84,6 +84,7 @@ class Episode:
         digest, joiner, size = StreamDigest(), TickJoiner(), 0
         self.count = 0
         for message in self._read():
+            check_size(message, self.path)
             with naming(self.path):
                 for tick in joiner.feed(message):
                     digest.update(tick.records)
@@ -126,6 +127,15 @@ def renamed(reader: Reader, renames: Mapping[str, str], topics: Collection[str])
         topic = renames.get(record.topic, record.topic)
         if topic in topics:
             yield typed(record._replace(topic=topic))
+
+
+def check_size(record: Stamped, path: Log, *, hint: str = "") -> None:
+    """Raise LogError if a message is larger than those that travel: better at the start than in the middle."""
+    if len(record.data) > MAX_MESSAGE:
+        raise LogError(
+            f"{path}: {record.topic} #{record.sequence}: expected at most {MAX_MESSAGE} bytes in a message, "
+            f"found {len(record.data)}{hint}"
+        )
 
 
 def typed(record: Stamped) -> Stamped:

@@ -18,7 +18,7 @@ from recorders.records import Stamped
 from recorders.session_reader import Reader, SessionReader, open_log
 from recorders.stream import Offer
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
-from replay.engine import read_robot
+from replay.engine import check_size, read_robot
 
 
 @dataclass(frozen=True)
@@ -86,8 +86,7 @@ class Playback:
         self._readers = [open_log(path) for path in paths]
         self._check_topics()
         self._check_names()
-        if next(self._once(), None) is None:
-            raise LogError(self._nothing_found())
+        self._survey()
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
@@ -132,6 +131,15 @@ class Playback:
         for record in heapq.merge(*logs, key=lambda record: record.log_time_ns):
             topic = config.renames.get(record.topic, record.topic)
             yield record if topic == record.topic else record._replace(topic=topic)
+
+    def _survey(self) -> None:
+        """Check that something is played, and that all of it can be: nobody learns in the middle that it cannot."""
+        played = self._played()
+        for reader in self._readers:
+            for record in reader.records(topics=played):
+                check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
+        if next(self._once(), None) is None:
+            raise LogError(self._nothing_found())
 
     @cached_property
     def _first_ns(self) -> int:

@@ -12,7 +12,7 @@ from recorders.records import Stamped
 from recorders.session_reader import open_log
 from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE
-from replay.engine import naming, read_robot, renamed
+from replay.engine import check_size, naming, read_robot, renamed
 from replay.schedule import Schedule
 
 _NO_RENAMES: Mapping[str, str] = {}
@@ -50,6 +50,7 @@ class RecordedSession:
         self._count, runs = 0, list[str]()
         for message in self.stream():
             self._count += 1
+            check_size(message, self.path)
             if message.topic == SESSION_PHASE:
                 runs.append(_phase(path, message).run)
         if len(set(runs)) != 1:

@@ -14,7 +14,7 @@ import zenoh
 from recorders.declared import Declared
 from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.records import Stamped
-from recorders.stream import Offer, Progress
+from recorders.stream import WINDOW_BYTES, Offer, Progress
 from recorders.wire.channel_table import telling
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
@@ -175,6 +175,7 @@ class _Delivery:
         self._progress: dict[str, Progress] = {}  # of the consumers that acknowledge
         self._controllers: list[str] = []
         self._unacknowledged: deque[Frame] = deque()
+        self._unacknowledged_bytes = 0
         self._sent = 0
         self._furthest = 0  # what was ever sent
         self._ended = False
@@ -218,10 +219,11 @@ class _Delivery:
     def _send_from(self, index: int, stream_from: StreamFrom) -> None:
         """Send the stream from an index to its end, and wait for the results."""
         self._unacknowledged.clear()
+        self._unacknowledged_bytes = 0
         self._sent = index
         batched = self._config.batch > 1
         for messages in _chunks(stream_from(index), self._config.batch):
-            self._await_room(len(messages))
+            self._await_room(len(messages), sum(len(message.data) for message in messages))
             self._send(self._frame(Kind.BATCH if batched else Kind.MESSAGE, tuple(messages)))
         self._send(self._frame(Kind.END))
         self._await(lambda: all(progress.result is not None for progress in self._progress.values()))
@@ -283,6 +285,7 @@ class _Delivery:
 
     def _send(self, frame: Frame) -> None:
         self._unacknowledged.append(frame)
+        self._unacknowledged_bytes += frame.size
         self._sent = frame.end
         self._furthest = max(self._furthest, self._sent)
         self._put(frame)
@@ -314,9 +317,19 @@ class _Delivery:
         """Return the index up to which every consumer has consumed; everything, if nobody is awaited."""
         return min((progress.next for progress in self._progress.values()), default=self._sent)
 
-    def _await_room(self, count: int) -> None:
-        """Wait until the window has room for more messages."""
-        self._await(lambda: self._sent + count - self._consumed() <= max(self._config.window, count))
+    def _await_room(self, count: int, size: int) -> None:
+        """Wait until the window has room for more messages, of so many bytes together."""
+
+        def has_room() -> bool:
+            consumed = self._consumed()
+            if self._sent + count - consumed > max(self._config.window, count):
+                return False
+            if self._unacknowledged_bytes + size <= WINDOW_BYTES:  # what was consumed just now is among them
+                return True
+            under_way = sum(frame.size for frame in self._unacknowledged if frame.end > consumed)
+            return under_way + size <= max(WINDOW_BYTES, size)
+
+        self._await(has_room)
 
     def _await(self, done: Callable[[], bool]) -> None:
         """Wait until the consumers' progress satisfies `done`; ask them when they are quiet."""
@@ -363,7 +376,7 @@ class _Delivery:
         while self._unacknowledged and self._unacknowledged[0].end <= consumed:
             if self._unacknowledged[0].kind is Kind.END:
                 break
-            self._unacknowledged.popleft()
+            self._unacknowledged_bytes -= self._unacknowledged.popleft().size
         self._on_progress(consumed)
 
     def _failed(self) -> bool:

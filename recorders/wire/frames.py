@@ -50,6 +50,11 @@ class Frame(NamedTuple):
     reason: str = ""
 
     @property
+    def size(self) -> int:
+        """What its messages take [bytes]."""
+        return sum(len(message.data) for message in self.messages)
+
+    @property
     def end(self) -> int:
         """The stream index after this frame."""
         return self.first + len(self.messages)

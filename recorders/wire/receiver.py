@@ -14,7 +14,7 @@ import zenoh
 
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.records import Stamped
-from recorders.stream import Consumer, Offer, Progress
+from recorders.stream import MAX_MESSAGE, WINDOW_BYTES, Consumer, Offer, Progress
 from recorders.topics import type_of
 from recorders.wire.channel_table import ChannelTables
 from recorders.wire.frames import (
@@ -33,8 +33,10 @@ from recorders.wire.inbox import Inbox
 from recorders.wire.kept import Kept
 from recorders.wire.session import publishing
 
-MAX_PAYLOAD = 16 << 20
-"""Larger payloads are refused unread [bytes]; a batch of 64 joint states is some 30 KB."""
+MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
+"""Larger payloads are refused unread [bytes]: a message, and what a batch says of it."""
+
+_MAX_CONTROL = 16 << 20  # bytes; an offer with a robot's description takes some 30 KB
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
 _FAREWELL = b"farewell "
@@ -148,6 +150,7 @@ class Receiver:
         self._progress = Progress()
         self._left: dict[str, Progress] = {}  # how streams ended that are over, by sender
         self._acknowledged = 0
+        self._consumed_bytes = 0  # since then
         self._last_heard_s = time.monotonic()
         self._stack = ExitStack()
         self._said: set[str] = set()
@@ -233,7 +236,7 @@ class Receiver:
         with self._lock:
             self._offer = offered.offer
             self._progress = Progress(run=offered.offer.run, next=start, received=start)
-            self._acknowledged = start
+            self._acknowledged, self._consumed_bytes = start, 0
             self._released.clear()
             self._last_heard_s = time.monotonic()
         self._say(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
@@ -249,8 +252,12 @@ class Receiver:
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""
         self._update(next=frame.end)
-        if self._offer is not None and frame.end - self._acknowledged >= max(1, self._offer.window // 2):
-            self._acknowledged = frame.end
+        self._consumed_bytes += frame.size
+        if self._offer is None:
+            return
+        due = frame.end - self._acknowledged >= max(1, self._offer.window // 2)
+        if due or self._consumed_bytes >= WINDOW_BYTES // 4:
+            self._acknowledged, self._consumed_bytes = frame.end, 0
             self._ack.put(self._progress.to_json())
 
     def finish(self, result: dict[str, Any]) -> None:
@@ -405,7 +412,7 @@ class Receiver:
         """
         if sample.attachment is None:
             return None
-        if len(sample.attachment) > MAX_PAYLOAD:
+        if len(sample.attachment) > _MAX_CONTROL:
             raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
         try:
             frame = unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
@@ -442,7 +449,7 @@ class Receiver:
         new = frame.end > received or (frame.kind is Kind.END and frame.first == received)
         if in_place and new:
             rest = frame._replace(first=received, messages=frame.messages[received - frame.first :])
-            if self._events.put(rest, sum(len(record.data) for record in rest.messages)):
+            if self._events.put(rest, rest.size):
                 self._update(received=frame.end)
 
     def _refuse_message(self, topic: str, reason: str) -> None:
@@ -525,7 +532,7 @@ def _printable(line: str) -> str:
 
 
 def _payload(query: zenoh.Query) -> bytes:
-    return b"" if query.payload is None or len(query.payload) > MAX_PAYLOAD else query.payload.to_bytes()
+    return b"" if query.payload is None or len(query.payload) > _MAX_CONTROL else query.payload.to_bytes()
 
 
 def _schema_of(sample: zenoh.Sample) -> str:

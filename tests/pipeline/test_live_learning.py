@@ -31,6 +31,7 @@ from recorders.records import Stamped
 from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEFT_TARGET, SESSION_PHASE
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import MAX_PAYLOAD
 from recorders.wire.session import SessionConfig, open_session
 from replay.engine import Replay
 from replay.live_stream import LiveStream, live_offer
@@ -200,7 +201,7 @@ def test_bad_company_changes_nothing_and_is_named(ticks: list[list[Stamped]], tm
         altered(left, stamp_ns=0),
         joints._replace(data=encode(other)),
         joints._replace(data=bytes(100_000)),
-        joints._replace(data=bytes(20 << 20)),
+        joints._replace(data=bytes(MAX_PAYLOAD + 1)),
         Stamped(SESSION_PHASE, String.TYPE, b"\xff" * 50, 0, 0),
         left._replace(topic="/nothing/of\x1bours"),
     ]

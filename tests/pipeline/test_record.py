@@ -47,7 +47,7 @@ from recorders.topics import (
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.producer import Producer
-from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.engine import Replay
 from replay.schedule import Schedule
@@ -194,7 +194,7 @@ def test_a_foreign_attachment_keeps_nothing_from_being_recorded_and_what_is_refu
         for key, payload, attachment in (
             ("hand/left/target", encode(pose(1)), bytes(33)),
             ("notes", b"{}", b"hello"),
-            ("large", bytes((16 << 20) + 1), None),
+            ("large", bytes(MAX_PAYLOAD + 1), None),
             ("replay/batch", b"no batch", b"hello"),
         ):
             blocking = zenoh.CongestionControl.BLOCK

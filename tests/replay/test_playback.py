@@ -14,6 +14,7 @@ from mcap.writer import Writer
 from recorders.errors import ConfigError, LogError, WireError
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.stream import MAX_MESSAGE
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -134,6 +135,20 @@ def rest(log: Path, other: Path, config: PlaybackConfig) -> list[Stamped]:
         return list(Playback([log, other], config).stream())
     except LogError:
         return []
+
+
+def test_a_message_that_is_too_large_is_refused_at_the_start_unless_it_is_not_played(tmp_path: Path) -> None:
+    log = tmp_path / "log.mcap"
+    with log.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        for topic, size in (("/t", 10), ("/camera", MAX_MESSAGE + 1), ("/photos", MAX_MESSAGE)):
+            writer.add_message(writer.register_channel(topic, "cdr", 0), 0, bytes(size), 0)
+        writer.finish()
+    with pytest.raises(LogError, match=rf"/camera #0: expected at most {MAX_MESSAGE} bytes .* with --topic"):
+        Playback([log])
+    chosen = PlaybackConfig(topics=frozenset({"/t", "/photos"}))
+    assert [len(record.data) for record in Playback([log], chosen).stream()] == [10, MAX_MESSAGE]
 
 
 NO_TOPICS = ("/a//b", "x#y", "", "/", "/ok/", "a*b", "/**", "/a?", "/$", "/@consumer/learner/ack", "/a/@b", "/a\0b")

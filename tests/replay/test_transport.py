@@ -4,7 +4,9 @@ import json
 import math
 import subprocess
 import sys
+import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from typing import Any
@@ -15,11 +17,11 @@ from collector import Collector
 
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.records import Stamped
-from recorders.stream import Offer
+from recorders.stream import WINDOW_BYTES, Offer
 from recorders.topics import LEARNER_TOPICS
 from recorders.wire.frames import Frame, Kind
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import MAX_PAYLOAD
+from recorders.wire.receiver import MAX_PAYLOAD, Receiver
 from recorders.wire.session import SessionConfig, open_session
 from replay.transport import InProcess, Transport
 from replay.zenoh_transport import SenderConfig, ZenohTransport, _Delivery
@@ -228,6 +230,49 @@ def test_large_messages_travel_in_small_batches() -> None:
 
     with collectors(endpoint, learner={}), open_session(SessionConfig(listen=(endpoint,))) as session:
         assert ZenohTransport(session).deliver(OFFER, large)["learner"]["count"] == 12
+
+
+class Waiting:
+    """Takes the first message, and the others once the sender can send no more."""
+
+    def __init__(self, blocked: threading.Event) -> None:
+        self._blocked = blocked
+
+    def hello(self, offer: Offer) -> int:
+        return 0
+
+    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+        next(messages)
+        assert self._blocked.wait(60)
+        return {"count": 1 + sum(1 for _ in messages)}
+
+
+def test_no_more_than_so_many_bytes_are_under_way() -> None:
+    """Of messages of 20 MB three, whatever the window allows."""
+    endpoint, size, blocked = free_endpoint(), 20 << 20, threading.Event()
+    under_way: list[int] = []
+
+    def large(start: int) -> Iterator[Stamped]:
+        for index in range(start, 8):
+            if (index + 1) * size > WINDOW_BYTES:
+                blocked.set()
+            yield message(index)._replace(data=bytes(size))
+
+    class Watched(Receiver):
+        def consumed(self, frame: Frame) -> None:
+            under_way.append(self._progress.received - self._progress.next)
+            super().consumed(frame)
+
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as hearing,
+        open_session(SessionConfig(connect=(endpoint,))) as session,
+        Watched(hearing) as receiver,
+        ThreadPoolExecutor() as threads,
+    ):
+        served = threads.submit(receiver.serve, Waiting(blocked))
+        ZenohTransport(session, config=SenderConfig(batch=1)).deliver(OFFER, large)
+        assert served.result(timeout=60) == {"count": 8}
+    assert max(under_way) * size <= WINDOW_BYTES
 
 
 def test_a_start_beyond_the_end_is_refused() -> None:
