@@ -17,7 +17,7 @@ from pipeline.robot_source import parse_source, read_source, read_text
 from pipeline.robot_tables import as_name, as_number, as_table, as_vector, check_keys, parse_toml
 from pipeline.urdf import WORLD, canonical_urdf, check_links, named, one_line, parse_urdf, root_link, shown
 from pipeline.urdf_bodies import check_bodies
-from pipeline.urdf_joints import joint_limits
+from pipeline.urdf_joints import joint_limits, moved_links
 from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
@@ -152,7 +152,7 @@ def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
     urdf = parse_urdf(urdf_text)
     if (root := root_link(urdf)) != WORLD and WORLD in named(urdf, "link"):
         raise RobotError(f"link {WORLD} of the URDF: expected it to be the link that is no child, which is {root}")
-    check_bodies(urdf)
+    check_bodies(urdf, moved=moved_links(urdf))
     lower, upper = joint_limits(urdf, parts["joints"])
     check_links(urdf, (parts["left_hand"], parts["right_hand"], parts["gaze_frame"]))
     _check_comfort(parts["joints"], lower, parts["comfort"], upper)

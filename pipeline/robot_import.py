@@ -136,7 +136,7 @@ def _check_movable(robot: Element, joints: Iterable[str], what: str) -> None:
     if missing := [joint for joint in joints if joint not in movable]:
         raise RobotError(
             f"{what} {_list(missing)} of the robot config are not movable joints of the model, "
-            f"which has {_list(movable)}"
+            f"which has {_list(movable) or 'none'}"
         )
 
 

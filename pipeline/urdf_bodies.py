@@ -3,6 +3,7 @@
 A simulator puts values of its own in their place, with no more than a warning; the robot would be another one.
 """
 
+from collections.abc import Collection
 from xml.etree.ElementTree import Element
 
 import numpy as np
@@ -19,8 +20,15 @@ _SLACK = 3e-15  # of moments of inertia [kg m^2], or of the largest: rounding on
 _PRODUCTS = {"ixx": (0, 0), "ixy": (0, 1), "ixz": (0, 2), "iyy": (1, 1), "iyz": (1, 2), "izz": (2, 2)}
 
 
-def check_bodies(robot: Element) -> None:
+def check_bodies(robot: Element, *, moved: Collection[str] = ()) -> None:
     """Check mass and inertia of every link of a parsed URDF; a link without <inertial> is a frame.
+
+    Parameters
+    ----------
+    robot : Element
+        The parsed URDF.
+    moved : collection of str
+        Links that a joint is to move, and whose mass cannot be 0.
 
     Raises
     ------
@@ -28,11 +36,6 @@ def check_bodies(robot: Element) -> None:
         A mass is negative, beyond `MAX_MASS_KG`, or 0 where a joint moves the link or it has moments of inertia; or
         the moments are those of no body: one is negative, or larger than the sum of the other two.
     """
-    moved = {
-        joint.find("child").get("link")  # type: ignore[union-attr]  # parse_urdf has seen to it
-        for joint in robot.iterfind("joint")
-        if joint.get("type") != "fixed"
-    }
     for link in robot.iterfind("link"):
         if (inertial := link.find("inertial")) is not None:
             _check_body(f"link {link.get('name')} of the URDF", inertial, moved=link.get("name") in moved)

@@ -55,6 +55,9 @@ def cleaned(robot: Element) -> Element:
     _clean_materials(clean)
     for joint in clean.iterfind("joint"):
         _drop(joint, [element for tag in ("axis", "dynamics") for element in joint.iterfind(tag) if not element.attrib])
+        if joint.get("type") == "fixed":
+            _drop(joint, joint.findall("mimic"))
+    _clean_transmissions(clean)
     return clean
 
 
@@ -87,6 +90,14 @@ def _clean_materials(robot: Element) -> None:
     for visual in robot.iterfind("link/visual"):
         materials = visual.findall("material")
         _drop(visual, [one for one in materials if not one.get("name") or not (len(one) or one.get("name") in known)])
+
+
+def _clean_transmissions(robot: Element) -> None:
+    """Leave the motors of joints that move; models keep those of joints that they have made rigid."""
+    moving = {joint.get("name") for joint in robot.iterfind("joint") if joint.get("type") != "fixed"}
+    for transmission in robot.findall("transmission"):
+        if not {joint.get("name") for joint in transmission.iterfind("joint")} <= moving:
+            robot.remove(transmission)
 
 
 def _drop(parent: Element, children: Iterable[Element]) -> None:

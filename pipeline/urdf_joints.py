@@ -15,6 +15,12 @@ Floats = NDArray[np.float64]
 MAX_POSITION = 100.0  # [rad or m]: of a motor's limits; beyond it they are none, or in another unit
 
 
+def moved_links(urdf: Element) -> set[str]:
+    """Return the links that hang on a joint that moves."""
+    joints = [joint for joint in urdf.iterfind("joint") if joint.get("type") != "fixed"]
+    return {child.get("link", "") for joint in joints for child in joint.iterfind("child")}
+
+
 def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
     """Lower and upper position limits [rad or m] of all movable joints, in the order of `joints`, each (n,).
 
@@ -34,7 +40,7 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
     if missing := [name for name in joints if name not in movable]:
         raise RobotError(
             f"joints {one_line(', '.join(missing))} of the robot config are not movable joints of the URDF, "
-            f"which has {one_line(', '.join(sorted(movable)))}"
+            f"which has {one_line(', '.join(sorted(movable))) or 'none'}"
         )
     if unnamed := sorted(movable.keys() - set(joints)):
         raise RobotError(f"movable joints {one_line(', '.join(unnamed))} of the URDF are not in the robot config")
@@ -44,16 +50,19 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
 
 
 def _check_motors(urdf: Element, joints: Sequence[str]) -> None:
-    motors = Counter(element.get("name", "") for element in urdf.iterfind("transmission/joint"))
+    simple = [
+        transmission
+        for transmission in urdf.iterfind("transmission")
+        if "SimpleTransmission" in transmission.findtext("type", "")
+    ]
+    motors = Counter(joint.get("name", "") for transmission in simple for joint in transmission.iterfind("joint"))
     if unmoved := [name for name in joints if name not in motors]:
         raise RobotError(
-            f"joints {one_line(', '.join(unmoved))} of the URDF have no transmission, so nothing would move them"
+            f"joints {one_line(', '.join(unmoved))} of the URDF have no transmission of type "
+            "transmission_interface/SimpleTransmission, so nothing would move them"
         )
-    for name, count in motors.items():
-        if name not in joints:
-            raise RobotError(f"transmission of the URDF: expected a movable joint, found {shown(name)}")
-        if count > 1:
-            raise RobotError(f"joint {name} of the URDF: expected one transmission, found {count}")
+    if several := [name for name in joints if motors[name] > 1]:
+        raise RobotError(f"joint {several[0]} of the URDF: expected one transmission, found {motors[several[0]]}")
 
 
 def _range(where: str, joint: Element) -> tuple[float, float]:

@@ -327,3 +327,11 @@ def test_a_config_alone_is_refused(tmp_path: Path) -> None:
     (tmp_path / "robot.toml").write_text(CONFIG)
     with pytest.raises(RobotError, match=r"cannot read robot file .*robot\.urdf"):
         load_robot(tmp_path)
+
+
+def test_a_link_without_mass_may_hang_on_a_joint_that_is_frozen(tmp_path: Path) -> None:
+    weightless = '<mass value="0"/><inertia ixx="0" ixy="0" ixz="0" iyy="0" iyz="0" izz="0"/>'
+    model = MODEL.replace(f'<mass value="0.2"/>{INERTIA}', weightless)
+    assert model != MODEL
+    urdf = ElementTree.fromstring(load_robot(folder_of(tmp_path / "small", model)).urdf_text)
+    assert sum(float(mass.get("value", "")) for mass in urdf.iter("mass")) == pytest.approx(4.0 + 6.0 + 2 * 3.3)
