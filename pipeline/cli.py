@@ -1,9 +1,7 @@
 """The command line, `reenact`: puts the verbs together and turns errors into one line and an exit status."""
 
 import importlib.metadata
-import signal
 import sys
-from types import FrameType
 from typing import Annotated, Any, NoReturn
 
 import typer
@@ -11,6 +9,7 @@ from typer.core import TyperGroup
 
 from pipeline import console
 from pipeline.printable import printable
+from pipeline.signals import end_by_exceptions
 from pipeline.usage import Verbs, usage_line
 from pipeline.verbs import (
     demonstrating,
@@ -92,7 +91,7 @@ app.add_typer(golden.app)
 def main(arguments: list[str] | None = None) -> None:
     """Run the command line: status 0 done and holds, 1 a check failed, 2 bad usage or bad input."""
     console.take_any_text()
-    signal.signal(signal.SIGTERM, _terminate)
+    end_by_exceptions()
     # What click raises on bad usage; typer carries click within itself and exports only this subclass.
     usage_error: Any = typer.BadParameter.__bases__[0]
     try:
@@ -109,8 +108,3 @@ def main(arguments: list[str] | None = None) -> None:
 def _fail(line: str, status: int) -> NoReturn:
     console.say(f"reenact: {printable(' '.join(line.split()))}")
     sys.exit(status)
-
-
-def _terminate(signum: int, frame: FrameType | None) -> None:
-    """Turn SIGTERM into an exception, so that every open file and session is finished on the way out."""
-    sys.exit(128 + signum)

@@ -5,7 +5,7 @@ import json
 import os
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -72,8 +72,12 @@ def take_any_text() -> None:
 
 
 def say(text: str) -> None:
-    """Print one line for the reader, on standard error, so that standard output holds the result alone."""
-    errors.print(printable(text), markup=False)
+    """Print one line for the reader, on standard error, so that standard output holds the result alone.
+
+    A reader who has gone, or a terminal that was closed, ends no work.
+    """
+    with suppress(OSError):
+        errors.print(printable(text), markup=False)
 
 
 def line(text: str) -> None:

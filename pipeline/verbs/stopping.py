@@ -1,4 +1,4 @@
-"""Ctrl-C and SIGTERM where they cut a verb short: the line that ends it says what it leaves behind."""
+"""Signals where they cut a verb short: the line that ends it says what it leaves behind."""
 
 import signal
 from collections.abc import Callable, Iterator
@@ -7,13 +7,19 @@ from pathlib import Path
 
 from recorders.part_file import part_of
 
+_WORDS = {
+    128 + signal.SIGINT: "interrupted",
+    128 + signal.SIGTERM: "terminated",
+    128 + signal.SIGHUP: "its terminal was closed",
+}
+
 
 def words(stop: KeyboardInterrupt | SystemExit) -> tuple[str, int]:
-    """Return the line for what was cut short, and the exit status: 130 after Ctrl-C, 143 after SIGTERM."""
-    interrupted = isinstance(stop, KeyboardInterrupt)
-    number = signal.SIGINT if interrupted else signal.SIGTERM
-    line = "; ".join(["interrupted" if interrupted else "terminated", *getattr(stop, "__notes__", ())])
-    return line, 128 + number
+    """Return the line for what was cut short, and the exit status: 128 and the number of the signal."""
+    status = 128 + signal.SIGINT if isinstance(stop, KeyboardInterrupt) else stop.code
+    if status not in _WORDS:
+        status = 128 + signal.SIGTERM
+    return "; ".join([_WORDS[status], *getattr(stop, "__notes__", ())]), status
 
 
 @contextmanager

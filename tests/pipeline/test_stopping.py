@@ -1,14 +1,19 @@
-"""Ctrl-C and SIGTERM end a verb with a line that says what it leaves behind, and with 130 or 143."""
+"""Ctrl-C, SIGTERM and SIGHUP end a verb with a line that says what it leaves behind, and with 128 and their number."""
 
+import fcntl
+import os
+import pty
 import shlex
 import signal
 import subprocess
+import termios
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
 from episodes import write_episode
-from processes import reenact, signal_beside, start, wait_for_line
+from processes import command, reenact, signal_beside, start, wait_for_line
 
 from pipeline import cli, training
 from pipeline.learner_config import LearnerConfig
@@ -66,10 +71,80 @@ def test_what_another_left_is_not_claimed(tmp_path: Path) -> None:
     assert words(stop.value) == ("interrupted", 130)
 
 
-def test_a_robot_says_that_it_was_stopped(tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("number", "word"), [(signal.SIGTERM, "terminated"), (signal.SIGHUP, "its terminal was closed")]
+)
+def test_a_robot_says_that_it_was_stopped(tmp_path: Path, number: signal.Signals, word: str) -> None:
     with start("robot", "--listen", free_endpoint(), cwd=tmp_path) as process:
         wait_for_line(process, "waits for commands")
-        assert last_line(process, signal.SIGTERM) == "reenact: terminated"
+        assert last_line(process, number) == f"reenact: {word}"
+
+
+@pytest.mark.parametrize(
+    ("verb", "ready", "status"),
+    [(("robot",), "waits for commands", 130), (("record", "--out", "x.mcap"), "records", 0)],
+)
+def test_what_a_script_starts_in_the_background_is_ended_by_sigint_too(
+    tmp_path: Path, verb: tuple[str, ...], ready: str, status: int
+) -> None:
+    """A shell without job control has SIGINT ignored in what it starts with `&`."""
+    line = f"{shlex.join(command(*verb, '--listen', free_endpoint()))} & echo $!; wait $!"
+    with subprocess.Popen(
+        ["sh", "-c", line], cwd=tmp_path, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
+    ) as shell:
+        assert shell.stdout is not None
+        background = int(shell.stdout.readline())
+        try:
+            wait_for_line(shell, ready)
+            os.kill(background, signal.SIGINT)
+            shell.communicate(timeout=60)
+        finally:
+            with suppress(ProcessLookupError):
+                os.kill(background, signal.SIGKILL)
+    assert shell.returncode == status
+
+
+def ignores(pid: int, number: signal.Signals) -> bool:
+    (mask,) = (line for line in Path(f"/proc/{pid}/status").read_text().splitlines() if line.startswith("SigIgn:"))
+    return bool(int(mask.split()[1], 16) >> (number - 1) & 1)
+
+
+@pytest.mark.parametrize(("verb", "ready"), [(("robot",), "waits for"), (("record", "--out", "x.mcap"), "records")])
+def test_under_nohup_a_closed_terminal_ends_nothing(tmp_path: Path, verb: tuple[str, ...], ready: str) -> None:
+    with subprocess.Popen(
+        ["nohup", *command(*verb, "--listen", free_endpoint())],
+        cwd=tmp_path,
+        stdin=subprocess.DEVNULL,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        text=True,
+    ) as process:
+        wait_for_line(process, ready)
+        assert ignores(process.pid, signal.SIGHUP)
+        process.terminate()
+        process.communicate(timeout=60)
+    assert process.returncode in (0, 143)
+
+
+def test_a_recorder_whose_terminal_is_closed_finishes_its_log(tmp_path: Path) -> None:
+    master, terminal = pty.openpty()
+    with subprocess.Popen(
+        command("record", "--out", "x.mcap", "--listen", free_endpoint()),
+        cwd=tmp_path,
+        stdin=terminal,
+        stdout=terminal,
+        stderr=terminal,
+        start_new_session=True,
+        preexec_fn=lambda: fcntl.ioctl(0, termios.TIOCSCTTY, 0),
+    ) as process:
+        os.close(terminal)
+        shown = b""
+        while b"Ctrl-C ends it" not in shown:
+            shown += os.read(master, 1024)
+        os.close(master)
+        process.wait(timeout=60)
+    assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
+    assert LogReader(tmp_path / "x.mcap").manifest["complete"] is True
 
 
 @pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
@@ -101,13 +176,18 @@ def test_so_does_training(
     assert [path.name for path in tmp_path.iterdir()] == ["log.mcap"]
 
 
+def waits(process: subprocess.Popen[str]) -> bool:
+    """Whether the main thread of a process sleeps just now."""
+    return Path(f"/proc/{process.pid}/task/{process.pid}/stat").read_text().rpartition(")")[2].split()[0] == "S"
+
+
 @pytest.mark.parametrize(
     ("verb", "ready", "status"),
     [
         ("serve c.npz", "serves", 143),
         ("robot", "waits for commands", 143),
         ("learn --out x.npz", "waits for a replay", 143),
-        ("learn --live --robot asimo --out x.npz", "learns asimo", 0),
+        ("learn --live --robot asimo --out x.npz", "learns asimo", 2),  # as nothing was learned
         ("record --out x.mcap", "records", 0),
         ("replay gap.mcap --play --rate 1", "the stream begins all the same", 143),
     ],
@@ -120,7 +200,8 @@ def test_a_signal_that_wakes_nobody_ends_them_too(tmp_path: Path, verb: str, rea
             writer.write(LEFT_TARGET, PoseStamped(second * 10**9, [0.2, 0.2, 0.7]), log_time_ns=second * 10**9)
     with start(*verb.split(), "--listen", free_endpoint(), cwd=tmp_path) as process:
         wait_for_line(process, ready)
-        time.sleep(0.3)  # until it waits
+        while not waits(process):
+            time.sleep(0.01)
         signal_beside(process, signal.SIGTERM)
         _, errors = process.communicate(timeout=30)
     assert process.returncode == status, errors
