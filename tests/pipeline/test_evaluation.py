@@ -23,6 +23,15 @@ def test_errors_are_distances_of_each_hand() -> None:
     assert summary.samples == 2
 
 
+def test_each_hands_error_is_the_mean_over_time() -> None:
+    summary = HandErrors.of(np.array([[0.01, 0.0], [0.01, 0.0], [0.01, 0.06], [0.09, 0.06]]))
+    assert (summary.left_cm, summary.right_cm) == pytest.approx((3.0, 3.0))
+    assert summary.mean_cm == pytest.approx((summary.left_cm + summary.right_cm) / 2.0)
+    assert (summary.left_max_cm, summary.right_max_cm) == pytest.approx((9.0, 6.0))
+    skewed = HandErrors.of(np.array([[0.0, 0.03], [0.0, 0.02], [0.06, 0.02]]))
+    assert (skewed.left_cm, skewed.right_cm) == pytest.approx((2.0, 7.0 / 3.0))
+
+
 def test_the_first_target_is_held_for_ten_steps_and_outputs_are_joints() -> None:
     class Recorder:
         def __init__(self) -> None:

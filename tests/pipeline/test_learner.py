@@ -11,6 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from pipeline import kernels
 from pipeline.learner import Learner, OnlineLearner, state_digest
 from pipeline.learner_config import LearnerConfig
 from pipeline.seeding import uniforms
@@ -239,6 +240,48 @@ def test_the_activity_at_the_start_of_an_epoch_depends_on_seed_and_epoch_alone()
 
 def test_seeds_draw_different_networks():
     assert make().connections_digest() == make(epochs=9).connections_digest() != make(seed=1).connections_digest()
+
+
+def test_the_connections_digest_sees_where_connections_come_from():
+    """With a whole number of connections for each neuron, seeds draw other sources only."""
+    halves = {f"{ends}_density": 0.5 for ends in ("input_reservoir", "input_output", "reservoir_reservoir")}
+    halves |= {f"{ends}_density": 0.5 for ends in ("reservoir_output", "output_reservoir")}
+    one, other = (make(reservoir=12, outputs=8, seed=seed, **halves) for seed in (0, 1))
+    names = [connection.name for connection in one.config.connections() if connection.count]
+    assert len(names) == 5
+    for name in names:
+        assert np.array_equal(one.connections(name).targets, other.connections(name).targets)
+    assert any(not np.array_equal(one.connections(name).sources, other.connections(name).sources) for name in names)
+    assert one.connections_digest() != other.connections_digest()
+
+
+@pytest.mark.parametrize("part", ["output_weights", "a", "b", "x"])
+@pytest.mark.parametrize("wrong", [np.nan, np.inf])
+def test_whatever_part_of_the_state_is_no_number_it_is_said_at_once(part, wrong):
+    """In the step that sees it: what is learned or commanded afterwards would already be of no use."""
+    for place in range(8):
+        learner = make(SMALL)
+        views = learner._network._views
+        learner.predict(motion(3, outputs=8)[0])
+        if part == "x":
+            views.x[place] = wrong
+            assert not kernels.is_finite(views)
+            continue
+        getattr(views, part).reshape(-1)[place] = wrong
+        with pytest.raises(ConfigError, match="no longer finite"):
+            learner.predict(motion(1, outputs=8)[0])
+
+
+@pytest.mark.parametrize("place", range(6))
+def test_a_number_that_is_none_is_refused_wherever_it_stands(place):
+    learner, (u, d) = make(), motion(2)
+    before = state_digest(learner.state())
+    for wrong in (u, d):
+        kept, wrong[0, place] = wrong[0, place], np.nan
+        with pytest.raises(MessageError, match="found NaN or infinity"):
+            learner.step(u, d, learning=True)
+        wrong[0, place] = kept
+    assert state_digest(learner.state()) == before
 
 
 def test_other_input_and_target_centres_only_shift():

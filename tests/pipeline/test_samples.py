@@ -11,10 +11,12 @@ from episodes import write_episode
 
 from pipeline.robot import load_robot
 from pipeline.samples import CommandedPairs, read_samples
+from recorders.cdr import decode_as
 from recorders.errors import JointError, LogError, MessageError
 from recorders.messages import JointState, Message, PoseStamped
 from recorders.reader import LogReader
 from recorders.ticks import join_ticks
+from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.writer import LogWriter
 from replay.engine import Replay
 from replay.schedule import Schedule
@@ -57,6 +59,17 @@ def test_a_log_of_t_plus_one_ticks_has_t_samples(log: Path) -> None:
     samples = read_samples(log)
     assert samples.targets.shape == (8, 6)
     assert samples.joints.shape == (8, 15)
+
+
+def test_samples_are_what_was_logged_at_the_end_of_each_hold(log: Path) -> None:
+    robot, samples = load_robot("asimo"), read_samples(log)
+    logged = [decode_as(JointState, record.data) for record in LogReader(log) if record.topic == SAMPLE_JOINTS]
+    for place, name in enumerate(robot.joints):
+        expected = [joints.position[joints.name.index(name)] for joints in logged[1:]]
+        assert samples.joints[:, place].tolist() == expected, name
+    for columns, topic in ((slice(0, 3), LEFT_TARGET), (slice(3, 6), RIGHT_TARGET)):
+        poses = [decode_as(PoseStamped, record.data) for record in LogReader(log) if record.topic == topic]
+        assert np.array_equal(samples.targets[:, columns], [pose.position for pose in poses[:-1]])
 
 
 def test_joints_are_mapped_by_name(log: Path, tmp_path: Path) -> None:

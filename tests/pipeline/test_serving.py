@@ -287,6 +287,24 @@ def test_halves_alone_do_not_fill_the_memory_nor_push_out_what_is_due(controller
     assert len(feed(served, pair(1))) == 1
 
 
+def test_of_too_many_halves_the_latest_are_kept(controller: Controller) -> None:
+    served = ServedController(controller)
+    pairs = [pair(10 + k) for k in range(MAX_OPEN + 1)]
+    feed(served, [left for left, _ in pairs])
+    assert served.status()["refused"] == {"no partner": 1}
+    assert served.status()["last_refusal"].endswith("at 10 ns never came")
+    assert [len(feed(served, [right])) for _, right in pairs[1:]] == [1] * MAX_OPEN
+
+
+def test_two_hands_of_different_instants_are_never_one_command(controller: Controller) -> None:
+    served = ServedController(controller)
+    feed(served, pair(1))
+    (left, _), (_, right) = pair(10), pair(11)
+    assert served.answer_usual(left.data, right.data) is None
+    assert feed(served, [left, right]) == []
+    assert served.between_ticks is False
+
+
 def test_a_target_outside_is_counted_and_served(controller: Controller) -> None:
     served = ServedController(controller)
     assert len(feed(served, pair(1, CENTRE + 0.3))) == 1

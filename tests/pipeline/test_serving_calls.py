@@ -85,6 +85,14 @@ def test_a_stamp_that_is_not_later_is_not_answered() -> None:
     assert calls.answer(*poses(7, ROBOT.input_centre), 6) == 7
 
 
+def test_hands_of_different_instants_are_no_pair() -> None:
+    calls, _ = bind(make())
+    (left, _), (_, right) = poses(7, ROBOT.input_centre), poses(8, ROBOT.input_centre)
+    assert calls.answer(left, right, 0) == kernels.UNUSUAL
+    assert calls.answer(right, left, 0) == kernels.UNUSUAL
+    assert calls.answer(*poses(8, ROBOT.input_centre), 0) == 8
+
+
 def learner_with(**weights: float) -> Learner:
     learner = make()
     state = learner.state()

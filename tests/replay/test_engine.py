@@ -7,12 +7,13 @@ import pytest
 from episodes import write_episode
 
 from recorders.cdr import decode
-from recorders.errors import LogError
+from recorders.errors import LogError, MessageError
 from recorders.messages import String
 from recorders.phase import Phase
 from recorders.reader import LogReader
 from recorders.records import Stamped
 from recorders.topics import JOINT_STATES, LEARNER_TOPICS, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.writer import LogWriter
 from replay import engine
 from replay.engine import Replay, renamed
 from replay.schedule import Schedule
@@ -87,6 +88,26 @@ def test_a_log_without_joints_is_refused(tmp_path: Path) -> None:
     )
     with pytest.raises(LogError, match=r"expected messages on /sample/joint_states, found none"):
         Replay([path], SCHEDULE)
+
+
+@pytest.mark.parametrize("lost", [topic.name for topic in LEARNER_TOPICS])
+def test_a_log_that_ends_within_a_tick_is_refused(tmp_path: Path, lost: str) -> None:
+    path = write_episode(
+        tmp_path / "log.mcap",
+        samples=4,
+        change=lambda tick, topic, message: [] if tick == 4 and topic == lost else [(topic, message)],
+    )
+    with pytest.raises(MessageError, match=rf"log.mcap: the tick at 800000000 ns lacks {lost}.* the cycle is over"):
+        Replay([path], SCHEDULE)
+
+
+def test_a_recorded_session_is_no_episode(log: Path, tmp_path: Path) -> None:
+    """Its markers would be lost, and its cycles run into one another."""
+    with LogWriter(tmp_path / "session.mcap", manifest={}) as writer:
+        for record in islice(Replay([log], SCHEDULE).stream(), 16):
+            writer.copy(record)
+    with pytest.raises(LogError, match=r"session.mcap: a recorded session, with phase markers .* use --as-recorded"):
+        Replay([tmp_path / "session.mcap"], SCHEDULE)
 
 
 def test_logs_of_different_robots_are_refused(log: Path, tmp_path: Path) -> None:
