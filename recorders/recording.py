@@ -1,12 +1,12 @@
 """What a recorder is told to record, and what it has recorded."""
 
-import fnmatch
 from collections import Counter, deque
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from recorders.errors import ConfigError
+from recorders.topic_patterns import matches
 
 _MAX_BROKEN = 100  # anyone may offer a stream and break it off
 
@@ -37,8 +37,7 @@ class RecordConfig:
 
     def wants(self, topic: str) -> bool:
         """Whether a topic is to be recorded."""
-        included = not self.include or any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.include)
-        return included and not any(fnmatch.fnmatchcase(topic, pattern) for pattern in self.exclude)
+        return (not self.include or matches(topic, self.include)) and not matches(topic, self.exclude)
 
 
 @dataclass

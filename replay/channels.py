@@ -9,6 +9,7 @@ from recorders.cdr import stamp_ns
 from recorders.errors import MessageError
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
+from replay.rules import EXACT, Rules
 
 LOOKAHEAD = 4096
 """Messages that are read of each log beyond the first that differ, to tell a dropped one from two swapped."""
@@ -32,6 +33,8 @@ class Entry:
         Stamp of the tick that it is part of [ns]; None for messages that stand alone.
     cycle, seen_ns, place : int
         Phase markers before it in the log, the last stamp of a tick up to it [ns], messages before it.
+    rules : Rules
+        What counts as the same.
     agreed : bool
         Whether the other log has the same message at its place.
     """
@@ -41,6 +44,7 @@ class Entry:
     cycle: int
     seen_ns: int
     place: int
+    rules: Rules
     agreed: bool = False
 
     @property
@@ -68,12 +72,13 @@ class Entry:
         return self.cycle, self.seen_ns if own is None else own, self.rank, self.place
 
     def same(self, other: "Entry") -> bool:
-        """Whether two messages are the same; the time of recording does not enter."""
-        return self.record[:4] == other.record[:4]
+        """Whether two messages are the same by the rules; the time of recording does not enter."""
+        return self.rules.same(self.record, other.record)
 
     def same_number(self, other: "Entry") -> bool:
-        """Whether two messages have the same topic and sequence, whatever they hold."""
-        return self.record.topic == other.record.topic and self.record.sequence == other.record.sequence
+        """Whether two messages have the same topic and sequence, if numbers count, whatever they hold."""
+        a, b = self.record, other.record
+        return self.rules.numbered and (a.topic, a.sequence) == (b.topic, b.sequence)
 
 
 Queues: TypeAlias = tuple[deque[Entry], deque[Entry]]
@@ -135,11 +140,13 @@ class SideBySide:
     ----------
     a, b : iterable of Stamped
         The logs, in their own order.
+    rules : Rules
+        What counts as the same.
     """
 
-    def __init__(self, a: Iterable[Stamped], b: Iterable[Stamped]) -> None:
+    def __init__(self, a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = EXACT) -> None:
         self._channels: dict[str, Channel] = {}
-        self._logs = (_entries(a), _entries(b))
+        self._logs = (_entries(a, rules), _entries(b, rules))
 
     def read(self) -> Iterator[Entry]:
         """Read until the logs are over, or `LOOKAHEAD` beyond their parting; yield the entries of the second."""
@@ -173,10 +180,10 @@ class SideBySide:
         return channel.parted
 
 
-def _entries(records: Iterable[Stamped]) -> Iterator[Entry]:
+def _entries(records: Iterable[Stamped], rules: Rules) -> Iterator[Entry]:
     cycle = seen = 0
     for place, record in enumerate(records):
-        entry = Entry(record, None, cycle, seen, place)
+        entry = Entry(record, None, cycle, seen, place, rules)
         if record.topic in _LEARNER:
             entry.tick_ns = entry.stamp_ns
             entry.seen_ns = seen = seen if entry.tick_ns is None else entry.tick_ns

@@ -8,7 +8,8 @@ from itertools import islice
 from recorders.errors import CheckFailed
 from recorders.records import Stamped
 from replay.channels import Entry, Queues, SideBySide
-from replay.differences import ABSENT, FieldDifference, differing_field
+from replay.differences import ABSENT, FieldDifference
+from replay.rules import EXACT, Rules
 
 CHANGED, MISSING, EXTRA, REORDERED = "changed", "missing", "extra", "reordered"
 
@@ -52,23 +53,27 @@ class Divergence:
         return f"{message} is {self.kind}: {self.field} is {self.a} in {a}, {self.b} in {b}"
 
 
-def first_divergence(a: Iterable[Stamped], b: Iterable[Stamped]) -> Divergence | None:
+def first_divergence(a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = EXACT) -> Divergence | None:
     """Return the first message at which two logs part, None if they say the same.
 
     The learner's topics and the phase markers have one order, except that messages of one tick may come in any. Every
-    other topic is compared on its own. Topic, type, sequence and bytes count, the time of recording does not.
+    other topic is compared on its own. Topic, type, sequence and bytes count, unless the rules leave something out; the
+    time of recording does not.
 
     Parameters
     ----------
     a, b : iterable of Stamped
         The logs, read as far as needed and never kept: memory grows with the skew between topics only.
 
+    rules : Rules
+        What counts as the same.
+
     Returns
     -------
     Divergence or None
         If several topics part, the earliest by cycle, stamp, rank of the topic, place in the log.
     """
-    logs = SideBySide(a, b)
+    logs = SideBySide(a, b, rules)
     for _ in logs.read():
         pass
     return _earliest(logs)
@@ -152,7 +157,7 @@ def _twin(entry: Entry, others: list[Entry]) -> Entry | None:
 
 
 def _changed(a: Entry, b: Entry) -> tuple[Entry, Divergence]:
-    return a, _divergence(a, CHANGED, differing_field(a.record, b.record))
+    return a, _divergence(a, CHANGED, a.rules.difference(a.record, b.record))
 
 
 def _missing(a: Entry, instead: Entry | None) -> tuple[Entry, Divergence]:

@@ -1,7 +1,7 @@
 """What differs between two messages: the first field whose bits are not the same, with both values as text."""
 
 import struct
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import NamedTuple, TypeAlias
 
 from recorders.cdr import decode
@@ -46,10 +46,10 @@ def differing_field(a: Stamped, b: Stamped) -> FieldDifference:
     if a.sequence != b.sequence:
         return FieldDifference("sequence", *texts(a.sequence, b.sequence))
     try:
-        difference = _first(dict(_fields(decode(a.type, a.data))), dict(_fields(decode(b.type, b.data))))
+        difference = differing_value(dict(fields(decode(a.type, a.data))), dict(fields(decode(b.type, b.data))))
     except MessageError:
         difference = None
-    return difference or _differing_byte(a.data, b.data)
+    return difference or differing_byte(a.data, b.data)
 
 
 def texts(a: Value, b: Value) -> tuple[str, str]:
@@ -61,24 +61,28 @@ def texts(a: Value, b: Value) -> tuple[str, str]:
     return repr(a), repr(b)
 
 
-def _first(a: dict[str, Value], b: dict[str, Value]) -> FieldDifference | None:
-    for name in a | b:
-        if name not in b:
-            return FieldDifference(name, repr(a[name]), ABSENT)
-        if name not in a:
-            return FieldDifference(name, ABSENT, repr(b[name]))
-        if not _same(a[name], b[name]):
-            return FieldDifference(name, *texts(a[name], b[name]))
-    return None
-
-
 def _same(a: Value, b: Value) -> bool:
     if isinstance(a, float) and isinstance(b, float):
         return _BITS.pack(a) == _BITS.pack(b)  # a NaN equals itself, and -0.0 is not 0.0
     return a == b
 
 
-def _differing_byte(a: bytes, b: bytes) -> FieldDifference:
+def differing_value(
+    a: Mapping[str, Value], b: Mapping[str, Value], *, same: Callable[[Value, Value], bool] = _same
+) -> FieldDifference | None:
+    """Return the first field that only one side has, or in which both are not the same: to the bit by default."""
+    for name in {**a, **b}:
+        if name not in b:
+            return FieldDifference(name, repr(a[name]), ABSENT)
+        if name not in a:
+            return FieldDifference(name, ABSENT, repr(b[name]))
+        if not same(a[name], b[name]):
+            return FieldDifference(name, *texts(a[name], b[name]))
+    return None
+
+
+def differing_byte(a: bytes, b: bytes) -> FieldDifference:
+    """Return the first byte in which two messages differ that do differ."""
     offset = _common(a, b)
     return FieldDifference(f"bytes[{offset}]", _byte(a, offset), _byte(b, offset))
 
@@ -104,7 +108,7 @@ def _excerpt(text: str, start: int) -> str:
     return ("…" if start else "") + repr(text[start:end]) + ("…" if end < len(text) else "")
 
 
-def _fields(message: Message) -> Iterator[tuple[str, Value]]:
+def fields(message: Message) -> Iterator[tuple[str, Value]]:
     """Yield the fields of a message, by the names that ROS gives them, in their order."""
     match message:
         case JointState():

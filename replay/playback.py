@@ -17,8 +17,9 @@ from recorders.raw_records import FOREVER_NS
 from recorders.records import Stamped
 from recorders.session_reader import Reader, SessionReader, open_log
 from recorders.stream import Offer
+from recorders.topic_patterns import chosen
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
-from replay.engine import check_size, read_robot
+from replay.engine import check_renames, check_size, read_robot
 
 
 @dataclass(frozen=True)
@@ -28,7 +29,7 @@ class PlaybackConfig:
     Parameters
     ----------
     topics : frozenset of str
-        Topics to play, by the names in the logs; all if empty.
+        Patterns of topics to play, such as `/hand/*`, by the names in the logs; all if empty.
     renames : mapping of str to str
         Topic names to use in place of those in the logs; no two may become one.
     start_ns, end_ns : int
@@ -84,7 +85,7 @@ class Playback:
             raise LogError("expected at least one log, found none")
         self._config = config or PlaybackConfig()
         self._readers = [open_log(path) for path in paths]
-        self._check_topics()
+        self._played = self._choose()
         self._check_names()
         self._survey()
 
@@ -112,7 +113,7 @@ class Playback:
     @property
     def channels(self) -> tuple[Declared, ...]:
         """The channels of what is played, by the names that it is played under."""
-        renames, played = self._config.renames, self._played()
+        renames, played = self._config.renames, self._played
         return tuple(
             replace(channel, topic=renames.get(channel.topic, channel.topic))
             for channel in dict.fromkeys(channel for reader in self._readers for channel in reader.channels)
@@ -125,18 +126,15 @@ class Playback:
         if config.sliced:
             begin_ns = self._first_ns + config.start_ns
             end_ns = FOREVER_NS if config.end_ns is None else self._first_ns + config.end_ns
-        logs = (
-            reader.records(topics=config.topics or None, start_ns=begin_ns, end_ns=end_ns) for reader in self._readers
-        )
+        logs = (reader.records(topics=self._played, start_ns=begin_ns, end_ns=end_ns) for reader in self._readers)
         for record in heapq.merge(*logs, key=lambda record: record.log_time_ns):
             topic = config.renames.get(record.topic, record.topic)
             yield record if topic == record.topic else record._replace(topic=topic)
 
     def _survey(self) -> None:
         """Check that something is played, and that all of it can be: nobody learns in the middle that it cannot."""
-        played = self._played()
         for reader in self._readers:
-            for record in reader.records(topics=played):
+            for record in reader.records(topics=self._played):
                 check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
         if next(self._once(), None) is None:
             raise LogError(self._nothing_found())
@@ -159,24 +157,14 @@ class Playback:
         config = self._config
         if config.loops == 0 or config.sliced:
             return None
-        played = self._played()
         return config.loops * sum(
-            count for reader in self._readers for topic, count in reader.counts.items() if topic in played
+            count for reader in self._readers for topic, count in reader.counts.items() if topic in self._played
         )
-
-    def _played(self) -> set[str]:
-        """Return the topics that are played, by the names in the logs."""
-        return {
-            topic
-            for reader in self._readers
-            for topic in reader.topics
-            if not self._config.topics or topic in self._config.topics
-        }
 
     def _check_names(self) -> None:
         """Check that every topic that is played gets a key, and one of its own."""
         by_key: dict[str, str] = {}
-        for topic in sorted(self._played()):
+        for topic in sorted(self._played):
             name = self._config.renames.get(topic, topic)
             other = by_key.setdefault(message_key(DEFAULT_NAMESPACE, name), topic)
             if other != topic:
@@ -185,13 +173,11 @@ class Playback:
                     "choose one with --topic, or another name with --map"
                 )
 
-    def _check_topics(self) -> None:
+    def _choose(self) -> frozenset[str]:
+        """Return the topics that are played, by the names in the logs."""
         found = {topic for reader in self._readers for topic in reader.topics}
-        unknown = sorted((self._config.topics | self._config.renames.keys()) - found)
-        if unknown:
-            raise LogError(
-                f"no topic {', '.join(unknown)} in the logs; there are: {', '.join(sorted(found)) or 'none'}"
-            )
+        check_renames(self._config.renames, found, where=", ".join(str(reader.path) for reader in self._readers))
+        return chosen(self._config.topics or found, found, option="--topic")
 
 
 def _content(reader: Reader) -> str:

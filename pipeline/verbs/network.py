@@ -162,7 +162,10 @@ def replay(
         str | None, typer.Option(help="With --play: end so long after the first message.", metavar="SECONDS")
     ] = None,
     topic: Annotated[
-        list[str] | None, typer.Option(help="With --play: topic to play; all if left out.", metavar="TOPIC")
+        list[str] | None,
+        typer.Option(
+            help="With --play: pattern of topics to play, such as '/hand/*'; all if left out.", metavar="PATTERN"
+        ),
     ] = None,
     map_: Renames = None,
     against: Annotated[

@@ -13,6 +13,7 @@ from mcap.writer import Writer
 
 from recorders.errors import ConfigError, LogError, WireError
 from recorders.reader import LogReader
+from recorders.recording import RecordConfig
 from recorders.records import Stamped
 from recorders.stream import MAX_MESSAGE
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
@@ -256,3 +257,22 @@ def test_that_nobody_listens_is_said_and_it_plays_all_the_same(log: Path) -> Non
         transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch=1), say=said.append)
         assert transport.deliver(playback.offer(), playback.stream) == {}
     assert said == ["nobody listens in namespace 'reenact' yet; the stream begins all the same"]
+
+
+def test_topics_are_chosen_by_patterns_as_record_chooses_them(log: Path) -> None:
+    for patterns, expected in (
+        ({"/hand/*"}, {LEFT_TARGET, RIGHT_TARGET}),
+        ({"*/target"}, {LEFT_TARGET, RIGHT_TARGET}),
+        ({"/hand/l*", SAMPLE_JOINTS}, {LEFT_TARGET, SAMPLE_JOINTS}),
+        ({"/hand/[!l]*"}, {RIGHT_TARGET}),
+    ):
+        played = Playback([log], PlaybackConfig(topics=frozenset(patterns)))
+        assert {record.topic for record in played.stream()} == expected
+        assert played.offer().messages == len(list(played.stream()))
+        wants = RecordConfig(include=tuple(patterns)).wants
+        assert {topic for topic in LogReader(log).topics if wants(topic)} == expected
+
+
+def test_a_pattern_that_no_topic_matches_is_an_error(log: Path) -> None:
+    with pytest.raises(LogError, match=r"--topic: no topic /foot/\* in the logs; there are: /hand/left/target"):
+        Playback([log], PlaybackConfig(topics=frozenset({"/hand/*", "/foot/*"})))
