@@ -92,7 +92,7 @@ def _logged(log: Path) -> RobotConfig:
     files = read_robot(LogReader(log))
     if not files:
         raise LogError(f"{log}: expected the robot's files among the attachments, found none")
-    return parse_robot(files["toml"], files["urdf"])
+    return parse_robot(files["toml"], files["urdf"], origin=log)
 
 
 def _exploration(log: Path) -> _Exploration:

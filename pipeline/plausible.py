@@ -161,5 +161,5 @@ def heard_live(
         texts = read_robot(open_log(log))
         if not texts:
             raise ConfigError(f"{log}: expected the robot in the log, found none; give it with --robot")
-        robot = parse_robot(texts["toml"], texts["urdf"])
+        robot = parse_robot(texts["toml"], texts["urdf"], origin=log)
     return LiveLog(log, epochs=epochs, check=plausible(robot), renames=renames, say=say)

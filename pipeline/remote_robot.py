@@ -65,7 +65,9 @@ class RemoteRobot:
         self.status = RobotStatus.from_json(self._ask(robot_key(namespace, "status")))
         self._patience_s = patience_s
         self._robot = parse_robot(
-            self._ask_text(config_key(namespace)), self._ask_text(message_key(namespace, ROBOT_DESCRIPTION))
+            self._ask_text(config_key(namespace)),
+            self._ask_text(message_key(namespace, ROBOT_DESCRIPTION)),
+            origin=f"the robot in namespace {namespace}",
         )
         self._kinematics = Kinematics(self._robot)
         self._joints = JointMap(self._robot.joints)

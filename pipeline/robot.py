@@ -111,17 +111,16 @@ def load_robot(name_or_directory: str | Path) -> RobotConfig:
         urdf_text = _imported(toml_text, directory)
     else:
         urdf_text = read_text(directory / URDF_FILE)
-    with _naming(directory):
-        return parse_robot(toml_text, urdf_text)
+    return parse_robot(toml_text, urdf_text, origin=f"robot '{directory}'")
 
 
 def _imported(toml_text: str, directory: Path) -> str:
     """Return the URDF text that the directory's `import.toml` makes."""
     import_text = read_text(directory / IMPORT_FILE)
-    with _naming(directory):
+    with _naming(f"robot '{directory}'"):
         parts, source = _parse_config(toml_text), parse_source(import_text)
     model_text = read_source(source, directory)
-    with _naming(directory):
+    with _naming(f"robot '{directory}'"):
         return import_urdf(
             model_text,
             source,
@@ -132,22 +131,32 @@ def _imported(toml_text: str, directory: Path) -> str:
 
 
 @contextmanager
-def _naming(directory: Path) -> Iterator[None]:
-    """Say of which robot's files an error speaks."""
+def _naming(origin: str) -> Iterator[None]:
+    """Say of which robot an error speaks."""
     try:
         yield
     except RobotError as error:
-        raise RobotError(f"robot '{directory}': {error}") from error
+        raise RobotError(f"{origin}: {error}") from error
 
 
-def parse_robot(toml_text: str, urdf_text: str) -> RobotConfig:
+def parse_robot(toml_text: str, urdf_text: str, *, origin: object = None) -> RobotConfig:
     """Make a robot from the texts of its two files, wherever they come from (a directory, a log's attachments).
+
+    Parameters
+    ----------
+    toml_text, urdf_text : str
+        The texts.
+    origin : object
+        Where they come from, for messages: a path, or words.
 
     Raises
     ------
     RobotError
         A text does not parse, a key is missing, unknown or of the wrong kind, or the two do not fit together.
     """
+    if origin is not None:
+        with _naming(str(origin)):
+            return parse_robot(toml_text, urdf_text)
     parts = _parse_config(toml_text)
     urdf = parse_urdf(urdf_text)
     if (root := root_link(urdf)) != WORLD and WORLD in named(urdf, "link"):

@@ -177,7 +177,7 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
     reader = open_log(path)
     texts = read_robot(reader)
     if texts:
-        robot = parse_robot(texts["toml"], texts["urdf"])
+        robot = parse_robot(texts["toml"], texts["urdf"], origin=path)
     if robot is None:
         raise LogError(
             f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"

@@ -412,4 +412,4 @@ def _offered_robot(offer: Offer) -> RobotConfig:
     texts = offer.robot.get("toml"), offer.robot.get("urdf")
     if not all(isinstance(text, str) for text in texts):
         raise ConfigError("the stream names no robot, and none was given; give one with --robot")
-    return parse_robot(str(texts[0]), str(texts[1]))
+    return parse_robot(str(texts[0]), str(texts[1]), origin="the robot of the stream")

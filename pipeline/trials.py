@@ -62,7 +62,7 @@ def robot_of(controller: Controller) -> RobotConfig:
     RobotError
         If the robot cannot be used.
     """
-    robot = parse_robot(controller.robot_toml, controller.robot_urdf)
+    robot = parse_robot(controller.robot_toml, controller.robot_urdf, origin="the robot of the controller")
     if robot.joints != controller.joints or controller.config.inputs != HANDS:
         raise ControllerError(
             f"expected a controller of two hands and the joints of {robot.name}, {', '.join(robot.joints)}; "

@@ -81,8 +81,9 @@ def _check_body(where: str, inertial: Element, *, moved: bool) -> None:
         raise RobotError(f"{where}: expected a mass {expected}, found {mass:g}")
     if mass == 0.0 and inertia.any():
         raise RobotError(f"{where}: expected no moments of inertia where the mass is 0, found {inertia.max():g}")
-    if not np.abs(inertia).max() <= MAX_MOMENT_KGM2:
-        raise RobotError(f"{where}: expected moments of inertia of at most {MAX_MOMENT_KGM2:g} kg m^2")
+    if not (largest := float(np.abs(inertia).max())) <= MAX_MOMENT_KGM2:
+        expected = f"expected moments of inertia of at most {MAX_MOMENT_KGM2:g} kg m^2"
+        raise RobotError(f"{where}: {expected}, found {largest:g}")
     if not possible(moments := principal_moments(inertia)):
         found = ", ".join(f"{moment:.6g}" for moment in moments)
         raise RobotError(

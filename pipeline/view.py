@@ -144,7 +144,7 @@ def _recorded_robot(reader: Reader) -> RobotConfig:
     texts = read_robot(reader)
     if not texts:
         raise ConfigError(f"{reader.path}: the log carries no robot; give one with --robot")
-    return parse_robot(texts["toml"], texts["urdf"])
+    return parse_robot(texts["toml"], texts["urdf"], origin=reader.path)
 
 
 def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
