@@ -1,6 +1,6 @@
 """Runs golden cases: the learner step by step under observation, and as programs run it."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -8,8 +8,10 @@ from typing import Any
 
 from pipeline import golden_states
 from pipeline.controller import Controller
+from pipeline.evaluation import HandErrors
 from pipeline.golden_observer import ObservedRun
 from pipeline.learner_config import LearnerConfig
+from pipeline.learning_run import CycleReport
 from pipeline.network import state_numbers
 from pipeline.samples import read_samples
 from pipeline.toml_text import MAX_BYTES, parse_toml
@@ -40,11 +42,18 @@ class GoldenRunner:
 
     def train(self, recipe: Recipe) -> dict[str, Any]:
         """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
-        trainer = _trained(recipe)
+        cycles: list[CycleReport] = []
+        trainer = _trained(recipe, on_cycle=cycles.append)
         trainer.check_learned()
         controller = trainer.controller()
-        trials = [] if recipe.as_recorded else [_trial_cm(controller, path) for path in recipe.logs]
-        return {**trainer.result(), "errors_cm": trainer.errors_cm, "trials_cm": trials}
+        trials = [] if recipe.as_recorded else [_trial(controller, path) for path in recipe.logs]
+        return {
+            **trainer.result(),
+            "errors_cm": trainer.errors_cm,
+            "hands_cm": [list(cycle.hands_cm) for cycle in cycles if cycle.hands_cm is not None],
+            "trials_cm": [errors.mean_cm for errors in trials],
+            "trials_hands_cm": [[errors.left_cm, errors.right_cm] for errors in trials],
+        }
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
         """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""
@@ -77,11 +86,11 @@ def _config(recipe: Recipe) -> LearnerConfig:
     return config
 
 
-def _trained(recipe: Recipe) -> Trainer:
-    """Train, by way of a checkpoint if the case has one."""
+def _trained(recipe: Recipe, *, on_cycle: Callable[[CycleReport], None]) -> Trainer:
+    """Train, by way of a checkpoint if the case has one; cycles are reported from there on."""
     source = recipe.source()
     if recipe.resume_after is None:
-        trainer = Trainer(_config(recipe))
+        trainer = Trainer(_config(recipe), on_cycle=on_cycle)
         trainer.consume(source.stream(trainer.hello(source.offer())))
         return trainer
     with TemporaryDirectory() as folder:
@@ -89,7 +98,7 @@ def _trained(recipe: Recipe) -> Trainer:
         stopped = Trainer(_config(recipe), checkpoint=checkpoint)
         stopped.hello(source.offer())
         stopped.take(_until_kept(source.stream(), checkpoint.path))
-        trainer = Trainer(_config(recipe), checkpoint=checkpoint)
+        trainer = Trainer(_config(recipe), checkpoint=checkpoint, on_cycle=on_cycle)
         trainer.consume(source.stream(trainer.hello(source.offer())))
     return trainer
 
@@ -102,9 +111,9 @@ def _until_kept(messages: Iterator[Stamped], path: Path) -> Iterator[Stamped]:
             return
 
 
-def _trial_cm(controller: Controller, log: Path) -> float:
-    """Error of a controller on a log [cm], after the washout that every test begins with."""
-    return try_samples(controller, read_samples(log), name=log.name).errors.mean_cm
+def _trial(controller: Controller, log: Path) -> HandErrors:
+    """Try a controller on a log, after the washout that every test begins with."""
+    return try_samples(controller, read_samples(log), name=log.name).errors
 
 
 def recipe(

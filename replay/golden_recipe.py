@@ -25,6 +25,9 @@ MAX_CASE_BYTES = 300_000
 
 PHYSICS_TICKS = 64
 
+LATER_RESULTS = frozenset({"hands_cm", "trials_hands_cm"})
+"""What came of a run that is compared in the cases that have it: the first ones were made without."""
+
 State: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 
@@ -119,7 +122,10 @@ class Runner(Protocol):
         """Run step by step, and yield every tick and the end of every epoch."""
 
     def train(self, recipe: Recipe) -> dict[str, Any]:
-        """Run as programs do, in pieces, and return what came of it: JSON, with errors under `errors_cm`."""
+        """Run as programs do, in pieces, and return what came of it: JSON, with errors under `errors_cm`.
+
+        Errors of each hand, left then right, are under `hands_cm`, and those of trials under `trials_hands_cm`.
+        """
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
         """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""

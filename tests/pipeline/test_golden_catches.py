@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from faults import FAULTS, Fault, use_plain_kernels
+from faults_of_content import CONTENT_FAULTS, ContentFault, folder_of
 
 from pipeline import cli
 from pipeline.episode import ExplorationConfig
@@ -70,6 +71,22 @@ def test_it_catches(
     assert divergence["expected"] == (fault.expected or divergence["expected"])
     assert divergence["found"] == (fault.found or divergence["found"])
     check_end(fault, divergence["epoch_end"])
+    assert divergence["expected"] != divergence["found"]
+
+
+@pytest.mark.parametrize("fault", CONTENT_FAULTS, ids=lambda fault: fault.name)
+def test_a_shipped_case_catches_what_the_small_one_cannot(
+    fault: ContentFault, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    use_plain_kernels(monkeypatch)
+    fault.plant(monkeypatch)
+    code, found = checked(folder_of(fault), capsys)
+    assert code == 1
+    (verdict,) = found["cases"]  # type: ignore[misc]
+    divergence = verdict["first_divergence"]
+    assert verdict["tier"] == "learning", divergence["text"]
+    assert divergence["field"] == fault.field, divergence["text"]
+    assert divergence["note"] == fault.note, divergence["text"]
     assert divergence["expected"] != divergence["found"]
 
 

@@ -6,7 +6,11 @@ import pytest
 
 from pipeline.golden_runner import GoldenRunner
 from pipeline.resources import data_path
+from pipeline.robot import load_robot
+from recorders.cdr import decode_as
+from recorders.messages import JointState
 from recorders.reader import LogReader
+from recorders.topics import SAMPLE_JOINTS
 from replay.golden import check_case, find_cases
 from replay.golden_case import load_case
 
@@ -21,6 +25,9 @@ def test_it_holds(folder: Path) -> None:
 def test_what_the_cases_are() -> None:
     cases = {path.name: load_case(path) for path in CASES}
     assert {"circles", "eight_v1", "right_hand_drawing", "live_session", "resumed", "two_logs"} <= set(cases)
+    assert cases["feedback"].recipe.learner["output_output_density"] > 0.0
+    joints = next(LogReader(cases["joints_by_name"].recipe.logs[0]).records(topics=[SAMPLE_JOINTS]))
+    assert decode_as(JointState, joints.data).name != load_robot("asimo").joints
     assert sum(case.recipe.physics for case in cases.values()) >= 3
     assert cases["live_session"].recipe.as_recorded
     assert cases["resumed"].recipe.resume_after is not None
