@@ -58,8 +58,10 @@ def parse_toml(text: str, what: str, *, error: type[ReenactError]) -> dict[str, 
         raise error(f"{what}: expected tables, lists and names nested at most {MAX_DEPTH} deep, found {depth}")
     try:
         return tomllib.loads(text)
-    except (ValueError, RecursionError) as wrong:  # also of integers too long
+    except tomllib.TOMLDecodeError as wrong:
         raise error(f"{what}: expected TOML: {' '.join(str(wrong).split()):.1000}") from wrong
+    except ValueError as wrong:  # of Python's own, which reads no integer of thousands of digits
+        raise error(f"{what}: expected TOML, found an integer of too many digits") from wrong
 
 
 def _depth(text: str) -> int:

@@ -207,6 +207,8 @@ class _Builder(ElementTree.TreeBuilder):
             raise RobotError(f"robot description: expected elements at most {MAX_DEPTH} deep within one another")
         if self._elements > MAX_ELEMENTS:
             raise RobotError(f"robot description: expected at most {MAX_ELEMENTS} elements")
+        if "xacro}" in tag:
+            raise RobotError("robot description: expected a URDF, found one of macros; expand it with xacro first")
         return super().start(tag, attributes)
 
     def end(self, tag: str, /) -> ElementTree.Element:

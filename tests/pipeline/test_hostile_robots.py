@@ -202,6 +202,25 @@ def test_no_such_robot_takes_much_memory() -> None:
     assert peak_memory_mb(read, text="\0".join(texts)) < 300
 
 
+def test_a_log_with_such_a_robot_takes_little_memory_to_refuse(secret: Path, tmp_path: Path) -> None:
+    endless = ASIMO.urdf_text.replace("</robot>", f"{in_a_row(24_000)}</robot>")
+    robots = {
+        "endless.mcap": (endless, ASIMO.toml_text),
+        "deep.mcap": (ASIMO.urdf_text, ".".join("a" * 16_000) + " = 1"),
+        "files.mcap": (hostile_urdf(secret.parent).replace(str(secret), "/dev/zero"), ASIMO.toml_text),
+    }
+    for name, (urdf, toml) in robots.items():
+        attachments = {"robot.urdf": urdf.encode(), "robot.toml": toml.encode()}
+        write_episode(tmp_path / name, samples=12, attachments=attachments)
+    view = (
+        "from pipeline.cli import main\n"
+        f"for name, status in (('endless', 2), ('deep', 2), ('files', 0)):\n"
+        f"    try: main(['view', f'{tmp_path}/{{name}}.mcap', '--save', f'{tmp_path}/{{name}}.rrd'])\n"
+        "    except SystemExit as ended: assert ended.code == status, (name, ended.code)"
+    )
+    assert peak_memory_mb(view) < 300
+
+
 def test_a_robot_within_the_bounds_is_simulated_and_shown(tmp_path: Path) -> None:
     """As many joints, and as many in a row, as are let through."""
     for more in (in_a_row(180), side_by_side(980)):

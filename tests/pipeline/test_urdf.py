@@ -309,6 +309,10 @@ def test_what_the_libraries_read_is_let_through(old: str, new: str, capfd: pytes
     ("text", "message"),
     [
         (" \n", "robot description: expected the text of a URDF, found none"),
+        (
+            changed("<link", '<x:arm xmlns:x="http://www.ros.org/wiki/xacro"/><link'),
+            "macros; expand it with xacro first",
+        ),
         (changed("An ASIMO", "\ud800"), r"expected UTF-8 text, found '\\ud800'"),
         (changed("</robot>", "<a>" * 20_000 + "</a>" * 20_000 + "</robot>"), "at most 64 deep"),
         (changed("</robot>", "<a/>" * 100_000 + "</robot>"), "at most 100000 elements"),
@@ -319,7 +323,7 @@ def test_what_the_libraries_read_is_let_through(old: str, new: str, capfd: pytes
             "not XML: limit on input",
         ),
     ],
-    ids=["empty", "surrogate", "deep", "many", "large", "long name", "entities"],
+    ids=["empty", "macros", "surrogate", "deep", "many", "large", "long name", "entities"],
 )
 @pytest.mark.parametrize("read", [parse_urdf, canonical_urdf, joint_links])
 def test_hostile_text_is_one_clear_error(read, text: str, message: str) -> None:

@@ -11,4 +11,5 @@ def peak_memory_mb(code: str, *, text: str = "") -> float:
     done = subprocess.run([sys.executable, "-c", code + _REPORT], input=text, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     (peak,) = (line for line in done.stdout.splitlines() if line.startswith("VmHWM:"))
+    print(peak)
     return int(peak.split()[1]) / 1024
