@@ -251,12 +251,12 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
         heard.extend(unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes()).messages)
 
     with session.declare_subscriber("reenact/**", hear):
-        time.sleep(0.3)
+        status(session)  # the robot answers this after it has met the subscriber
         remote.reset(ASIMO.comfort)
         for posture in moves(40):
             remote.advance(posture, PERIOD_NS)
         remote.wait()
-        deadline_s = time.monotonic() + 10.0
+        deadline_s = time.monotonic() + 60.0
         while len(heard) < 11 * 5 and time.monotonic() < deadline_s:
             time.sleep(0.01)
     due = list(range(0, 40 * PERIOD_NS + 1, 20_000_000))
@@ -411,14 +411,13 @@ def test_in_real_time_it_keeps_its_rate_and_says_what_it_could_not_keep() -> Non
     assert len(complaints) < 8
 
 
-def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> float:
-    """Return how long the robot's time takes to come to `time_ns` [s]."""
+def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> None:
+    """Wait until the robot's time has come to `time_ns`."""
     began_s = time.monotonic()
     while status(session).time_ns < time_ns:
         assert process.poll() is None
-        assert time.monotonic() < began_s + 30.0
+        assert time.monotonic() < began_s + 60.0
         time.sleep(0.01)
-    return time.monotonic() - began_s
 
 
 def test_in_real_time_it_goes_on_by_itself_and_holds_the_latest_command() -> None:
@@ -426,9 +425,10 @@ def test_in_real_time_it_goes_on_by_itself_and_holds_the_latest_command() -> Non
     with robot(endpoint, real_time=True) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
         remote = RemoteRobot(session)
         assert remote.status.real_time
+        began_s = time.monotonic()
         remote.reset(ASIMO.comfort)
-        took_s = wait_for(process, session, 300_000_000)
-        assert took_s > 0.2  # never faster than the clock on the wall
+        wait_for(process, session, 300_000_000)
+        assert time.monotonic() - began_s > 0.29  # never faster than the clock on the wall
         goal = ASIMO.comfort + 0.05
         session.put(TOPIC_KEY, encode(command(0, goal)))
         wait_for(process, session, status(session).time_ns + 500_000_000)

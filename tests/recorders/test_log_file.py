@@ -91,11 +91,21 @@ def test_what_a_thread_meets_is_raised_once_by_the_next_call(tmp_path):
 
 def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
     log = LogWriter(tmp_path / "log.mcap", manifest={})
-    flush, writing = log._file.chunks.flush, threading.Event()
+    flush, lock = log._file.chunks.flush, log._file._lock
+    writing, asked = threading.Event(), threading.Event()
 
-    def slow():
+    class Watched:
+        def __enter__(self):
+            asked.set()
+            lock.acquire()
+
+        def __exit__(self, *error):
+            lock.release()
+
+    def slow():  # holds the lock, until the check asks for it
+        log._file._lock = Watched()
         writing.set()
-        time.sleep(0.3)
+        assert asked.wait(30)
         flush()
 
     monkeypatch.setattr(log._file.chunks, "flush", slow)
