@@ -33,15 +33,25 @@ class DamagedLog(LogError):
 
     def located(self, path: Path, last_time_ns: int | None = None) -> "DamagedLog":
         """Return the same error with the name of the log and the time up to which it is good."""
-        return DamagedLog(self.offset, self.reason, last_time_ns=last_time_ns, path=path)
+        return type(self)(self.offset, self.reason, last_time_ns=last_time_ns, path=path)
 
     def _text(self) -> str:
-        text = f"the log is damaged at byte {self.offset}: {self.reason}"
-        if not self.reason:
-            text = f"the log is cut off at byte {self.offset}, before its end was written"
+        text = self._what()
         if self.last_time_ns is not None:
             text += f"; the last good message is of {_seconds(self.last_time_ns)}"
         return text if self.path is None else f"{self.path}: {text}; `reenact recover` saves what is whole"
+
+    def _what(self) -> str:
+        if not self.reason:
+            return f"the log is cut off at byte {self.offset}, before its end was written"
+        return f"the log is damaged at byte {self.offset}: {self.reason}"
+
+
+class TooLarge(DamagedLog):
+    """Something in a log would take more memory than there is for it; it may be sound, and is passed over."""
+
+    def _what(self) -> str:
+        return f"too large to be read at byte {self.offset}: {self.reason}"
 
 
 def damaged(offset: int, what: str) -> DamagedLog:

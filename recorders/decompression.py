@@ -1,18 +1,21 @@
 """Decompression that believes no length: what comes out is never longer than what was claimed, nor is the memory."""
 
 from collections.abc import Iterator
+from contextlib import suppress
 from io import BytesIO
+from typing import Any
 
 import lz4.frame
 import zstandard
 
-DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, MemoryError, EOFError, zstandard.ZstdError)
+DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, EOFError, zstandard.ZstdError)
 """What `decompress` raises for damaged data: the libraries have no common error."""
 
 _LZ4_RATIO = 255  # bytes out for a byte in, at the very most: a longer match takes one more byte for every 255
 _LZ4_FRAME = 32  # bytes, more than the ends of a frame take
 _PIECE = 2**20  # bytes
 _UNKNOWN = -1  # what zstd says of a frame whose writer did not know the size
+_WINDOW = 2**26  # bytes that one of several frames may look back, which takes memory beside what comes out
 
 
 def check_claim(data: bytes | memoryview, compression: str, size: int) -> int:
@@ -29,50 +32,82 @@ def check_claim(data: bytes | memoryview, compression: str, size: int) -> int:
     match compression:
         case "lz4" if size > most:
             raise ValueError(f"{len(data)} bytes claim to hold {size}")
-        case "zstd" if (known := zstandard.frame_content_size(data)) != size:
-            if known != _UNKNOWN:
-                raise ValueError(f"it holds {known} bytes and claims {size}")
-            return min(size, most)
+        case "zstd" if data and (first := zstandard.frame_content_size(data)) != size:
+            if first > size:  # more frames may follow the first one, which holds less then
+                raise ValueError(f"it holds {first} bytes and claims {size}")
+            return min(size, max(first, most))
         case "" if len(data) != size:
             raise ValueError(f"it holds {len(data)} bytes and claims {size}")
         case "lz4" | "zstd" | "":
             return size
         case _:
-            raise ValueError(f"unknown compression {compression!r}")
+            raise ValueError(f"unknown compression {compression:.40}")
 
 
-def decompress(data: bytes, compression: str, size: int) -> bytes:
-    """Return decompressed data of which its writer says that it has `size` bytes.
+def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes:
+    """Return decompressed data, of one frame or several, of which the writer says that they have `size` bytes.
 
     Raises
     ------
     DECOMPRESS_ERRORS
-        If it does not decompress, is of another size, or nobody knows the compression.
+        If they do not decompress, are of another size, or nobody knows the compression.
     """
     check_claim(data, compression, size)
-    found = data
-    if compression == "lz4":
-        # One byte more than claimed is enough to see that the claim is false.
-        found = lz4.frame.LZ4FrameDecompressor().decompress(data, max_length=size + 1)
-    elif compression == "zstd":
-        found = _zstd(data, size)
+    match compression:
+        case "lz4":
+            found = _lz4(data, size)
+        case "zstd":
+            found = _zstd(data, size)
+        case _:
+            found = bytes(data)
     if len(found) != size:
         raise ValueError(f"it holds {len(found)} bytes and claims {size}")
     return found
 
 
-def _zstd(data: bytes, size: int) -> bytes:
-    if zstandard.frame_content_size(data) == size <= _PIECE:
-        return zstandard.ZstdDecompressor().decompress(data)
-    found = BytesIO()  # grows as the pieces come, and none of them stays beside it
-    found.writelines(_pieces(data, size))
-    return found.getvalue()
+def _lz4(data: bytes | memoryview, size: int) -> bytes:
+    if size <= _PIECE:
+        frame: Any = lz4.frame.LZ4FrameDecompressor()
+        # One byte more than claimed is enough to see that the claim is false.
+        found: bytes = frame.decompress(data, max_length=size + 1)
+        if frame.eof and not frame.unused_data:
+            return found
+    return _joined(_lz4_pieces(memoryview(data), size + 1))
 
 
-def _pieces(data: bytes, size: int) -> Iterator[bytes]:
-    """Yield what comes out piece by piece: memory is taken for what is there, not for what a length field says."""
-    rest = size + 1
-    with zstandard.ZstdDecompressor().stream_reader(data) as reader:
+def _lz4_pieces(data: memoryview, rest: int) -> Iterator[bytes]:
+    """Yield what comes out of all frames piece by piece, `rest` bytes at most."""
+    context = lz4.frame.create_decompression_context()
+    place, whole = 0, True
+    while rest and (place < len(data) or not whole):
+        piece, taken, whole = lz4.frame.decompress_chunk(context, data[place:], max_length=min(_PIECE, rest))
+        if not (piece or taken):
+            break  # the last frame is cut off
+        yield piece
+        place += taken
+        rest -= len(piece)
+    if rest and not whole:
+        raise EOFError("its last frame is cut off")
+
+
+def _zstd(data: bytes | memoryview, size: int) -> bytes:
+    if data and zstandard.frame_content_size(data) in (size, _UNKNOWN):
+        with suppress(zstandard.ZstdError):  # more frames follow, or it is damaged
+            return zstandard.ZstdDecompressor().decompress(data, max_output_size=size, allow_extra_data=False)
+    return _joined(_zstd_pieces(data, size + 1))
+
+
+def _zstd_pieces(data: bytes | memoryview, rest: int) -> Iterator[bytes]:
+    """Yield what comes out of all frames piece by piece, `rest` bytes at most."""
+    decompressor = zstandard.ZstdDecompressor(max_window_size=_WINDOW)
+    with decompressor.stream_reader(data, read_across_frames=True) as reader:
         while rest and (piece := reader.read(min(_PIECE, rest))):
             yield piece
             rest -= len(piece)
+
+
+def _joined(pieces: Iterator[bytes]) -> bytes:
+    """Join pieces as they come: memory is taken for what is there, not for what a length field says."""
+    found = BytesIO()
+    found.writelines(pieces)
+    return found.getvalue()

@@ -11,9 +11,9 @@ from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
+from recorders.attachments import check_attachment
 from recorders.chunk_table import ChunkTable
 from recorders.damage import damaged
-from recorders.mcap_contents import check_attachment
 from recorders.mcap_records import Record, chunk_data, chunk_head, read_all
 from recorders.mcap_sections import check_data_section
 from recorders.raw_records import MessageWalk
@@ -59,7 +59,10 @@ class LogScan:
             if record.opcode == Opcode.CHUNK:
                 if not chunk_head(record).crc:
                     self._verify()
-                yield from self._walk.chunk(chunk_data(record), record.offset)
+                data, offset = chunk_data(record), record.offset
+                del record  # what it holds is in `data`, and there is no room for both and a message
+                yield from self._walk.chunk(data, offset)
+                del data
             elif record.opcode == Opcode.MESSAGE:
                 self._verify()
                 yield self._walk.bare(record)

@@ -11,6 +11,7 @@ from typing import Any
 
 from recorders.errors import LogError
 from recorders.records import Stamped
+from recorders.unread import Unread
 from recorders.upgrades import upgrade
 from recorders.wording import value_text
 
@@ -32,13 +33,17 @@ class ContentHash:
         self._hash = hashlib.sha256()
         self._topics: dict[str, bytes] = {}
 
-    def add(self, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
-        """Take in one message."""
+    def add(self, topic: str, sequence: int, log_time_ns: int, data: bytes, rest: Unread | None = None) -> None:
+        """Take in one message; of a large one the `rest` may be in its file."""
         framed = self._topics.get(topic)
         if framed is None:
             name = topic.encode()
             framed = self._topics[topic] = len(name).to_bytes(4, "little") + name
-        self._hash.update(framed + _FRAME.pack(sequence, log_time_ns, len(data)) + data)
+        size = len(data) + (rest.size if rest else 0)
+        self._hash.update(framed + _FRAME.pack(sequence, log_time_ns, size))
+        self._hash.update(data)
+        for piece in rest.pieces() if rest else ():
+            self._hash.update(piece)
 
     def hexdigest(self) -> str:
         """Return the hash of everything taken in so far."""

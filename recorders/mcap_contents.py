@@ -1,7 +1,5 @@
 """What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
 
-import struct
-import zlib
 from collections import Counter
 from dataclasses import dataclass, field
 from io import SEEK_END
@@ -9,7 +7,6 @@ from typing import BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
 from mcap.records import (
-    Attachment,
     AttachmentIndex,
     Channel,
     Metadata,
@@ -18,16 +15,13 @@ from mcap.records import (
     Statistics,
 )
 
+from recorders.attachments import attachment_data, attachment_head, check_attachment
 from recorders.chunk_table import ChunkTable
-from recorders.damage import damaged
+from recorders.damage import TooLarge
 from recorders.declared import Declarations
-from recorders.mcap_records import CRC, Record, parse, summary_records
+from recorders.mcap_records import Record, parse, summary_records
 from recorders.mcap_sections import check_data_section, read_footer, record_at
-
-_ATTACHMENT_TIMES = 16  # bytes of an attachment before its texts
-_ATTACHMENT_TEXTS = 2  # its name and its media type
-_TEXT_LENGTH = struct.Struct("<I")
-_DATA_LENGTH = struct.Struct("<Q")
+from recorders.record_lengths import MAX_CHUNK
 
 
 @dataclass
@@ -127,7 +121,7 @@ class Contents:
             case Opcode.METADATA:
                 self.metadata.append(Place(record.offset, parse(Metadata, record).name))
             case Opcode.ATTACHMENT:
-                self.attachments.append(Place(record.offset, parse(Attachment, record).name))
+                self.attachments.append(Place(record.offset, attachment_head(record).name))
 
 
 def read_contents(file: BinaryIO) -> Contents | None:
@@ -178,40 +172,19 @@ def read_metadata(file: BinaryIO, offset: int) -> dict[str, str]:
 
 
 def read_attachment(file: BinaryIO, offset: int) -> bytes:
-    """Return the attachment at `offset`; raises DamagedLog if there is none or its CRC does not hold."""
+    """Return the data of the attachment at `offset`.
+
+    Raises
+    ------
+    TooLarge
+        If it is larger than one that is read into memory.
+    DamagedLog
+        If there is none or its CRC does not hold.
+    """
     record = record_at(file, offset, Opcode.ATTACHMENT)
-    data: bytes = parse(Attachment, record).data
+    size = attachment_head(record).size
+    if size > MAX_CHUNK:
+        raise TooLarge(offset, f"an attachment of {size} bytes, and {MAX_CHUNK} is the most that is read at once")
     if not check_attachment(record):
         check_data_section(file)
-    return data
-
-
-def check_attachment(record: Record) -> bool:
-    """Return whether an attachment has a CRC of its own; raises DamagedLog if that does not hold."""
-    place = crc_place(record)
-    stated = record.body[place : place + CRC.size]
-    if not any(stated):
-        return False
-    if stated != CRC.pack(zlib.crc32(memoryview(record.body)[:place])):
-        raise damaged(record.offset, "the CRC of an attachment does not hold")
-    return True
-
-
-def attachment_has_crc(record: Record) -> bool:
-    """Whether an attachment has a CRC of its own: 0 means none. Raises DamagedLog if it is not whole."""
-    place = crc_place(record)
-    return any(record.body[place : place + CRC.size])
-
-
-def crc_place(record: Record) -> int:
-    """Return where the CRC of an attachment stands in its body: behind its data, and there may be more behind it."""
-    place = _ATTACHMENT_TIMES
-    try:
-        for _ in range(_ATTACHMENT_TEXTS):
-            place += _TEXT_LENGTH.size + _TEXT_LENGTH.unpack_from(record.body, place)[0]
-        place += _DATA_LENGTH.size + _DATA_LENGTH.unpack_from(record.body, place)[0]
-    except struct.error:
-        place = len(record.body)
-    if place + CRC.size > len(record.body):
-        raise damaged(record.offset, "an attachment is not as long as it says")
-    return place
+    return b"".join(attachment_data(record))

@@ -7,7 +7,7 @@ here everything that can go wrong ends in one DamagedLog. Record bodies are pars
 import struct
 import zlib
 from collections.abc import Iterator, Mapping
-from io import BufferedReader, BytesIO
+from io import SEEK_CUR, BufferedReader, BytesIO
 from types import MappingProxyType
 from typing import BinaryIO, NamedTuple, Protocol, TypeVar
 
@@ -15,9 +15,10 @@ from mcap.data_stream import ReadDataStream
 from mcap.exceptions import EndOfFile, McapError
 from mcap.opcode import Opcode
 
-from recorders.damage import cut_off, damaged
+from recorders.damage import DamagedLog, TooLarge, cut_off, damaged
 from recorders.decompression import DECOMPRESS_ERRORS, check_claim, decompress
-from recorders.record_lengths import LARGE, MAX_CHUNK, check_length
+from recorders.record_lengths import LARGE, MAX_CHUNK, length_to_read
+from recorders.unread import Unread
 
 MAGIC = b"\x89MCAP0\r\n"
 FOOTER_SIZE = 29  # opcode, length, two offsets, CRC
@@ -33,6 +34,7 @@ _LENGTH = struct.Struct("<Q")
 _FOOTER_OFFSETS = 16  # bytes of a footer before its CRC
 _PARSE_ERRORS = (McapError, struct.error, ValueError, OverflowError, KeyError)
 _DATA_END, _MESSAGE_INDEX = int(Opcode.DATA_END), int(Opcode.MESSAGE_INDEX)  # numbers compare faster than members
+_LONGEST_REASON = 100  # characters: some libraries quote all that they were given
 _NOWHERE: Mapping[int, int] = MappingProxyType({})
 _MISPLACED = frozenset(  # in a data section; 0 is no opcode at all, and what blocks of zeros look like
     {
@@ -49,11 +51,40 @@ _MISPLACED = frozenset(  # in a data section; 0 is no opcode at all, and what bl
 
 
 class Record(NamedTuple):
-    """One record: what it is, where its first byte stands in the file (or chunk), and its body."""
+    """One record: what it is, where its first byte stands in the file (or chunk), and its body.
+
+    Of a large one `body` is the beginning, and the `rest` stays in the file.
+    """
 
     opcode: int
     offset: int
     body: bytes
+    rest: Unread | None = None
+
+    @property
+    def size(self) -> int:
+        """Length of the whole body [bytes]."""
+        return len(self.body) + (self.rest.size if self.rest else 0)
+
+    @property
+    def end(self) -> int:
+        """Where a record of the file ends [bytes]."""
+        return self.offset + HEAD.size + self.size
+
+    def pieces(self) -> Iterator[bytes]:
+        """Yield the whole body piece by piece; raises DamagedLog if the file became shorter."""
+        yield self.body
+        if self.rest:
+            yield from self.rest.pieces()
+
+    def part(self, start: int, size: int) -> bytes:
+        """Return `size` bytes of the body from `start` on; raises DamagedLog if the file became shorter."""
+        if self.rest is None:
+            return self.body[start : start + size]
+        return self.rest.read(self.rest.start - len(self.body) + start, size)
+
+
+_NOTHING = Record(0, 0, b"")
 
 
 class ChunkHead(NamedTuple):
@@ -102,7 +133,8 @@ def parse_counted(kind: Parser[_T_co], record: Record) -> tuple[_T_co, int]:
     try:
         return kind.read(_WholeStream(body)), body.tell()
     except _PARSE_ERRORS as error:
-        raise damaged(record.offset, f"its record of kind {record.opcode} is malformed ({error})") from None
+        reason = f"its record of kind {record.opcode} is malformed ({error!s:.{_LONGEST_REASON}})"
+        raise damaged(record.offset, reason) from None
 
 
 def read_record(file: BinaryIO, size: int) -> Record:
@@ -117,12 +149,15 @@ def _read_at(file: BinaryIO, offset: int, size: int) -> Record:
     opcode, length = HEAD.unpack(head)
     if length > size - offset - HEAD.size:
         raise cut_off(offset)
-    if length > LARGE:
-        check_length(file, opcode, length, offset)
-    body = file.read(length)
-    if len(body) < length:  # the file became shorter while it was read
+    wanted = length if length <= LARGE else length_to_read(file, opcode, length, offset)
+    body = file.read(wanted)
+    if len(body) < wanted:  # the file became shorter while it was read
         raise cut_off(offset)
-    return Record(opcode, offset, body)
+    if wanted == length:
+        return Record(opcode, offset, body)
+    start = offset + HEAD.size + wanted
+    file.seek(length - wanted, SEEK_CUR)
+    return Record(opcode, offset, body, Unread(file, start, length - wanted))
 
 
 def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) -> Iterator[Record]:
@@ -147,16 +182,16 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
     if record.opcode != Opcode.HEADER:
         raise damaged(record.offset, f"expected its header, found a record of kind {record.opcode}")
     while record.opcode != _DATA_END:
+        end, crc = record.end, 0 if jumps else crc_of(record, crc)
         if record.opcode != _MESSAGE_INDEX:
-            yield record
-        crc = _crc_of(record, crc)
+            handed, record = [record], _NOTHING
+            yield handed.pop()  # whoever takes it may let go of it: there is no room for two large ones
         passed = _pass_indexes(file)
         crc = zlib.crc32(passed, crc)
-        record = _next_record(file, record.offset + HEAD.size + len(record.body) + len(passed), size, jumps)
+        record = _next_record(file, end + len(passed), size, jumps)
     check_crc(record.body[: CRC.size], None if jumps else crc, record.offset, "data section")
     yield record
-    for _ in summary_records(file, size):
-        pass  # but for the checks
+    check_summary(file, size)
 
 
 def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int]) -> Record:
@@ -165,7 +200,7 @@ def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int
     record = _read_at(file, offset, size)
     if record.opcode in _MISPLACED:
         raise damaged(offset, f"a record of kind {record.opcode} among its messages")
-    if record.opcode == _MESSAGE_INDEX and not _is_message_index(record.body):
+    if record.opcode == _MESSAGE_INDEX and not is_message_index(record):
         raise damaged(offset, "a message index is not as long as it says")
     return record
 
@@ -188,13 +223,15 @@ def _pass_indexes(file: BinaryIO) -> bytes:
     return file.read(place)
 
 
-def _is_message_index(body: bytes) -> bool:
-    return len(body) >= INDEX.size and len(body) >= INDEX.size + INDEX.unpack_from(body)[1]
+def is_message_index(record: Record) -> bool:
+    """Whether a message index is no shorter than it says."""
+    return record.size >= INDEX.size and record.size >= INDEX.size + INDEX.unpack_from(record.body)[1]
 
 
-def read_summary(file: BinaryIO, size: int) -> list[Record]:
-    """Return the records from the file's place to the footer, which comes last; raises as `summary_records` does."""
-    return list(summary_records(file, size))
+def check_summary(file: BinaryIO, size: int) -> None:
+    """Check the records from the file's place to the footer, which comes last; raises as `summary_records` does."""
+    for _ in summary_records(file, size):
+        pass
 
 
 def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
@@ -208,7 +245,7 @@ def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
     crc = 0
     while (record := read_record(file, size)).opcode != Opcode.FOOTER:
         yield record
-        crc = _crc_of(record, crc)
+        crc = crc_of(record, crc)
     offsets, stated = record.body[:_FOOTER_OFFSETS], record.body[_FOOTER_OFFSETS:][: CRC.size]
     if len(stated) < CRC.size:
         raise damaged(record.offset, "its footer is malformed")
@@ -227,9 +264,9 @@ def chunk_head(record: Record) -> ChunkHead:
         compression = str(record.body[_CHUNK.size : _CHUNK.size + length], "utf-8")
         (data_length,) = _LENGTH.unpack_from(record.body, _CHUNK.size + length)
     except (struct.error, ValueError) as error:
-        raise damaged(record.offset, f"a chunk is malformed ({error})") from None
+        raise damaged(record.offset, f"a chunk is malformed ({error!s:.{_LONGEST_REASON}})") from None
     start = _CHUNK.size + length + _LENGTH.size
-    if len(record.body) - start < data_length:
+    if record.size - start < data_length:
         raise damaged(record.offset, "a chunk is not as long as it says")
     return ChunkHead(first_ns, last_ns, size, crc, compression, start, start + data_length)
 
@@ -241,25 +278,38 @@ def claimed_size(record: Record) -> int:
     try:
         return check_claim(memoryview(record.body)[head.start : head.end], head.compression, head.size)
     except DECOMPRESS_ERRORS as error:
-        raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
+        raise _undecompressed(record, error) from None
 
 
 def chunk_data(record: Record) -> bytes:
-    """Return the records inside a chunk, decompressed; raises DamagedLog if the chunk is damaged."""
+    """Return the records inside a chunk, decompressed.
+
+    Raises
+    ------
+    TooLarge
+        If it takes more memory than there is for a chunk.
+    DamagedLog
+        If the chunk is damaged.
+    """
     head = chunk_head(record)
     _check_size(record, head)
     try:
-        data = decompress(record.body[head.start : head.end], head.compression, head.size)
+        data = decompress(memoryview(record.body)[head.start : head.end], head.compression, head.size)
     except DECOMPRESS_ERRORS as error:
-        raise damaged(record.offset, f"a chunk does not decompress ({error})") from None
+        raise _undecompressed(record, error) from None
     if head.crc not in (0, zlib.crc32(data)):
         raise damaged(record.offset, "the CRC of a chunk does not hold")
     return data
 
 
 def _check_size(record: Record, head: ChunkHead) -> None:
-    if head.size > MAX_CHUNK:
-        raise damaged(record.offset, f"a chunk claims {head.size} bytes, and {MAX_CHUNK} is the most")
+    if head.size > MAX_CHUNK or record.rest:
+        held = f"{head.size} bytes, {record.size - head.start} as stored"
+        raise TooLarge(record.offset, f"a chunk of {held}, and {MAX_CHUNK} is the most that is read at once")
+
+
+def _undecompressed(record: Record, error: Exception) -> DamagedLog:
+    return damaged(record.offset, f"a chunk does not decompress ({error!s:.{_LONGEST_REASON}})")
 
 
 def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
@@ -271,9 +321,13 @@ def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
         raise damaged(offset, f"the CRC of its {section} does not hold")
 
 
+def crc_of(record: Record, crc: int) -> int:
+    """Return the CRC of what comes before a record, with the record."""
+    crc = zlib.crc32(_head_of(record), crc)
+    for piece in record.pieces():
+        crc = zlib.crc32(piece, crc)
+    return crc
+
+
 def _head_of(record: Record) -> bytes:
-    return HEAD.pack(record.opcode, len(record.body))
-
-
-def _crc_of(record: Record, crc: int) -> int:
-    return zlib.crc32(record.body, zlib.crc32(_head_of(record), crc))
+    return HEAD.pack(record.opcode, record.size)

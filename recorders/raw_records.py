@@ -65,9 +65,9 @@ class MessageWalk:
             raise _undeclared(record.offset, channel)
         self.last_time_ns = log_time_ns
         declared = self.channels.chosen[channel]
-        if declared is None:
+        if declared is None or not self.start_ns <= log_time_ns < self.end_ns:
             return []
-        return self._of_time([Stamped(*declared, record.body[MESSAGE.size :], sequence, log_time_ns)])
+        return [Stamped(*declared, record.part(MESSAGE.size, record.size - MESSAGE.size), sequence, log_time_ns)]
 
     @property
     def sliced(self) -> bool:

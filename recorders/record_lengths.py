@@ -1,4 +1,8 @@
-"""The length of a large record, checked against what its body says of itself before memory is taken for it."""
+"""How much memory a log may take, and how much of a large record is read: length fields may say anything.
+
+Reading a log takes less than 256 MB, whatever it claims, beside a message outside of the chunks that somebody asks for:
+the program takes 40, and three times the longest chunk fit besides, as stored, as it comes out, and as a message of it.
+"""
 
 import struct
 from io import SEEK_SET
@@ -8,10 +12,10 @@ from mcap.opcode import Opcode
 
 from recorders.damage import cut_off, damaged
 
-LARGE = 2**24  # bytes: a record of this length is checked before it is read
-MAX_CHUNK = 2**30  # bytes, uncompressed: writers make chunks of some MB, a damaged length field may say anything
+MAX_CHUNK = 70_000_000  # bytes, uncompressed or as stored: writers make chunks of some MB
+LARGE = 2**24  # bytes: a record of this length is checked before it is read, and read in part where that is enough
 
-_MOST = 2**28  # bytes of any other record but an attachment: no message of a robot is as long
+_BEGINNING = 2**16  # bytes
 _MOST_BEHIND = 2**20  # bytes of fields that nobody knows yet: more of them are no fields
 _STRING = struct.Struct("<I")
 _DATA = struct.Struct("<Q")
@@ -19,10 +23,29 @@ _LAYOUTS: dict[int, tuple[int, int, int]] = {  # bytes before the texts, number 
     Opcode.CHUNK: (28, 1, 0),
     Opcode.ATTACHMENT: (16, 2, 4),
 }
+_BOUNDED = frozenset(  # records that are needed whole, and that no writer makes as long
+    {
+        0,
+        Opcode.HEADER,
+        Opcode.FOOTER,
+        Opcode.SCHEMA,
+        Opcode.CHANNEL,
+        Opcode.CHUNK_INDEX,
+        Opcode.ATTACHMENT_INDEX,
+        Opcode.STATISTICS,
+        Opcode.METADATA,
+        Opcode.METADATA_INDEX,
+        Opcode.SUMMARY_OFFSET,
+        Opcode.DATA_END,
+    }
+)
 
 
-def check_length(file: BinaryIO, opcode: int, length: int, offset: int) -> None:
-    """Check the length of the record at `offset`; the file, whose place is behind the record's head, stays there.
+def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int:
+    """Return how much of the body of the large record at `offset` is to be read [bytes].
+
+    That is all of a chunk that is not too large, and the beginning of any other: an attachment up to its data, of
+    which most readers want no more. The file, whose place is behind the record's head, stays there.
 
     Raises
     ------
@@ -30,14 +53,23 @@ def check_length(file: BinaryIO, opcode: int, length: int, offset: int) -> None:
         If the fields of the body are longer or far shorter, or no record of this kind is as long.
     """
     layout = _LAYOUTS.get(opcode)
-    if layout is not None and not 0 <= length - _length_by_fields(file, offset, *layout) <= _MOST_BEHIND:
+    if opcode in _BOUNDED:
+        raise damaged(offset, f"a record of kind {opcode} claims {length} bytes, and {LARGE} is the most")
+    if layout is None:
+        return _BEGINNING
+    fixed, texts, behind = layout
+    begin, data_length = _data(file, offset, fixed, texts)
+    if not 0 <= length - begin - data_length - behind <= _MOST_BEHIND:
         raise damaged(offset, f"a record of kind {opcode} is not as long as it says")
-    most = MAX_CHUNK if opcode == Opcode.CHUNK else _MOST
-    if opcode != Opcode.ATTACHMENT and length > most:
-        raise damaged(offset, f"a record of kind {opcode} claims {length} bytes, and {most} is the most")
+    if opcode == Opcode.CHUNK and length <= MAX_CHUNK:
+        return length
+    if begin > LARGE:
+        raise damaged(offset, f"the texts of a record of kind {opcode} have {begin} bytes, and {LARGE} is the most")
+    return begin
 
 
-def _length_by_fields(file: BinaryIO, offset: int, fixed: int, texts: int, behind: int) -> int:
+def _data(file: BinaryIO, offset: int, fixed: int, texts: int) -> tuple[int, int]:
+    """Return where the data begin in the body of the record at `offset`, and how long they are [bytes]."""
     begin = file.tell()
     place = begin + fixed
     try:
@@ -49,4 +81,4 @@ def _length_by_fields(file: BinaryIO, offset: int, fixed: int, texts: int, behin
     except struct.error:
         raise cut_off(offset) from None
     file.seek(begin, SEEK_SET)
-    return place - begin + _DATA.size + int(data_length) + behind
+    return place - begin + _DATA.size, int(data_length)

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from mcap.writer import CompressionType, Writer
-
+from recorders.attachments import attachment_data, attachment_head
+from recorders.copy_writer import CopyWriter
 from recorders.declared import Declared
 from recorders.errors import CheckFailed, LogError
 from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, to_metadata
@@ -18,7 +18,6 @@ from recorders.salvage import Damage, Salvaged, Survey
 from recorders.survey import survey
 from recorders.tally import Tally
 
-_CHUNK_SIZE = 2**16  # bytes: the next damage costs one chunk
 _OUTCOME = ("complete", "messages", "counts", "content_sha256")  # what the manifest at the end says beside
 _MOST_CHANNELS = 2**16 - 1
 _MOST_NOTED = 100  # places of damage that the manifest names
@@ -138,27 +137,26 @@ class _Copy:
         self._tally = Tally()
         self._channels: dict[Declared, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        # Any: the library says that it is typed, and annotates but half of its methods
-        self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=_CHUNK_SIZE, enable_data_crcs=True)
+        self._log = CopyWriter(file, self._profile())
 
     def run(self, out: Path, on_progress: Callable[[float], None]) -> Recovery:
         """Copy attachments, metadata and messages, then say in the manifest what came of it."""
         found = self._found
-        self._mcap.start(profile=self._profile(), library="reenact")
         if found.manifest:
             unfinished = {name: value for name, value in found.manifest.items() if name not in _OUTCOME}
-            self._mcap.add_metadata(METADATA_NAME, to_metadata({**unfinished, "complete": False}))
+            self._log.add_metadata(METADATA_NAME, to_metadata({**unfinished, "complete": False}))
         for each in found.metadata:
-            self._mcap.add_metadata(each.name, each.metadata)
+            self._log.add_metadata(each.name, each.metadata)
         for entry in found.attachments:
-            copied = found.attachment(entry)
-            self._mcap.add_attachment(copied.create_time, copied.log_time, copied.name, copied.media_type, copied.data)
+            with found.attachment(entry) as record:
+                self._log.add_attachment(attachment_head(record), attachment_data(record))
         for message in found.messages(on_progress=on_progress):
             self._add(message)
+            del message  # a large one would take memory beside the next
         recovery = self._account(out)
-        self._mcap.flush()
-        self._mcap.add_metadata(METADATA_NAME, to_metadata(self._manifest(recovery)))
-        self._mcap.finish()
+        self._log.flush()
+        self._log.add_metadata(METADATA_NAME, to_metadata(self._manifest(recovery)))
+        self._log.finish()
         return recovery
 
     def _profile(self) -> str:
@@ -174,17 +172,18 @@ class _Copy:
         if channel is None:
             return
         number = self._channels.get(channel) or self._declare(channel)
-        self._mcap.add_message(number, message.log_time_ns, message.data, message.publish_time_ns, message.sequence)
-        self._content.add(channel.topic, message.sequence, message.log_time_ns, message.data)
+        numbers = message.sequence, message.log_time_ns
+        self._log.add_message(number, *numbers, message.publish_time_ns, message.data, message.rest)
+        self._content.add(channel.topic, *numbers, message.data, message.rest)
 
     def _declare(self, channel: Declared) -> int:
         if len(self._channels) == _MOST_CHANNELS:
             raise LogError(f"{self._found.path}: expected at most {_MOST_CHANNELS} channels, found more")
         schema = 0  # MCAP's number for no schema
         if channel.schema is not None:
-            schema = self._schemas.get(channel.schema) or self._mcap.register_schema(*channel.schema)
+            schema = self._schemas.get(channel.schema) or self._log.register_schema(*channel.schema)
             self._schemas[channel.schema] = schema
-        number: int = self._mcap.register_channel(channel.topic, channel.encoding, schema, dict(channel.metadata))
+        number: int = self._log.register_channel(channel.topic, channel.encoding, schema, dict(channel.metadata))
         self._channels[channel] = number
         return number
 

@@ -6,12 +6,12 @@ from io import SEEK_SET
 from typing import BinaryIO
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Metadata
 
+from recorders.attachments import attachment_has_crc, check_attachment
 from recorders.chunk_contents import checked
 from recorders.errors import LogError
 from recorders.manifest import METADATA_NAME, from_metadata
-from recorders.mcap_contents import attachment_has_crc, check_attachment
 from recorders.mcap_records import CRC, Record, chunk_head, parse
 
 _WINDOW = 2**20  # bytes searched at a time
@@ -55,7 +55,7 @@ def proves_itself(record: Record) -> bool:
             case Opcode.CHUNK:
                 return carries_crc(record) and checked(record) is not None
             case Opcode.ATTACHMENT:
-                return attachment_has_crc(record) and attached(record) is not None
+                return check_attachment(record)
             case Opcode.METADATA:
                 return bool(from_metadata(parse(Metadata, record).metadata))
     except LogError:
@@ -64,17 +64,10 @@ def proves_itself(record: Record) -> bool:
 
 
 def carries_crc(record: Record) -> bool:
-    """Whether a record has a CRC of its own: 0 means none. Raises LogError for a chunk that is malformed."""
+    """Whether a record has a CRC of its own: 0 means none. Raises LogError if it is malformed."""
     if record.opcode == Opcode.CHUNK:
         return chunk_head(record).crc != 0
     return record.opcode == Opcode.ATTACHMENT and attachment_has_crc(record)
-
-
-def attached(record: Record) -> Attachment:
-    """Return an attachment; raises LogError if its CRC does not hold."""
-    attachment: Attachment = parse(Attachment, record)
-    check_attachment(record)
-    return attachment
 
 
 def _candidates(file: BinaryIO, start: int, end: int) -> Iterator[int]:

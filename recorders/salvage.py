@@ -9,15 +9,17 @@ from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
 from mcap.opcode import Opcode
-from mcap.records import Attachment, Metadata
+from mcap.records import Metadata
 
+from recorders.attachments import check_attachment
 from recorders.chunk_contents import MESSAGE, split
 from recorders.damage import DamagedLog
 from recorders.declared import Declarations, Declared
 from recorders.errors import LogError
 from recorders.mcap_records import Record, chunk_data, read_record
-from recorders.resync import attached, carries_crc
+from recorders.resync import carries_crc
 from recorders.sound_summary import SoundSummary
+from recorders.unread import Unread
 
 
 class Damage(NamedTuple):
@@ -58,6 +60,8 @@ class Salvaged(NamedTuple):
         Its channel; None if the declaration of that is lost.
     sequence, log_time_ns, publish_time_ns, data
         As they were recorded.
+    rest : Unread, optional
+        Of a large message the part that is not in `data`, to be read before the next message.
     """
 
     offset: int
@@ -68,6 +72,7 @@ class Salvaged(NamedTuple):
     log_time_ns: int
     publish_time_ns: int
     data: bytes
+    rest: Unread | None = None
 
 
 @dataclass
@@ -145,29 +150,35 @@ class Survey:
         declarations = self.met = self.declarations.copy()
         with opened(self.path) as file:
             for number, span in enumerate(self.spans):
-                for record in _records(file, span):
-                    yield from self._messages(record, number, declarations)
-                    on_progress(record.offset / self.size)
+                file.seek(span.start, SEEK_SET)
+                while file.tell() < span.end:  # nothing here holds a record beside the next one
+                    yield from self._messages(read_record(file, span.end), number, declarations)
+                    on_progress(file.tell() / self.size)
 
-    def attachment(self, attached_: Attached) -> Attachment:
-        """Return an attachment; raises LogError if the file has changed since the survey."""
+    @contextmanager
+    def attachment(self, attached: Attached) -> Iterator[Record]:
+        """Yield the record of an attachment; raises LogError if the file has changed since the survey."""
         with opened(self.path) as file:
-            file.seek(attached_.offset)
-            return attached(read_record(file, self.size))
+            file.seek(attached.offset)
+            record = read_record(file, self.size)
+            check_attachment(record)
+            yield record
 
     def _messages(self, record: Record, span: int, declarations: Declarations) -> Iterator[Salvaged]:
         protected = carries_crc(record)
         if not protected and record.offset >= self.doubt_from:
             return
         if record.opcode == Opcode.MESSAGE:
-            yield _salvaged(record.body, 0, len(record.body), (record.offset, span, protected), declarations)
+            place = record.offset, span, protected
+            yield _salvaged(record.body, 0, len(record.body), place, declarations)._replace(rest=record.rest)
         elif record.opcode == Opcode.CHUNK:
             data, place = chunk_data(record), (record.offset, span, protected)
-            for opcode, start, end in split(data, record.offset):
+            del record  # its body would take memory beside the messages
+            for opcode, start, end in split(data, place[0]):
                 if opcode == Opcode.MESSAGE:
                     yield _salvaged(data, start, end, place, declarations)
                 else:
-                    declarations.learn(Record(opcode, record.offset, data[start:end]))
+                    declarations.learn(Record(opcode, place[0], data[start:end]))
         else:
             declarations.learn(record)
 
@@ -190,9 +201,3 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         raise error.located(path) from None
     except LogError as error:
         raise LogError(f"{path}: {error}") from None
-
-
-def _records(file: BinaryIO, span: Span) -> Iterator[Record]:
-    file.seek(span.start, SEEK_SET)
-    while file.tell() < span.end:
-        yield read_record(file, span.end)

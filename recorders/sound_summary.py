@@ -11,7 +11,7 @@ from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from recorders.declared import Declarations, Declared
 from recorders.errors import LogError
-from recorders.mcap_records import Record, parse, read_summary
+from recorders.mcap_records import Record, check_summary, parse, summary_records
 from recorders.mcap_sections import find_data_end, read_footer
 
 
@@ -90,7 +90,9 @@ def read_sound_summary(file: BinaryIO) -> SoundSummary | None:
             return None
         summary = SoundSummary(footer.summary_start)
         file.seek(footer.summary_start)
-        for record in read_summary(file, size):
+        check_summary(file, size)
+        file.seek(footer.summary_start)
+        for record in summary_records(file, size):
             summary.learn(record)
     except LogError:
         return None

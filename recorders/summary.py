@@ -214,7 +214,7 @@ class LogSummary:
             topic = self.topics[channel.topic] = TopicSummary(channel.topic, channel.type, channel.encoding)
         topic.add(message)
         self.unprotected += not message.protected
-        self._content.add(channel.topic, message.sequence, message.log_time_ns, message.data)
+        self._content.add(channel.topic, message.sequence, message.log_time_ns, message.data, message.rest)
         if channel.topic == SESSION_PHASE:
             self._add_phase(message.data)
 
@@ -302,5 +302,6 @@ def summarise(
     summary = LogSummary(found)
     for message in found.messages(on_progress=lambda fraction: on_progress((1 + fraction) / 2)):
         summary.add(message)
+        del message  # a large one would take memory beside the next
     summary.finish()
     return summary

@@ -11,11 +11,11 @@ from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError
-from recorders.mcap_records import CRC, MAGIC, read_summary
+from recorders.mcap_records import CRC, MAGIC, check_summary
 from recorders.regular import refuse_irregular
 from recorders.salvage import Damage, Survey, opened
 from recorders.sound_summary import read_sound_summary
-from recorders.walk import NOT_WHOLE, Walk, end_of
+from recorders.walk import NOT_WHOLE, Walk
 from recorders.wording import value_text
 
 CUT_OFF = "the log is cut off"
@@ -73,11 +73,11 @@ def _all_damage(walk: Walk, found: Survey, file: BinaryIO) -> list[Damage]:
             return [*damage, last._replace(reason=CUT_OFF)]
         return [*damage, Damage(found.size, CUT_OFF, 0)]
     if walk.data_end is not None and found.summary is None:
-        file.seek(end_of(walk.data_end))
+        file.seek(walk.data_end.end)
         try:
-            read_summary(file, found.size)
+            check_summary(file, found.size)
         except LogError:
-            return [*damage, Damage(end_of(walk.data_end), "the summary is damaged", 0)]
+            return [*damage, Damage(walk.data_end.end, "the summary is damaged", 0)]
     return damage
 
 

@@ -9,12 +9,12 @@ from typing import Any, BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Channel, Header, Metadata, Schema
 
+from recorders.attachments import attachment_head, check_attachment
 from recorders.chunk_contents import MESSAGE, checked, declarations
-from recorders.damage import DamagedLog, damaged
+from recorders.damage import DamagedLog, TooLarge, damaged
 from recorders.declared import Declarations
 from recorders.errors import LogError
 from recorders.manifest import METADATA_NAME, from_metadata, to_metadata
-from recorders.mcap_contents import crc_place
 from recorders.mcap_records import (
     CRC,
     FIRST_RESERVED,
@@ -24,11 +24,12 @@ from recorders.mcap_records import (
     Record,
     chunk_head,
     claimed_size,
+    crc_of,
     parse,
     parse_counted,
     read_record,
 )
-from recorders.resync import attached, carries_crc, find_proven, proves_itself
+from recorders.resync import carries_crc, find_proven, proves_itself
 from recorders.salvage import Attached, Damage, Span
 from recorders.sound_summary import SoundSummary
 
@@ -37,6 +38,8 @@ NOT_WHOLE = "a record is not whole"
 _GIVEN_UP = "so much is damaged that the search for sound parts was given up"
 _PATIENCE = 20  # how often the whole file may be read in search of sound parts: a hostile one has many false heads
 _FREE = 2**26  # bytes that may be read and decompressed in vain whatever the size
+_MOST_UNKNOWN = 100
+_MORE_UNKNOWN = "records of unknown kinds, here and further on"
 _LONGEST_REASON = 200  # characters: some libraries quote all that they were given
 _PARSED: dict[int, Any] = {
     Opcode.HEADER: Header,
@@ -134,16 +137,19 @@ class Walk:
     def run(self) -> None:
         """Walk to the end of the data section, or as far as there is anything whole."""
         while self.data_end is None and self.offset < self._end:
-            try:
-                record = self._read(self.offset)
-                if self._swallows(record):
-                    raise damaged(record.offset, "a record is not as long as it says")
-                self._take(record)
-            except LogError as error:
-                self._resume(error)
-            else:
-                self._step(record)
+            self._take_next()
         self._close_span()
+
+    def _take_next(self) -> None:
+        try:
+            record = self._read(self.offset)
+            if self._swallows(record):
+                raise damaged(record.offset, "a record is not as long as it says")
+            self._take(record)
+        except LogError as error:
+            self._resume(error)
+        else:
+            self._step(record)
 
     def _read(self, offset: int) -> Record:
         if self._budget < 0:
@@ -153,7 +159,7 @@ class Walk:
             record = read_record(self._file, self._end)
         except DamagedLog as error:
             raise damaged(offset, error.reason or NOT_WHOLE) from None
-        self._budget -= HEAD.size + len(record.body)
+        self._budget -= HEAD.size + record.size
         return record
 
     def _candidate(self, offset: int) -> Record:
@@ -172,13 +178,12 @@ class Walk:
             rest = record.offset + HEAD.size + known_size(record)
         except LogError:
             return False
-        return rest < end_of(record) and find_proven(self._file, rest, end_of(record), self._candidate) is not None
+        return rest < record.end and find_proven(self._file, rest, record.end, self._candidate) is not None
 
     def _step(self, record: Record) -> None:
-        head = HEAD.pack(record.opcode, len(record.body))
         if self.crc is not None and record.opcode != Opcode.DATA_END:
-            self.crc = zlib.crc32(record.body, zlib.crc32(head, self.crc))
-        self.offset = end_of(record)
+            self.crc = crc_of(record, self.crc)
+        self.offset = record.end
         self._on_progress(self.offset)
 
     def _take(self, record: Record) -> None:
@@ -188,18 +193,25 @@ class Walk:
         elif record.opcode == Opcode.CHUNK:
             self._take_chunk(record)
         elif record.opcode == Opcode.ATTACHMENT:
-            attachment = attached(record)
-            into = self.attachments if carries_crc(record) else self.bare
-            into.append(Attached(attachment.name, record.offset, len(attachment.data)))
+            into = self.attachments if check_attachment(record) else self.bare
+            head = attachment_head(record)
+            into.append(Attached(head.name, record.offset, head.size))
         elif record.opcode == Opcode.MESSAGE and len(record.body) >= MESSAGE.size:
             self._take_unprotected(record)
         elif self._is_data_end(record):
             self.data_end = record
         elif record.opcode >= FIRST_RESERVED:
             unknown = f"a record of unknown kind {record.opcode}"
-            self.unknown.append(Damage(record.offset, unknown, len(record.body)))
+            self._note_unknown(Damage(record.offset, unknown, record.size))
         elif not _is_index(record):
             raise damaged(record.offset, f"a record of kind {record.opcode} is malformed or out of place")
+
+    def _note_unknown(self, found: Damage) -> None:
+        if len(self.unknown) < _MOST_UNKNOWN:
+            self.unknown.append(found)
+        else:
+            last = self.unknown[-1]
+            self.unknown[-1] = last._replace(reason=_MORE_UNKNOWN, skipped=last.skipped + found.skipped)
 
     def _take_parsed(self, record: Record) -> None:
         parsed = parse(_PARSED[record.opcode], record)
@@ -216,7 +228,11 @@ class Walk:
             raise damaged(record.offset, "a header in the middle of the log")
 
     def _take_chunk(self, record: Record) -> None:
-        size = claimed_size(record)
+        try:
+            size = claimed_size(record)
+        except TooLarge as error:
+            self._pass_over(record, error)
+            return
         self._budget -= size
         data = checked(record)
         self._budget += size  # not in vain
@@ -229,11 +245,17 @@ class Walk:
             self.first_protected = record.offset if self.first_protected is None else self.first_protected
         self.chunks[chunk_head(record).compression] += 1
 
+    def _pass_over(self, record: Record, error: TooLarge) -> None:
+        """Leave out a record that is too large, and go on behind it."""
+        self._close_span()
+        self._start = record.end
+        self.damage.append(Damage(record.offset, error.reason, record.end - record.offset))
+
     def _take_unprotected(self, record: Record) -> None:
         if self.unprotected and self.unprotected[-1].end == record.offset:
-            self.unprotected[-1] = Span(self.unprotected[-1].start, end_of(record))
+            self.unprotected[-1] = Span(self.unprotected[-1].start, record.end)
         else:
-            self.unprotected.append(Span(record.offset, end_of(record)))
+            self.unprotected.append(Span(record.offset, record.end))
 
     def _resume(self, error: LogError) -> None:
         """Note damage at this place and go to the next whole record, or to the end if there is none."""
@@ -257,7 +279,7 @@ class Walk:
             record = self._read(self.offset)
             if self._swallows(record):
                 return None
-            end = end_of(record)
+            end = record.end
             following = self._candidate(end)
         except LogError:
             return None
@@ -266,21 +288,16 @@ class Walk:
 
     def _is_data_end(self, record: Record) -> bool:
         """Whether a record ends the data section; one that is longer than usual only if the summary follows it."""
-        if record.opcode != Opcode.DATA_END or len(record.body) <= CRC.size or end_of(record) == self._end:
+        if record.opcode != Opcode.DATA_END or len(record.body) <= CRC.size or record.end == self._end:
             return record.opcode == Opcode.DATA_END and len(record.body) >= CRC.size
         try:
-            return self._read(end_of(record)).opcode in _SUMMARY
+            return self._read(record.end).opcode in _SUMMARY
         except LogError:
             return False
 
     def _close_span(self) -> None:
         if self.offset > self._start:
             self.spans.append(Span(self._start, self.offset))
-
-
-def end_of(record: Record) -> int:
-    """Return where a record of the file ends [bytes]."""
-    return record.offset + HEAD.size + len(record.body)
 
 
 def known_size(record: Record) -> int:
@@ -290,10 +307,10 @@ def known_size(record: Record) -> int:
     if record.opcode == Opcode.CHUNK:
         return chunk_head(record).end
     if record.opcode == Opcode.ATTACHMENT:
-        return crc_place(record) + CRC.size
+        return attachment_head(record).end + CRC.size
     if record.opcode == Opcode.DATA_END:
         return CRC.size
-    return INDEX.size + int(INDEX.unpack_from(record.body)[1]) if _is_index(record) else len(record.body)
+    return INDEX.size + int(INDEX.unpack_from(record.body)[1]) if _is_index(record) else record.size
 
 
 def _reason(error: LogError) -> str:
@@ -306,4 +323,4 @@ def _is_index(record: Record) -> bool:
     if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < INDEX.size:
         return False
     size: int = INDEX.unpack_from(record.body)[1]
-    return size % 16 == 0 and len(record.body) >= INDEX.size + size
+    return size % 16 == 0 and record.size >= INDEX.size + size
