@@ -304,8 +304,8 @@ def chunk_data(record: Record) -> bytes:
 
 def _check_size(record: Record, head: ChunkHead) -> None:
     if head.size > MAX_CHUNK or record.rest:
-        held = f"{head.size} bytes, {record.size - head.start} as stored"
-        raise TooLarge(record.offset, f"a chunk of {held}, and {MAX_CHUNK} is the most that is read at once")
+        held = f"claims {head.size} bytes, {record.size - head.start} as stored"
+        raise TooLarge(record.offset, f"a chunk {held}, and {MAX_CHUNK} is the most that is read at once")
 
 
 def _undecompressed(record: Record, error: Exception) -> DamagedLog:

@@ -16,7 +16,7 @@ MAX_CHUNK = 70_000_000  # bytes, uncompressed or as stored: writers make chunks 
 LARGE = 2**24  # bytes: a record of this length is checked before it is read, and read in part where that is enough
 
 _BEGINNING = 2**16  # bytes
-_MOST_BEHIND = 2**20  # bytes of fields that nobody knows yet: more of them are no fields
+_MOST_BEHIND = 2**20  # bytes of fields that nobody knows yet (more are no fields), or that a compression adds
 _STRING = struct.Struct("<I")
 _DATA = struct.Struct("<Q")
 _LAYOUTS: dict[int, tuple[int, int, int]] = {  # bytes before the texts, number of texts, bytes behind the data
@@ -61,7 +61,7 @@ def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int
     begin, data_length = _data(file, offset, fixed, texts)
     if not 0 <= length - begin - data_length - behind <= _MOST_BEHIND:
         raise damaged(offset, f"a record of kind {opcode} is not as long as it says")
-    if opcode == Opcode.CHUNK and length <= MAX_CHUNK:
+    if opcode == Opcode.CHUNK and length <= MAX_CHUNK + _MOST_BEHIND:
         return length
     if begin > LARGE:
         raise damaged(offset, f"the texts of a record of kind {opcode} have {begin} bytes, and {LARGE} is the most")

@@ -81,3 +81,13 @@ def small(number: int = 1, count: int = 3) -> bytes:
     """Return a sound chunk: a channel and a few messages."""
     body = channel(number, f"/sound/{number}")
     return chunk(body + b"".join(message(number, b"sound", sequence=i, time_ns=i) for i in range(count)))
+
+
+def zeros(size: int, compression: str) -> bytes:
+    """Return so many zeros compressed, made in little memory."""
+    made = (
+        zstandard.ZstdCompressor().compressobj(size=size) if compression == "zstd" else lz4.frame.LZ4FrameCompressor()
+    )
+    begin = [] if compression == "zstd" else [made.begin(size)]
+    pieces = (_PIECE[: size - start] for start in range(0, size, len(_PIECE)))
+    return b"".join([*begin, *map(made.compress, pieces), made.flush()])
