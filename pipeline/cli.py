@@ -100,6 +100,8 @@ def main(arguments: list[str] | None = None) -> None:
         _fail(str(error), error.exit_status)
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}", 2)
+    except MemoryError:
+        _fail("there is not enough memory for this; close other programs, or take a smaller input", 2)
     except usage_error as error:
         _fail(usage_line(error), 2)
     sys.exit(status if isinstance(status, int) else 0)
