@@ -12,7 +12,7 @@ from recorders.errors import RobotError
 
 Floats = NDArray[np.float64]
 
-MAX_POSITION = 100.0  # [rad or m]: of a motor's limits; beyond it they are none, or in another unit
+MAX_POSITION = 25.0  # [rad or m], of a limit: four turns; beyond it are no limits, or another unit
 
 
 def moved_links(urdf: Element) -> set[str]:
