@@ -7,6 +7,7 @@ import zenoh
 
 from pipeline.learner_voice import LearnerVoice
 from pipeline.live_learner import LiveConfig, LiveLearner
+from pipeline.namespace_checks import RobotCheck
 from pipeline.remote_robot import RemoteRobot
 from pipeline.robot import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.signals import until_stopped
@@ -67,7 +68,10 @@ def learn_live(
     """
     config = config or LiveConfig()
     with open_session(session) as opened:
-        robot = robot or _answering(opened, receiver.namespace)
+        if robot is None:
+            robot = _answering(opened, receiver.namespace)
+        else:
+            RobotCheck(opened, robot.joints, namespace=receiver.namespace, say=say, learner=True).warn()
         with (
             _Recording(config, robot, say) as recording,
             LearnerVoice(opened, namespace=receiver.namespace) as voice,

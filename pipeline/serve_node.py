@@ -15,10 +15,10 @@ import numpy as np
 import zenoh
 
 from pipeline.controller import Controller
+from pipeline.namespace_checks import RobotCheck, refuse_other_controllers
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.robot_wire import robot_digest
 from pipeline.serve_clerk import UNNUMBERED, Clerk
-from pipeline.serve_company import RobotCheck, refuse_company
 from pipeline.serving import ServedController, ServingConfig
 from pipeline.serving_refusals import Refusal
 from pipeline.unpaused import unpaused
@@ -214,7 +214,7 @@ class Node:
             If the robot that is there has other joints.
         """
         name, namespace = self._config.name, self._config.namespace
-        refuse_company(session, name, namespace=namespace, beside_others=self._config.beside_others)
+        refuse_other_controllers(session, name, namespace=namespace, beside_others=self._config.beside_others)
         robot = RobotCheck(session, self._served.joints, namespace=namespace, say=self._clerk.say)
         with ExitStack() as stack:
             stack.enter_context(robot.watching())

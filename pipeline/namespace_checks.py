@@ -1,4 +1,4 @@
-"""Who is there already when a controller begins to serve: other controllers, a robot that may refuse its commands."""
+"""Who else is in a namespace: other controllers, a robot of other joints or in lockstep."""
 
 import threading
 from collections.abc import Callable, Iterator
@@ -21,7 +21,7 @@ _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
 
 
-def refuse_company(session: zenoh.Session, name: str, *, namespace: str, beside_others: bool) -> None:
+def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: str, beside_others: bool) -> None:
     """Check that no other controller serves: a robot that two of them command does what neither has learned.
 
     Parameters
@@ -55,27 +55,37 @@ def refuse_company(session: zenoh.Session, name: str, *, namespace: str, beside_
 
 
 class RobotCheck:
-    """Asks the robot of a namespace whether it can follow a controller's commands, when it begins and when it comes.
+    """Asks the robot of a namespace whether it is the one that a controller or learner is for.
 
     Parameters
     ----------
     session : zenoh.Session
         An open session.
     joints : tuple of str
-        Joints that the controller commands.
+        Joints that the controller commands, or that the learner reads.
     namespace : str
         First part of every key.
     say : callable
         Told, once each, what whoever sends the targets may not know.
+    learner : bool
+        Whether this is a learner: it sends no commands, and reads only its joints, whatever others there are.
     """
 
     def __init__(
-        self, session: zenoh.Session, joints: tuple[str, ...], *, namespace: str, say: Callable[[str], None]
+        self,
+        session: zenoh.Session,
+        joints: tuple[str, ...],
+        *,
+        namespace: str,
+        say: Callable[[str], None],
+        learner: bool = False,
     ) -> None:
         self._session = session
         self._joints = joints
         self._namespace = namespace
         self._say = say
+        self._who = "learner" if learner else "controller"
+        self._commands = not learner
         self._said: set[str] = set()
         self._came = threading.Event()
 
@@ -101,8 +111,13 @@ class RobotCheck:
         """Ask a robot that has come since the last call, and warn if its joints are not those of the controller."""
         if self._came.is_set():
             self._came.clear()
-            if (difference := self._ask()) is not None:
-                self._say_once(f"warning: {difference}; it refuses the commands")
+            self.warn()
+
+    def warn(self) -> None:
+        """Ask the robot that is there, if one is, and warn if its joints are not those of the controller or learner."""
+        if (difference := self._ask()) is not None:
+            outcome = "it refuses the commands" if self._commands else "nothing can be learned from it"
+            self._say_once(f"warning: {difference}; {outcome}")
 
     def _ask(self) -> str | None:
         """Return in what a robot differs, if it answers and does."""
@@ -115,17 +130,17 @@ class RobotCheck:
                 continue
             if difference := self._difference(status):
                 return difference
-            if not status.real_time:
+            if self._commands and not status.real_time:
                 self._say_once(_LOCKSTEP)
         return None
 
     def _difference(self, status: RobotStatus) -> str | None:
         ours, theirs = set(self._joints), set(status.joints)
-        if not theirs or ours == theirs:
+        if not theirs or ours == theirs or (ours < theirs and not self._commands):
             return None
-        parts = [_named("it lacks", ours - theirs), _named("the controller lacks", theirs - ours)]
-        who = printable(status.robot[:_MAX_NAME])
-        return f"robot '{who}' has other joints than the controller: {', '.join(filter(None, parts))}"
+        parts = [_named("it lacks", ours - theirs), _named(f"the {self._who} lacks", theirs - ours)]
+        name = printable(status.robot[:_MAX_NAME])
+        return f"robot '{name}' has other joints than the {self._who}: {', '.join(filter(None, parts))}"
 
     def _say_once(self, line: str) -> None:
         if line not in self._said and len(self._said) < _MAX_LINES:
