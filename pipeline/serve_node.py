@@ -6,9 +6,7 @@ import time
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass, field
 from itertools import starmap
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -19,21 +17,18 @@ from pipeline.namespace_checks import RobotCheck, refuse_other_controllers
 from pipeline.robot import TOML_FILE, URDF_FILE
 from pipeline.robot_wire import robot_digest
 from pipeline.serve_clerk import UNNUMBERED, Clerk
-from pipeline.serving import ServedController, ServingConfig
+from pipeline.serve_config import ServeConfig
+from pipeline.served_topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
+from pipeline.serving import ServedController
 from pipeline.serving_refusals import Refusal
 from pipeline.unpaused import unpaused
-from recorders.errors import MessageError
-from recorders.messages import JointState, PoseStamped
+from recorders.messages import JointState
 from recorders.records import Stamped
-from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE, type_of
+from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE
 from recorders.wire.direct import direct
 from recorders.wire.frames import (
-    DEFAULT_NAMESPACE,
-    check_name,
-    check_namespace,
     live_attachment,
     message_key,
-    unpack,
 )
 from recorders.wire.node import running_node
 from recorders.wire.node_keys import controller_key
@@ -41,54 +36,10 @@ from recorders.wire.node_status import NodeSource
 from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writer import LogWriter
 
-MAX_PAYLOAD = 64 << 10
-"""Larger payloads are refused unread [bytes]; a pose takes some 100, the joints of a large robot a few thousand."""
-
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
 _LOOK_S = 0.1  # longest single wait for the end
-_CDR = "application/cdr;"  # how the encoding of a typed message begins
-
-
-@dataclass(frozen=True)
-class ServeConfig:
-    """How a served controller is known and what it keeps.
-
-    Parameters
-    ----------
-    name : str
-        Part of the keys of the liveliness token and of the status.
-    namespace : str
-        First part of every key.
-    serving : ServingConfig
-        Learning, washout, what is reported.
-    record : Path, optional
-        Log to write: the complete ticks that were answered, and the commands.
-    overwrite : bool
-        Whether a log of this name may be replaced.
-    beside_others : bool
-        Whether to serve in a namespace in which others of other names serve: all of them then send commands.
-    metrics_port : int, optional
-        Port on 127.0.0.1 for Prometheus.
-
-    Raises
-    ------
-    WireError
-        If name or namespace cannot be part of a key.
-    """
-
-    name: str = "controller"
-    namespace: str = DEFAULT_NAMESPACE
-    serving: ServingConfig = field(default_factory=ServingConfig)
-    record: Path | None = None
-    overwrite: bool = False
-    beside_others: bool = False
-    metrics_port: int | None = None
-
-    def __post_init__(self) -> None:
-        check_name(self.name)
-        check_namespace(self.namespace)
 
 
 def serve(
@@ -190,8 +141,8 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
-        self._ears = {topic: _Ear(topic) for topic in (*served.topics, SESSION_PHASE)}
-        self._held: _Heard | None = None
+        self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
+        self._held: Arrival | None = None
         self._digests = {
             "controller": controller.digest,
             "robot": robot_digest(controller.robot_toml, controller.robot_urdf),
@@ -223,13 +174,13 @@ class Node:
                 publishing(
                     session,
                     message_key(namespace, JOINT_COMMANDS),
-                    encoding=f"{_CDR}{JointState.TYPE}",
+                    encoding=f"{CDR}{JointState.TYPE}",
                     congestion_control=zenoh.CongestionControl.DROP,
                     priority=zenoh.Priority.REAL_TIME,
                 )
             )
-            for topic, ear in self._ears.items():
-                handler = direct(self._handler(ear))
+            for topic, reader in self._readers.items():
+                handler = direct(self._handler(reader))
                 stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
@@ -283,7 +234,7 @@ class Node:
             recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
         return {
             "name": self._config.name,
-            "topics": list(self._ears),
+            "topics": list(self._readers),
             **status(),
             "commands": commands,
             "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
@@ -298,8 +249,8 @@ class Node:
             self._take_held()
             return self._served.controller()
 
-    def _handler(self, ear: "_Ear") -> Callable[[zenoh.Sample], None]:
-        """Return what hears a topic.
+    def _handler(self, reader: TopicReader) -> Callable[[zenoh.Sample], None]:
+        """Return what takes the samples of a topic.
 
         The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
         held unread, so that it does not keep the other waiting.
@@ -308,24 +259,24 @@ class Node:
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival = time.perf_counter_ns()
-            heard = ear, sample, time.time_ns()
+            arrived = reader, sample, time.time_ns()
             with lock:
                 if self._held is None and served.between_ticks:
-                    self._held = heard
+                    self._held = arrived
                 else:
-                    self._take(heard, arrival)
+                    self._take(arrived, arrival)
 
         return on_sample
 
-    def _take(self, heard: "_Heard | None", arrival: int) -> None:
+    def _take(self, arrived: Arrival | None, arrival: int) -> None:
         """Take what is held, and what has arrived after it."""
         held, self._held = self._held, None
         if self._failure is not None:
             return
         try:
-            if held is not None and heard is not None and self._answer_usual(held, heard, arrival):
+            if held is not None and arrived is not None and self._answer_usual(held, arrived, arrival):
                 return
-            for waiting in (held, heard):
+            for waiting in (held, arrived):
                 record = None if waiting is None else self._read(*waiting)
                 command = None if record is None else self._served.take(record)
                 if command is not None:
@@ -333,13 +284,13 @@ class Node:
         except Exception as error:
             self._failure = error  # which ends the node
 
-    def _answer_usual(self, held: "_Heard", heard: "_Heard", arrival: int) -> bool:
+    def _answer_usual(self, held: Arrival, arrived: Arrival, arrival: int) -> bool:
         """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
-        pair = (heard, held) if held[0].topic == RIGHT_TARGET else (held, heard)
-        (left_ear, left, _), (right_ear, right, _) = pair
-        if left_ear.topic != LEFT_TARGET or right_ear.topic != RIGHT_TARGET:
+        pair = (arrived, held) if held[0].topic == RIGHT_TARGET else (held, arrived)
+        (left_reader, left, _), (right_reader, right, _) = pair
+        if left_reader.topic != LEFT_TARGET or right_reader.topic != RIGHT_TARGET:
             return False
-        answer = self._served.answer_usual(left_ear.pose(left), right_ear.pose(right))
+        answer = self._served.answer_usual(left_reader.pose(left), right_reader.pose(right))
         if answer is None:
             return False
         stamp_ns, command = answer
@@ -350,16 +301,16 @@ class Node:
         """Take what is held although nothing follows it."""
         self._take(None, time.perf_counter_ns())
 
-    def _read(self, ear: "_Ear", sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> Stamped | None:
         """Return what a sample says, as it goes into a log too; None if that is nothing."""
         if sample.kind != zenoh.SampleKind.PUT:
             return None  # a deleted key is no target
         size = len(sample.payload)
         if size > MAX_PAYLOAD:
-            self._served.refuse(Refusal.TOO_LARGE, f"{ear.topic}: found {size} bytes")
+            self._served.refuse(Refusal.TOO_LARGE, f"{reader.topic}: found {size} bytes")
             return None
-        sequence = _sequence(ear.topic, sample) if self._clerk.records else UNNUMBERED
-        return Stamped(ear.topic, ear.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
+        sequence = sequence_of(reader.topic, sample) if self._clerk.records else UNNUMBERED
+        return Stamped(reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
@@ -418,50 +369,6 @@ def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]
         regular=False,
         say=say,
     )
-
-
-class _Ear:
-    """Knows what comes on a topic; remembers the last encoding, which is nearly always the next.
-
-    Parameters
-    ----------
-    topic : str
-        Without an encoding that names a type, a sample is of this topic's.
-    """
-
-    def __init__(self, topic: str) -> None:
-        self.topic = topic
-        self._encoding = zenoh.Encoding.ZENOH_BYTES
-        self._type = type_of(topic)
-
-    def type_name(self, encoding: zenoh.Encoding) -> str:
-        """Return the name of a sample's type."""
-        if encoding != self._encoding:
-            text = str(encoding)
-            self._type = text[len(_CDR) :] if text.startswith(_CDR) else type_of(self.topic)
-            self._encoding = encoding
-        return self._type
-
-    def pose(self, sample: zenoh.Sample) -> bytes:
-        """Return the payload of a sample that may be a usual pose; nothing if it is none, nor is what was deleted."""
-        payload = sample.payload
-        usual = len(payload) <= MAX_PAYLOAD and self.type_name(sample.encoding) == PoseStamped.TYPE
-        return payload.to_bytes() if usual else b""
-
-
-_Heard = tuple[_Ear, zenoh.Sample, int]
-"""What has come, from where, and when [ns]."""
-
-
-def _sequence(topic: str, sample: zenoh.Sample) -> int:
-    """Return the producer's number, if an attachment of ours carries one."""
-    if sample.attachment is None or len(sample.attachment) > MAX_PAYLOAD:
-        return UNNUMBERED
-    try:
-        messages = unpack(topic, b"", sample.attachment.to_bytes()).messages
-    except MessageError:
-        return UNNUMBERED
-    return messages[0].sequence if messages else UNNUMBERED
 
 
 def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:

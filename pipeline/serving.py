@@ -1,28 +1,27 @@
 """The learned controller at work: hand targets in, joint commands out, learning on if asked; no transport."""
 
 import struct
-import time
 from collections import Counter, deque
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.controller import Controller
-from pipeline.evaluation import WASHOUT_STEPS, hand_errors
+from pipeline.evaluation import hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import state_digest
-from pipeline.plausible import MAX_DISTANCE_M, Implausible, plausible
+from pipeline.plausible import Implausible, plausible
 from pipeline.samples import CommandedPairs
 from pipeline.serving_calls import ServingCalls
-from pipeline.serving_codec import CommandEncoder, PoseReader, Position
+from pipeline.serving_codec import Command, CommandEncoder, PoseReader, Position
+from pipeline.serving_config import ServingConfig
 from pipeline.serving_refusals import Refusal, RefusedError, undecodable, unusable, wrong_type
-from pipeline.serving_restart import LEAP_NS, RESTART_AFTER, RestartWatch
+from pipeline.serving_restart import RESTART_AFTER, StampOrder
 from pipeline.trials import robot_of
 from recorders.cdr import decode_as, encode
-from recorders.errors import ConfigError, JointError, MessageError
+from recorders.errors import JointError, MessageError
 from recorders.messages import JointState, PoseStamped, String
 from recorders.phase import LEARN, Phase
 from recorders.records import Stamped
@@ -35,56 +34,6 @@ MAX_OPEN = 64  # ticks that wait for a partner; whoever sends halves alone must 
 _MAX_LINE = 300
 _TARGETS = struct.Struct("=6d")  # fills an array several times as fast as an assignment
 _SCORED = 64  # predictions over which the error in the status is taken: half a millisecond of kinematics
-
-
-@dataclass(frozen=True)
-class ServingConfig:
-    """How a controller is served.
-
-    Parameters
-    ----------
-    learn : bool
-        Whether to go on learning. A command then waits for `/sample/joint_states` of its tick.
-    washout_steps : int
-        The first target of a cycle is held this long beforehand, as an evaluation does; 0 goes on from the
-        controller's own state.
-    outside_m : float
-        Targets farther than this from the centre of their pattern are counted, and served [m].
-
-    Raises
-    ------
-    ConfigError
-        If a number is out of range.
-    """
-
-    learn: bool = False
-    washout_steps: int = WASHOUT_STEPS
-    outside_m: float = 0.25  # the robot reaches all of the square of this half width
-
-    def __post_init__(self) -> None:
-        if self.washout_steps < 0 or not 0.0 < self.outside_m <= MAX_DISTANCE_M:
-            raise ConfigError(
-                f"expected washout_steps of at least 0 and outside_m up to {MAX_DISTANCE_M:g} m, "
-                f"found {self.washout_steps} and {self.outside_m:g}"
-            )
-
-
-class Command(NamedTuple):
-    """One joint command and what it answers.
-
-    Attributes
-    ----------
-    stamp_ns : int
-        Stamp of the targets, and of the command [ns].
-    data : bytes
-        The command, a JointState as CDR.
-    answered : tuple of Stamped
-        The messages of the tick: left target, right target and, when learning, the joints.
-    """
-
-    stamp_ns: int
-    data: bytes
-    answered: tuple[Stamped, ...]
 
 
 class ServedController:
@@ -153,7 +102,6 @@ class ServedController:
         self._u_bytes = self._calls.u.data
         self._unsettled = False
         self._fresh: bool
-        self._last_stamp: int
         self._kinematics = Kinematics(self._robot) if self._config.learn else None
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self._refused: Counter[str] = Counter()
@@ -161,8 +109,7 @@ class ServedController:
         self._accepted = self._outside = self._learned = 0
         self._learning = self._config.learn
         self._open: dict[int, tuple[list[Any], list[Any]]] = {}  # by stamp: values and records, each as in `topics`
-        self._behind, self._ahead = RestartWatch(len(self._topics)), RestartWatch(len(self._topics))
-        self._answered_ns = 0  # when the last tick was answered, by the monotonic clock
+        self._order = StampOrder(len(self._topics))
         self._restarted = False
         self._begin()
         self._warm_up()
@@ -227,11 +174,11 @@ class ServedController:
             self.settle()
         if self._open or self._fresh or self._config.learn:
             return None
-        stamp = self._calls.answer(left, right, self._last_stamp)
-        if stamp < 0 or (stamp - self._last_stamp > LEAP_NS and self._is_ahead(stamp)):
+        stamp = self._calls.answer(left, right, self._order.last_ns)
+        if stamp < 0 or self._order.is_ahead(stamp):
             return None
         self._unsettled = True
-        self._last_stamp = stamp
+        self._order.last_ns = stamp
         return stamp, self._encoder.encoded()
 
     def settle(self) -> None:
@@ -246,10 +193,7 @@ class ServedController:
             return
         self._unsettled = False
         self._accepted += 1
-        self._answered_ns = time.monotonic_ns()
-        if self._behind.noted or self._ahead.noted:
-            self._behind.reset()
-            self._ahead.reset()
+        self._order.note_answer()
         self._learner.check(self._calls.settle(advance=not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
@@ -324,21 +268,19 @@ class ServedController:
         """Begin a cycle: stamps start anew, nothing is pending, the next target is held for the washout."""
         self._open.clear()
         self._pairs.begin()
-        self._last_stamp = -1
+        self._order.begin()
         self._fresh = True
-        self._behind.reset()
-        self._ahead.reset()
 
     def _begin_anew(self, stamp: int, reason: Refusal) -> None:
         """Begin a cycle without a marker, as stamps have."""
         if not self._restarted:
             self._say(
                 f"{RESTART_AFTER} ticks in a row are {reason}, the last at {stamp} ns after one at "
-                f"{self._last_stamp} ns: a new cycle begins with the next"
+                f"{self._order.last_ns} ns: a new cycle begins with the next"
             )
         self._restarted = True
         self._begin()
-        self._last_stamp, self._answered_ns = stamp, time.monotonic_ns()  # by the clock that is followed from now on
+        self._order.begin(stamp)
 
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
@@ -383,12 +325,12 @@ class ServedController:
         return joints.stamp_ns, joints
 
     def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
-        if stamp <= self._last_stamp:
-            line = f"{record.topic}: expected a stamp after {self._last_stamp} ns, found {stamp} ns"
-            raise self._out_of_time(Refusal.STALE, line, stamp, self._behind.note(place, stamp))
-        if self._is_ahead(stamp):
-            line = f"{record.topic}: expected a stamp soon after {self._last_stamp} ns, found {stamp} ns"
-            raise self._out_of_time(Refusal.AHEAD, line, stamp, self._ahead.note(place, stamp))
+        if (reason := self._order.refusal(stamp)) is not None:
+            soon = "soon " if reason is Refusal.AHEAD else ""
+            line = f"{record.topic}: expected a stamp {soon}after {self._order.last_ns} ns, found {stamp} ns"
+            if self._order.goes_on(reason, place, stamp):
+                self._begin_anew(stamp, reason)
+            raise RefusedError(reason, line)
         tick = self._open.get(stamp)
         if tick is None:
             if len(self._open) >= MAX_OPEN:
@@ -398,17 +340,6 @@ class ServedController:
         elif tick[1][place] is not None:
             raise RefusedError(Refusal.REPEATED, f"{record.topic}: a second message at {stamp} ns")
         return tick
-
-    def _is_ahead(self, stamp: int) -> bool:
-        """Whether a stamp is farther from the last than time can have passed, by any clock that runs as ours does."""
-        leap = stamp - self._last_stamp
-        return self._last_stamp >= 0 and leap > LEAP_NS and leap > LEAP_NS + time.monotonic_ns() - self._answered_ns
-
-    def _out_of_time(self, reason: Refusal, line: str, stamp: int, goes_on: bool) -> RefusedError:
-        """Return the error of a stale message or one ahead; begin anew if enough of them go on there."""
-        if goes_on:
-            self._begin_anew(stamp, reason)
-        return RefusedError(reason, line)
 
     def _drop_before(self, stamp: int) -> None:
         for older in [other for other in self._open if other < stamp]:
@@ -438,7 +369,7 @@ class ServedController:
         _TARGETS.pack_into(self._u_bytes, 0, *position)
         self._foresee()
         self._unsettled = True
-        self._last_stamp = stamp
+        self._order.last_ns = stamp
         return Command(stamp, self._encoder.encode(stamp), records)
 
     def _foresee(self) -> None:

@@ -4,6 +4,7 @@ What is here takes the bytes that are constant from the codec itself, and leaves
 """
 
 import struct
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from pipeline.kernels import STAMP_AT
 from recorders.cdr import decode_as, encode
 from recorders.messages import JointState, PoseStamped
+from recorders.records import Stamped
 
 Floats = NDArray[np.float64]
 Position = tuple[float, ...]
@@ -18,6 +20,24 @@ Position = tuple[float, ...]
 
 _STAMP = struct.Struct("<iI")  # s and ns, behind the four bytes of the encapsulation
 _SECOND = 10**9
+
+
+class Command(NamedTuple):
+    """One joint command and what it answers.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the targets, and of the command [ns].
+    data : bytes
+        The command, a JointState as CDR.
+    answered : tuple of Stamped
+        The messages of the tick: left target, right target and, when learning, the joints.
+    """
+
+    stamp_ns: int
+    data: bytes
+    answered: tuple[Stamped, ...]
 
 
 class CommandEncoder:

@@ -56,9 +56,9 @@ def serve(
     """
     from pipeline.controller import Controller as Learned
     from pipeline.controller import check_writable
-    from pipeline.serve_node import ServeConfig
+    from pipeline.serve_config import ServeConfig
     from pipeline.serve_node import serve as run
-    from pipeline.serving import ServingConfig
+    from pipeline.serving_config import ServingConfig
     from recorders.wire.metrics import check_metrics
     from recorders.wire.session import read_as_it_comes
 
