@@ -167,11 +167,11 @@ def _whole(parts: Sequence[Path]) -> Parts:
                 f"{path}: a part of {name.name} that is still recorded, or was cut off: "
                 f"`reenact recover {path} --out {path.with_suffix('')}` saves what is whole"
             )
-    told = [_part(path) for path in parts]
-    if len({part and part.session for part in told}) > 1:
+    told = [_part(path) for path in parts]  # a damaged one says nothing, and whoever reads it will say so
+    if len({part.session for part in told if part}) > 1:
         raise LogError(f"{name}: expected the parts of one session, found those of several; name those you mean")
     numbers = [part.number if part else _number(path) for path, part in zip(parts, told, strict=True)]
-    first = 0 if told[0] else numbers[0]
+    first = 0 if any(told) else numbers[0]
     end = numbers[-1] + (2 if told[-1] and told[-1].more else 1)
     if numbers != list(range(first, end)):
         missing = ", ".join(str(number) for number in range(first, end) if number not in numbers)

@@ -11,21 +11,28 @@ from recorders.errors import CheckFailed
 
 
 def info(
-    log: Annotated[Path, typer.Argument(help="A log, finished or not.", metavar="LOG.mcap")], as_json: Json = False
+    logs: Annotated[
+        list[Path], typer.Argument(help="A log, finished or not, or the parts of a session.", metavar="LOG.mcap")
+    ],
+    as_json: Json = False,
 ) -> None:
     """Say what is in a log, and whether it is whole.
 
     Exit status 1 if it is damaged or cut off.
     """
     from pipeline.log_report import damage_table, overview, topics_table
-    from recorders.summary import summarise
+    from recorders.parts import Parts, one_session
+    from recorders.session_summary import summarise_log
 
+    log = one_session(logs)
     with console.progress("info") as advance:
-        summary = summarise(log, on_progress=advance)
+        summary = summarise_log(log, on_progress=advance)
+    parts = {"parts": [str(path) for path in log.paths]} if isinstance(log, Parts) else {}
     if as_json:
-        console.show(summary.to_dict(), as_json=True)
+        console.show(summary.to_dict() | parts, as_json=True)
     else:
-        console.show(overview(summary), as_json=False)
+        shown = {name: ", ".join(Path(path).name for path in paths) for name, paths in parts.items()}
+        console.show(overview(summary) | shown, as_json=False)
         console.table(topics_table(summary))
         if summary.survey.damage:
             console.table(damage_table(summary.survey.damage))

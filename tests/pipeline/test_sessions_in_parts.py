@@ -153,3 +153,23 @@ def test_a_log_of_any_name_is_one_for_every_verb(
     shown = ("demonstrate", log, "--place", "as-is", "--unreachable", "keep", "--out", tmp_path / "shown.mcap")
     run(capsys, *shown)
     assert LogReader(tmp_path / "shown.mcap").counts
+
+
+@pytest.mark.parametrize("way", WAYS)
+def test_what_is_said_of_it_is_said_of_the_whole(work: Path, capsys: pytest.CaptureFixture[str], way: str) -> None:
+    whole, _ = run(capsys, "info", work / "session.mcap")
+    found, _ = run(capsys, "info", *named(work, "session", way))
+    assert found.pop("parts") == [str(path) for path in sorted((work / "session").iterdir())]
+    for name in ("sound", "finished", "complete", "messages", "first_ns", "last_ns", "topics", "sessions"):
+        assert found[name] == whole[name]
+    assert found["path"] == str(work / "session" / "session.mcap")
+
+
+def test_damage_to_a_part_is_said_with_its_name(work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    parts = split(work / "session.mcap", tmp_path / "cut.mcap", (50, 100))
+    parts[1].write_bytes(parts[1].read_bytes()[:-300])
+    with pytest.raises(SystemExit) as end:
+        cli.main(["info", str(tmp_path), "--json"])
+    found = json.loads(capsys.readouterr().out)
+    assert (end.value.code, found["sound"], found["finished"]) == (1, False, False)
+    assert [damage["reason"].partition(":")[0] for damage in found["damage"]] == ["cut_001.mcap"]
