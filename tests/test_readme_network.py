@@ -7,7 +7,6 @@ import shutil
 import signal
 import subprocess
 import sys
-import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ import zenoh
 from episodes import write_episode
 from processes import reenact, start, wait_for_line
 from short_motion import write_short_motion
+from waiting import wait_for_arrival
 
 import pipeline
 from pipeline import cli
@@ -139,7 +139,7 @@ def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) 
             put(session, record.topic, record.data)
         put(session, "/robot_description", padded)
         put(session, "/rosout", b"\x00\x01\x00\x00")
-        time.sleep(0.5)  # what was put last is on its way
+        wait_for_arrival(session, "recorder")
         process.send_signal(signal.SIGINT)
         result = json.loads(process.communicate(timeout=30)[0])
     assert result["opaque"] == {"/rosout": 1}

@@ -3,7 +3,6 @@
 import json
 import signal
 import subprocess
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -119,11 +118,10 @@ def test_anybodys_poses_are_followed_until_ctrl_c_whatever_else_is_said(tmp_path
     poses = [encode(pose) for pose in poses_of(np.arange(0.0, 0.81, 0.02))]
     wild = encode(PoseStamped(EPOCH_NS + 10**17, RIGHT))
     with listening(tmp_path, "--topic", TRACKER, "--silence", 30) as (session, process):
-        for payload in [*poses[:20], b"no pose", wild, *poses[20:]]:
+        for payload in [*poses[:20], wild, *poses[20:], b"no pose"]:
             session.put(message_key("reenact", TRACKER), payload)
             session.put(message_key("reenact", "/camera"), bytes(100))
-        wait_for_line(process, f"refused on {TRACKER}")
-        time.sleep(0.5)  # what was put last is on its way
+        wait_for_line(process, f"refused on {TRACKER}")  # what was put last: all before it has come
         process.send_signal(signal.SIGINT)
         result = result_of(process)
     assert result["ticks"] == 10

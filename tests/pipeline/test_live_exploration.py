@@ -4,7 +4,6 @@ import json
 import re
 import signal
 import threading
-import time
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from subprocess import Popen
@@ -220,7 +219,6 @@ def test_an_explorer_that_is_stopped_tells_the_learner_and_leaves_the_robot(csv_
         assert learner.stderr is not None
         while "takes run" not in (line := learner.stderr.readline()):
             assert line
-        time.sleep(0.5)
         explorer.send_signal(signal.SIGTERM)
         explorer.communicate(timeout=20)
         _, complaints = learner.communicate(timeout=30)

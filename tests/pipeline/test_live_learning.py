@@ -2,7 +2,6 @@
 
 import json
 import signal
-import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -17,6 +16,7 @@ from episodes import PERIOD_NS, write_episode
 from live import robot as robot_node
 from live import spawn
 from processes import complaint, reenact, start, wait_for_line
+from waiting import wait_until
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
@@ -92,10 +92,7 @@ class Publisher:
 
     def await_ticks(self, count: int) -> None:
         """Wait until the learner says that it has taken so many."""
-        deadline = time.monotonic() + 30.0
-        while not any(status["ticks"] == count for status in self.texts(LEARNER_STATUS)):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
+        wait_until(lambda: any(status["ticks"] == count for status in self.texts(LEARNER_STATUS)))
 
     def texts(self, topic: str) -> list[dict[str, Any]]:
         return [json.loads(decode_as(String, r.data).data) for r in self.heard if r.topic == topic]

@@ -3,7 +3,7 @@
 import json
 import signal
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +12,8 @@ import numpy as np
 import pytest
 from episodes import Change, write_episode
 from processes import complaint, reenact, start, wait_for_line
-from sockets import listening
+from sockets import listening, loopback
+from waiting import wait_until
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
@@ -71,7 +72,7 @@ def test_the_replay_may_listen_and_start_first(log: Path, empty: Path, tmp_path:
     endpoint = free_endpoint()
     arguments = ("replay", log, "--listen", endpoint, "--epochs", 1, "--await", "anna", "--wait", 60, "--json")
     with start(*arguments, cwd=tmp_path) as replay:
-        time.sleep(2.0)
+        wait_until(lambda: loopback(endpoint) in listening(replay.pid))
         learned = reenact("learn", "--connect", endpoint, "--name", "anna", "--out", "c.npz", "--json", cwd=empty)
         replayed, complaints = replay.communicate(timeout=60)
     assert learned.returncode == 0, learned.stderr
@@ -188,13 +189,6 @@ def kept(checkpoint: Path) -> int:
     return int(Controller.load(checkpoint).provenance["checkpoint"]["next"]) if checkpoint.exists() else 0
 
 
-def wait_until(condition: Callable[[], bool], timeout_s: float = 60.0) -> None:
-    deadline = time.monotonic() + timeout_s
-    while not condition():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-
-
 def test_a_checkpoint_of_another_run_is_refused(log: Path, empty: Path, tmp_path: Path) -> None:
     trainer = Trainer(LearnerConfig(), checkpoint=CheckpointConfig(empty / "k.npz", 10))
     train_on(Replay([log], Schedule(epochs=1)), trainer)
@@ -229,7 +223,8 @@ def test_two_hops_through_a_router_are_the_same_state(log: Path, empty: Path, tm
     assert json.loads(replayed.stdout)["consumers"]["learner"] == expected
 
 
-def test_a_learner_that_stalls_for_eight_seconds_loses_nothing(log: Path, empty: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("stall_s", [1.0, pytest.param(8.0, marks=pytest.mark.campaign)])
+def test_a_learner_that_stalls_loses_nothing(log: Path, empty: Path, tmp_path: Path, stall_s: float) -> None:
     epochs = 100
     expected = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=5)).result()
     with learner(empty, "--seed", 5) as (endpoint, process):
@@ -237,7 +232,7 @@ def test_a_learner_that_stalls_for_eight_seconds_loses_nothing(log: Path, empty:
         with start(*arguments, cwd=tmp_path) as replay:
             wait_for_line(process, "takes run")
             process.send_signal(signal.SIGSTOP)
-            time.sleep(8.0)
+            time.sleep(stall_s)  # no event: this is what befalls it
             process.send_signal(signal.SIGCONT)
             replayed, complaints = replay.communicate(timeout=120)
             assert replay.returncode == 0, complaints

@@ -16,6 +16,7 @@ from collector import Collector
 from episodes import write_episode
 from processes import command, complaint, reenact, start, wait_for_line
 from proxy import Proxy
+from waiting import wait_until
 
 from pipeline.learner_config import LearnerConfig
 from pipeline.training import train
@@ -74,7 +75,6 @@ def undergone(
     """Replay to a consumer, let something befall it in the middle, and return what the replay says of it."""
     with start(*replaying(log, endpoint, name), cwd=cwd) as replay:
         wait_for_line(consumer, "takes run")
-        time.sleep(0.3)
         ordeal()
         assert consumer.poll() is None
         replayed, complaints = replay.communicate(timeout=120)
@@ -101,13 +101,14 @@ def test_a_learner_whose_connection_is_cut_loses_nothing(
 
 
 def cut(proxy: Proxy, seconds: float) -> None:
-    carried = proxy.carried
+    """Cut the connection in the middle of the stream for so long, up to where it carries the stream again."""
+    begun = proxy.carried
+    wait_until(lambda: proxy.carried > begun)
     proxy.cut()
-    time.sleep(seconds)
+    carried = proxy.carried
+    time.sleep(seconds)  # no event: this is what befalls it
     proxy.restore()
-    deadline = time.monotonic() + 30.0
-    while proxy.carried < carried + 1_000 and time.monotonic() < deadline:
-        time.sleep(0.05)
+    wait_until(lambda: proxy.carried > carried + 1_000)
 
 
 @pytest.mark.parametrize("cut_s", CUT_S)
@@ -120,7 +121,6 @@ def test_a_replay_whose_connection_is_cut_loses_nothing_for_learner_and_recorder
             both = (*replaying(log, proxy.endpoint, "learner"), "--await", "recorder")
             with start(*both, cwd=tmp_path) as replay:
                 wait_for_line(recorder, "takes run")
-                time.sleep(0.3)
                 cut(proxy, cut_s)
                 assert replay.poll() is None
                 replayed, complaints = replay.communicate(timeout=120)
@@ -144,7 +144,7 @@ def test_a_consumer_that_stalls_loses_nothing(
 
     def stall() -> None:
         consumer.send_signal(signal.SIGSTOP)
-        time.sleep(stall_s)
+        time.sleep(stall_s)  # no event: this is what befalls it
         consumer.send_signal(signal.SIGCONT)
 
     with open_session(SessionConfig(listen=(endpoint,))):
@@ -198,12 +198,13 @@ def test_a_publisher_that_is_killed_leaves_an_error_that_names_the_gap(log: Path
     endpoint = free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))),
-        collecting(endpoint, "learner", silence_s=SILENCE_S) as consumer,
+        collecting(endpoint, "learner", silence_s=SILENCE_S, tell_at=5) as consumer,
     ):
         with subprocess.Popen(
             command("replay", log, "--connect", endpoint, "--rate", 1, "--wait", 60), cwd=tmp_path
         ) as replay:
-            time.sleep(4.0)
+            assert consumer.stdout is not None
+            assert consumer.stdout.readline() == "takes message 5\n"
             replay.kill()
         error = said(consumer)["error"]
     assert "the sender fell silent" in error
@@ -216,7 +217,6 @@ def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(l
         endless = ("replay", log, "--connect", endpoint, "--epochs", 100_000, "--await", "recorder", "--wait", 60)
         with start(*endless, cwd=tmp_path) as replay:
             wait_for_line(recorder, "takes run")
-            time.sleep(0.5)
             replay.send_signal(signal.SIGTERM)
             replay.communicate(timeout=30)
         out, err = recorder.communicate(timeout=30)

@@ -17,6 +17,7 @@ import pytest
 import zenoh
 from episodes import write_episode
 from processes import complaint, reenact, start, wait_for_line, zenoh_pools
+from waiting import wait_until
 
 from pipeline.controller import Controller
 from pipeline.evaluation import predicted_joints
@@ -67,10 +68,7 @@ class Watcher:
         self._subscriber = session.declare_subscriber(message_key(namespace, JOINT_COMMANDS), self._commands.put)
 
     def await_alive(self, name: str = "controller") -> None:
-        deadline = time.monotonic() + WAIT_S
-        while self.alive() != [f"{self._namespace}/@controller/{name}/alive"]:
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: self.alive() == [f"{self._namespace}/@controller/{name}/alive"])
 
     def alive(self) -> list[str]:
         replies = self._session.liveliness().get(f"{self._namespace}/@controller/*/alive", timeout=2.0)
@@ -293,10 +291,8 @@ def test_a_log_that_cannot_be_written_on_stops_no_command(
         for stamp in range(20):
             exchange(watcher, targets(stamp, u))
         watcher.status_where(recorded=60, recording=True)
-        part, deadline = tmp_path / "served.mcap.part", time.monotonic() + WAIT_S
-        while len(recorded_before_damage(part)) < 60:  # it is on the disk 0.1 s later
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        part = tmp_path / "served.mcap.part"
+        wait_until(lambda: len(recorded_before_damage(part)) >= 60)  # it is on the disk 0.1 s later
         resource.prlimit(process.pid, resource.RLIMIT_FSIZE, (part.stat().st_size,) * 2)  # as if the disk were full
         for stamp in range(20, 600):
             exchange(watcher, targets(stamp, u))
@@ -492,7 +488,4 @@ def test_whoever_watches_sees_the_controller_go(controller: Controller, tmp_path
     with serving(controller, tmp_path) as (watcher, process):
         process.kill()
         process.wait(WAIT_S)
-        deadline = time.monotonic() + WAIT_S
-        while watcher.alive():
-            assert time.monotonic() < deadline
-            time.sleep(0.05)
+        wait_until(lambda: not watcher.alive())

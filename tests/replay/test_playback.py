@@ -1,6 +1,5 @@
 """Plain playback: every message of the logs, unchanged, in one order; sliced, renamed, repeated as asked."""
 
-import time
 from concurrent.futures import ThreadPoolExecutor
 from itertools import islice
 from pathlib import Path
@@ -10,6 +9,7 @@ from episodes import PERIOD_NS, write_episode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
+from waiting import wait_until
 
 from recorders.errors import ConfigError, LogError, WireError
 from recorders.reader import LogReader
@@ -239,13 +239,11 @@ def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path)
         playback = Playback([log])
         transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch=1), say=said.append)
         delivered = threads.submit(transport.deliver, playback.offer(), playback.stream)
-        time.sleep(0.3)
+        wait_until(lambda: delivered.running() or delivered.done())
         listening.declare_subscriber("reenact/hand/*/target", lambda sample: heard.append(sample.payload.to_bytes()))
         assert delivered.result(timeout=30) == {}
         expected = [record.data for record in LogReader(log) if record.topic != SAMPLE_JOINTS]
-        deadline = time.monotonic() + 10.0
-        while len(heard) < len(expected) and time.monotonic() < deadline:
-            time.sleep(0.02)
+        wait_until(lambda: len(heard) >= len(expected))
     assert heard == expected
     assert said == []
 

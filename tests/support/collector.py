@@ -13,12 +13,15 @@ from recorders.stream import Offer
 
 
 class Collector:
-    """Takes a stream from `start`; may refuse, fail at a message, or be slow."""
+    """Takes a stream from `start`; may refuse, fail at a message, print when it takes one, or be slow."""
 
-    def __init__(self, *, start: int = 0, refuse: str = "", fail_at: int = -1, delay_s: float = 0.0) -> None:
+    def __init__(
+        self, *, start: int = 0, refuse: str = "", fail_at: int = -1, tell_at: int = -1, delay_s: float = 0.0
+    ) -> None:
         self._start = start
         self._refuse = refuse
         self._fail_at = fail_at
+        self._tell_at = tell_at
         self._delay_s = delay_s
 
     def hello(self, offer: Offer) -> int:
@@ -31,6 +34,8 @@ class Collector:
         for message in messages:
             if self._start + count == self._fail_at:
                 raise MessageError(f"message {self._fail_at} is not wanted")
+            if self._start + count == self._tell_at:
+                print(f"takes message {self._tell_at}", flush=True)
             digest.update(repr(message).encode())
             count += 1
             if self._delay_s:

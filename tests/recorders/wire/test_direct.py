@@ -2,7 +2,8 @@
 
 import queue
 import threading
-import time
+
+from waiting import wait_until
 
 from recorders.wire.direct import direct
 from recorders.wire.loopback import free_endpoint
@@ -26,10 +27,7 @@ def test_a_thread_of_zenohs_keeps_its_state_between_two_calls() -> None:
         listening.declare_subscriber("a/b", direct(count)),
         sending.declare_publisher("a/b") as publisher,
     ):
-        deadline = time.monotonic() + 30
-        while not publisher.matching_status.matching:
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: publisher.matching_status.matching)
         for number in range(COUNT):
             publisher.put(bytes([number]))
         calls = [heard.get(timeout=30) for _ in range(COUNT)]

@@ -1,6 +1,5 @@
 """What a publisher keeps for latecomers: handed over once, whoever came first, and nothing else is touched."""
 
-import time
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 
@@ -81,6 +80,5 @@ def test_messages_of_plain_publishers_all_pass(sessions: tuple[zenoh.Session, ze
 def test_without_being_told_so_it_asks_for_nothing(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
     with keeping(sessions[0]) as publisher:
         publisher.put(b"kept")
-        time.sleep(0.2)
         with Receiver(sessions[1], config=ReceiverConfig(live=True)) as receiver:
             assert heard(receiver) == []

@@ -1,7 +1,6 @@
 """The receiving end and strangers: what waits is bounded, and what is said of them too, and fit for a terminal."""
 
 import json
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -10,6 +9,7 @@ import pytest
 import zenoh
 from collector import Collector
 from visitor import OFFER, await_ready, outcome, visitor
+from waiting import wait_until
 
 from recorders.errors import WireError
 from recorders.stream import Offer, Progress
@@ -54,9 +54,7 @@ def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
         with other.declare_publisher("reenact/raw", congestion_control=zenoh.CongestionControl.BLOCK) as publisher:
             for index in range(100):
                 publisher.put(index.to_bytes(2, "little") * 500)
-            deadline = time.monotonic() + 20.0
-            while sum(receiver.refused.values()) < 91 and time.monotonic() < deadline:
-                time.sleep(0.01)  # while it is taken from there would be room again
+            wait_until(lambda: sum(receiver.refused.values()) >= 91)  # while it is taken from there would be room again
         taken = []
         while isinstance(event := receiver.next_event(0.5), Live):
             taken.append(event.record.data[0])

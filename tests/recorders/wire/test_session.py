@@ -4,9 +4,8 @@ import json
 import signal
 import socket
 import threading
-import time
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from pathlib import Path
 from typing import Any
 
@@ -15,6 +14,7 @@ import zenoh
 from processes import zenoh_pools
 from sockets import listening, loopback
 from visitor import await_ready, outcome, refusal, visitor
+from waiting import wait_until
 
 from recorders.errors import WireError
 from recorders.wire.loopback import free_endpoint
@@ -45,8 +45,10 @@ def test_nobody_listening_is_one_clear_error() -> None:
 
 def test_the_end_that_connects_may_start_first() -> None:
     endpoint = free_endpoint()
-    with visitor("idle", connect=[endpoint], seconds=0.1) as early:
-        time.sleep(1.5)
+    with ExitStack() as stack:
+        with socket.create_server(("127.0.0.1", int(endpoint.rpartition(":")[2]))) as nobody:
+            early = stack.enter_context(visitor("idle", connect=[endpoint], seconds=0.1))
+            nobody.accept()[0].close()  # it has tried
         with visitor("idle", listen=[endpoint]) as late:
             await_ready(late)
             assert outcome(early) == {}
@@ -68,7 +70,7 @@ def test_an_interrupt_ends_the_waiting(somebody_who_never_speaks: bool) -> None:
             mute.listen()
         endpoint = f"tcp/127.0.0.1:{mute.getsockname()[1]}"
         with visitor("idle", connect=[endpoint], wait_s=200.0) as process:
-            time.sleep(2.0)
+            wait_until(lambda: zenoh_pools(process.pid))
             process.send_signal(signal.SIGINT)
             _, err = process.communicate(timeout=20)
     assert process.returncode == -signal.SIGINT, err
@@ -98,7 +100,7 @@ def test_clients_reach_one_another_through_a_router_and_again_after_it_was_kille
             next_sample(subscriber)
             router.kill()
             router.wait()
-            time.sleep(0.3)
+            wait_until(lambda: not list(session.info.routers_zid()))
             while subscriber.try_recv() is not None:  # what was under way
                 pass
             with visitor("idle", listen=[endpoint]) as again:
@@ -107,11 +109,15 @@ def test_clients_reach_one_another_through_a_router_and_again_after_it_was_kille
 
 
 def next_sample(subscriber: zenoh.Subscriber[Any]) -> zenoh.Sample:
-    deadline = time.monotonic() + 20.0
-    while (sample := subscriber.try_recv()) is None:
-        assert time.monotonic() < deadline
-        time.sleep(0.01)
-    return sample
+    found: list[zenoh.Sample] = []
+
+    def has_come() -> bool:
+        if (sample := subscriber.try_recv()) is not None:
+            found.append(sample)
+        return bool(found)
+
+    wait_until(has_come)
+    return found[0]
 
 
 def test_a_router_that_connects_joins_its_own_clients_to_the_other_router() -> None:
@@ -241,23 +247,24 @@ def test_a_file_that_is_not_there_is_named(tmp_path: Path) -> None:
 
 
 def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
-    over = threading.Event()
+    begun, over = threading.Event(), threading.Event()
     with open_session(SessionConfig(listen=(free_endpoint(),))) as session, ThreadPoolExecutor() as pool:
 
         def put_on(publisher: zenoh.Publisher) -> None:
             with suppress(zenoh.ZError, RuntimeError):  # once it has ended, or while it ends
-                while not over.is_set():
+                while not over.wait(0.005):
                     publisher.put(payload)
-                    time.sleep(0.005)
+                    begun.set()
 
         payload = bytes(4 << 20)  # takes milliseconds
         for _ in range(10):
             with publishing(session, "busy") as publisher:
                 putting = pool.submit(put_on, publisher)
-                time.sleep(0.02)
+                assert begun.wait(30)
             over.set()
             putting.result(timeout=10)
             over.clear()
+            begun.clear()
 
 
 def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
