@@ -27,6 +27,7 @@ from pipeline.verbs import (
 from pipeline.verbs.options import help_without_verb
 from pipeline.verbs.stopping import words
 from recorders.errors import ReenactError
+from recorders.wording import line_text
 
 
 class _Program(TyperGroup):
@@ -108,5 +109,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(line: str, status: int) -> NoReturn:
-    console.say(f"reenact: {printable(' '.join(line.split()))}")
+    console.say(f"reenact: {printable(line_text(line))}")
     sys.exit(status)

@@ -25,7 +25,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_size, check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
 from recorders.regular import begins_with, refuse_irregular
-from recorders.wording import kind_text, value_text
+from recorders.wording import kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
 VERSION = 1
@@ -206,7 +206,7 @@ def _read_arrays(file: npz.Npz, config: LearnerConfig) -> dict[str, FloatArray]:
     arrays: dict[str, FloatArray] = {}
     for name, shape in {**constants, **state_shapes(config)}.items():
         if name not in file.names:
-            raise ControllerError(f"expected array {name}, found {', '.join(file.names):.1000}")
+            raise ControllerError(f"expected array {name}, found {names_text(file.names)}")
         if not (file.holds(name, math.prod(shape)) or (name == "pending" and file.holds(name, 0))):
             raise ControllerError(f"expected {name} of shape {shape}, found another size")
         values = file.read(name)
@@ -214,7 +214,7 @@ def _read_arrays(file: npz.Npz, config: LearnerConfig) -> dict[str, FloatArray]:
             raise ControllerError(f"expected {name} of shape {shape}, found a text")
         arrays[name] = values
     if unknown := [name for name in file.names if name not in arrays and name != _HEADER]:
-        raise ControllerError(f"expected arrays {', '.join(arrays)}, found {unknown[0]!r:.80} beside them")
+        raise ControllerError(f"expected arrays {names_text(arrays)}, found {unknown[0]!r:.80} beside them")
     return arrays
 
 

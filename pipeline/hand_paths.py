@@ -13,6 +13,7 @@ from recorders.messages import PoseStamped
 from recorders.parts import Log, Parts
 from recorders.session_reader import open_log
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET
+from recorders.wording import names_text
 from replay.engine import naming, renamed
 
 HANDS = ("left", "right")
@@ -101,7 +102,7 @@ def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str
         for record in renamed(reader, renames, topics):
             tracks[topics[record.topic]].take(record)
     if not any(track.seen for track in tracks.values()):
-        found = ", ".join(name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE) or "none"
+        found = names_text(name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE) or "none"
         raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
     source = {"kind": "log", "name": path.name, "sha256": _file_sha256(path)}
     return shown(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
@@ -118,7 +119,7 @@ def shown(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, An
     used = {side: track for side, track in tracks.items() if len(track)}
     for side, track in used.items() or tracks.items():
         if len(track) < 2:
-            reasons = ", ".join(f"{count} with {reason}" for reason, count in track.left_out.items())
+            reasons = names_text(f"{count} with {reason}" for reason, count in track.left_out.items())
             but = f"; left out: {reasons}" if reasons else ""
             raise MotionError(f"{name}: expected at least two poses of the {side} hand, found {len(track)}{but}")
     origin_ns = min(track.first_ns for track in used.values())

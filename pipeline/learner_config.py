@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from recorders.errors import ConfigError
-from recorders.wording import value_text
+from recorders.wording import names_text, value_text
 
 MAX_NEURONS = 1_000_000  # keeps a configuration read from a file from asking for all of the memory
 MAX_CONNECTIONS = 20_000_000
@@ -118,7 +118,7 @@ class LearnerConfig:
         known = [field.name for field in dataclasses.fields(cls)]
         unknown = sorted(str(key) for key in values if key not in known)
         if unknown:
-            raise ConfigError(f"unknown learner setting {', '.join(unknown)}; there are {', '.join(known)}")
+            raise ConfigError(f"unknown learner setting {names_text(unknown)}; there are {names_text(known)}")
         return cls(**values)
 
 

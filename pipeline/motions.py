@@ -16,6 +16,7 @@ from pipeline.robot import RobotConfig
 from recorders.errors import MessageError, MotionError
 from recorders.parts import is_log
 from recorders.regular import refuse_irregular
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -118,7 +119,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     path = drawings().get(str(name_or_path), Path(name_or_path))
     refuse_irregular(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
-        known = ", ".join(motion_names())
+        known = names_text(motion_names())
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
     motion = read_motion_csv(path)
     check_targets(motion, robot)

@@ -16,6 +16,7 @@ from pipeline.kernels import FloatArray, Sizes
 from pipeline.learner_config import ConnectionConfig, LearnerConfig
 from pipeline.seeding import distinct, raw_words, uniforms
 from recorders.errors import ConfigError, ControllerError
+from recorders.wording import names_text
 
 MAX_NEURONS = 50_000
 MAX_NUMBERS = 2**20  # a thousand neurons, each connected to each, take fewer
@@ -103,7 +104,7 @@ def check_state(config: LearnerConfig, state: Mapping[str, FloatArray]) -> None:
     """
     shapes = state_shapes(config)
     if set(state) != set(shapes):
-        raise ControllerError(f"expected state {', '.join(shapes)}; found {', '.join(map(str, state))}")
+        raise ControllerError(f"expected state {names_text(shapes)}; found {names_text(map(str, state))}")
     for name, shape in shapes.items():
         if np.shape(state[name]) != shape:
             raise ControllerError(f"expected state {name} of shape {shape}, found {np.shape(state[name])}")

@@ -15,10 +15,11 @@ from pipeline.resources import data_path
 from pipeline.robot_import import import_urdf
 from pipeline.robot_source import parse_source, read_source, read_text
 from pipeline.robot_tables import as_name, as_number, as_table, as_vector, check_keys, parse_toml
-from pipeline.urdf import WORLD, canonical_urdf, check_links, named, one_line, parse_urdf, root_link, shown
+from pipeline.urdf import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link, shown
 from pipeline.urdf_bodies import check_bodies
 from pipeline.urdf_joints import joint_limits, moved_links
 from recorders.errors import RobotError
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -105,7 +106,7 @@ def load_robot(name_or_directory: str | Path) -> RobotConfig:
     packaged = str(name_or_directory) in names
     directory = data_path("robots", str(name_or_directory)) if packaged else Path(name_or_directory)
     if not directory.is_dir():
-        raise RobotError(f"unknown robot '{name_or_directory}': expected one of {', '.join(names)}, or a directory")
+        raise RobotError(f"unknown robot '{name_or_directory}': expected one of {names_text(names)}, or a directory")
     toml_text = read_text(directory / TOML_FILE)
     if (directory / IMPORT_FILE).exists():
         urdf_text = _imported(toml_text, directory)
@@ -177,7 +178,7 @@ def _parse_config(toml_text: str) -> dict[str, Any]:
     gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
     pattern = _pattern(table["pattern"])
     if gaze[0] not in joints:
-        raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {', '.join(joints)}")
+        raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {names_text(joints)}")
     return {
         "name": as_name(table["name"], "name"),
         "joints": joints,
@@ -202,7 +203,7 @@ def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     rows = [as_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
     names = tuple(as_name(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
-        raise RobotError(f"joints of the robot config: {one_line(', '.join(repeated))} given more than once")
+        raise RobotError(f"joints of the robot config: {names_text(repeated)} given more than once")
     weights = [as_number(row["weight"], f"weight of {row['name']}") for row in rows]
     comfort = [as_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
     if min(weights) <= 0.0:

@@ -10,9 +10,10 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 from pipeline.robot_reduction import reduced_model
 from pipeline.robot_source import Place, RobotSource
 from pipeline.robot_writing import write_urdf
-from pipeline.urdf import WORLD, as_numbers, check_links, named, one_line, parse_urdf, root_link
+from pipeline.urdf import WORLD, as_numbers, check_links, named, parse_urdf, root_link
 from pipeline.urdf_bodies import check_bodies
 from recorders.errors import RobotError
+from recorders.wording import names_text
 
 
 def import_urdf(
@@ -141,4 +142,4 @@ def _check_movable(robot: Element, joints: Iterable[str], what: str) -> None:
 
 
 def _list(names: Iterable[str]) -> str:
-    return one_line(", ".join(names))
+    return names_text(names)

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline import toml_text
-from pipeline.urdf import check_name, one_line, shown
+from pipeline.urdf import check_name, shown
 from recorders.errors import RobotError
+from recorders.wording import names_text
 
 _NONE: frozenset[str] = frozenset()
 
@@ -35,11 +36,11 @@ def check_keys(
     RobotError
         A key is missing or unknown.
     """
-    known = ", ".join(sorted(expected | or_not))
+    known = names_text(sorted(expected | or_not))
     if missing := sorted(expected - table.keys()):
-        raise RobotError(f"{where} lacks {', '.join(missing)}: expected the keys {known}")
+        raise RobotError(f"{where} lacks {names_text(missing)}: expected the keys {known}")
     if unknown := sorted(table.keys() - expected - or_not):
-        raise RobotError(f"{where} has unknown {one_line(', '.join(unknown))}: expected the keys {known}")
+        raise RobotError(f"{where} has unknown {names_text(unknown)}: expected the keys {known}")
 
 
 def as_table(

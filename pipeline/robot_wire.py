@@ -34,7 +34,7 @@ from recorders.cdr import decode_as
 from recorders.errors import JointError, MessageError, WireError
 from recorders.messages import JointState
 from recorders.ticks import JointMap
-from recorders.wording import value_text
+from recorders.wording import names_text, value_text
 
 Floats = NDArray[np.float64]
 
@@ -120,8 +120,8 @@ class CommandReader:
         joints = decode_as(JointState, data)
         posture = self._joints.positions(joints)
         if len(joints.name) > len(posture):
-            strangers = ", ".join(sorted(set(joints.name) - set(self._robot.joints)))
-            raise JointError(f"'{self._robot.name}' has no joint {strangers}; it has {', '.join(self._robot.joints)}")
+            strangers = names_text(sorted(set(joints.name) - set(self._robot.joints)))
+            raise JointError(f"'{self._robot.name}' has no joint {strangers}; it has {names_text(self._robot.joints)}")
         if not np.isfinite(posture).all():
             place = int(np.flatnonzero(~np.isfinite(posture))[0])
             raise MessageError(

@@ -19,6 +19,7 @@ from pipeline.model_names import for_libraries, joint_name, link_name
 from pipeline.robot import RobotConfig
 from pipeline.urdf import WORLD, canonical, one_line, root_link
 from recorders.errors import RobotError
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -88,7 +89,7 @@ class JointSpace:
         }
         if unmoved := [name for name in robot.joints if joint_name(name) not in found]:
             raise RobotError(
-                f"robot '{robot.name}': Drake makes no motor for {', '.join(unmoved)}: expected a transmission "
+                f"robot '{robot.name}': Drake makes no motor for {names_text(unmoved)}: expected a transmission "
                 "of type transmission_interface/SimpleTransmission and an effort limit above 0"
             )
         self.joints: list[Any] = [self.plant.GetJointByName(joint_name(name)) for name in robot.joints]

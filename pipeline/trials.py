@@ -14,6 +14,7 @@ from pipeline.motions import is_recorded, load_motion
 from pipeline.robot import RobotConfig, parse_robot
 from pipeline.samples import HANDS, Samples, read_samples
 from recorders.errors import ControllerError
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -65,8 +66,8 @@ def robot_of(controller: Controller) -> RobotConfig:
     robot = parse_robot(controller.robot_toml, controller.robot_urdf, origin="the robot of the controller")
     if robot.joints != controller.joints or controller.config.inputs != HANDS:
         raise ControllerError(
-            f"expected a controller of two hands and the joints of {robot.name}, {', '.join(robot.joints)}; "
-            f"found {controller.config.inputs} inputs and joints {', '.join(controller.joints):.1000}"
+            f"expected a controller of two hands and the joints of {robot.name}, {names_text(robot.joints)}; "
+            f"found {controller.config.inputs} inputs and joints {names_text(controller.joints)}"
         )
     return robot
 
@@ -114,8 +115,8 @@ def try_samples(controller: Controller, samples: Samples, *, name: str, fitted: 
 def _check_joints(controller: Controller, samples: Samples, *, name: str) -> None:
     if samples.robot.joints != controller.joints:
         raise ControllerError(
-            f"the controller moves {', '.join(controller.joints)}; {name} was recorded with {samples.robot.name}, "
-            f"which has {', '.join(samples.robot.joints)}"
+            f"the controller moves {names_text(controller.joints)}; {name} was recorded with {samples.robot.name}, "
+            f"which has {names_text(samples.robot.joints)}"
         )
 
 

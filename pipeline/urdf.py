@@ -15,7 +15,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.urdf_cleaning import cleaned
 from recorders.errors import RobotError
-from recorders.wording import value_text
+from recorders.wording import names_text, value_text
 
 WORLD = "world"  # what a link is called that is the ground; any other root is welded to it
 MAX_BYTES = 4 * 2**20  # real ones take at most one megabyte
@@ -166,8 +166,8 @@ def check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
     """Raise RobotError if a frame of the robot config is not a link of the URDF."""
     links = named(urdf, "link")
     if missing := [frame for frame in frames if frame not in links]:
-        found = one_line(", ".join(sorted(links)))
-        raise RobotError(f"frames {', '.join(missing)} of the robot config are not links: {found}")
+        found = names_text(sorted(links))
+        raise RobotError(f"frames {names_text(missing)} of the robot config are not links: {found}")
 
 
 def named(root: ElementTree.Element, kind: str) -> dict[str, ElementTree.Element]:
@@ -219,7 +219,7 @@ class _Builder(ElementTree.TreeBuilder):
 def _check_joint(joint: ElementTree.Element, links: Mapping[str, ElementTree.Element]) -> None:
     where = f"joint {joint.get('name')} of the URDF"
     if joint.get("type") not in _JOINT_TYPES:
-        raise RobotError(f"{where}: expected a type of {', '.join(_JOINT_TYPES)}, found {shown(joint.get('type'))}")
+        raise RobotError(f"{where}: expected a type of {names_text(_JOINT_TYPES)}, found {shown(joint.get('type'))}")
     for end in ("parent", "child"):
         link = _attribute(joint, end, "link")
         if link not in links:
@@ -236,9 +236,7 @@ def _check_tree(links: Iterable[str], joints: Mapping[str, ElementTree.Element])
             f"link {several[0]} of the URDF: expected it to be the child of one joint, found {held[several[0]]}"
         )
     if len(roots := sorted(children.keys() - held.keys())) != 1:
-        raise RobotError(
-            f"robot description: expected one link that is no child, found {one_line(', '.join(roots)) or 'none'}"
-        )
+        raise RobotError(f"robot description: expected one link that is no child, found {names_text(roots) or 'none'}")
     reached, level, depth = set(roots), roots, 0
     while level := [child for link in level for child in children[link]]:  # each has one parent, so it ends
         reached.update(level)
@@ -246,7 +244,7 @@ def _check_tree(links: Iterable[str], joints: Mapping[str, ElementTree.Element])
     if depth > MAX_CHAIN:
         raise RobotError(f"robot description: expected at most {MAX_CHAIN} joints in a row, found {depth}")
     if loose := sorted(children.keys() - reached):
-        raise RobotError(f"links {one_line(', '.join(loose))} of the URDF hang on one another in a ring")
+        raise RobotError(f"links {names_text(loose)} of the URDF hang on one another in a ring")
 
 
 def _check_numbers(part: ElementTree.Element) -> None:

@@ -7,8 +7,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.urdf import named, one_line, shown
+from pipeline.urdf import named, shown
 from recorders.errors import RobotError
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -39,11 +40,11 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
             )
     if missing := [name for name in joints if name not in movable]:
         raise RobotError(
-            f"joints {one_line(', '.join(missing))} of the robot config are not movable joints of the URDF, "
-            f"which has {one_line(', '.join(sorted(movable))) or 'none'}"
+            f"joints {names_text(missing)} of the robot config are not movable joints of the URDF, "
+            f"which has {names_text(sorted(movable)) or 'none'}"
         )
     if unnamed := sorted(movable.keys() - set(joints)):
-        raise RobotError(f"movable joints {one_line(', '.join(unnamed))} of the URDF are not in the robot config")
+        raise RobotError(f"movable joints {names_text(unnamed)} of the URDF are not in the robot config")
     _check_motors(urdf, joints)
     limits = [_range(f"joint {name} of the URDF", movable[name]) for name in joints]
     return np.array([lower for lower, _ in limits]), np.array([upper for _, upper in limits])
@@ -58,7 +59,7 @@ def _check_motors(urdf: Element, joints: Sequence[str]) -> None:
     motors = Counter(joint.get("name", "") for transmission in simple for joint in transmission.iterfind("joint"))
     if unmoved := [name for name in joints if name not in motors]:
         raise RobotError(
-            f"joints {one_line(', '.join(unmoved))} of the URDF have no transmission of type "
+            f"joints {names_text(unmoved)} of the URDF have no transmission of type "
             "transmission_interface/SimpleTransmission, so nothing would move them"
         )
     if several := [name for name in joints if motors[name] > 1]:

@@ -23,6 +23,7 @@ from recorders.rerun_robot import RobotModel
 from recorders.rerun_track import TIMELINE, Instants, Track
 from recorders.session_reader import Reader, open_log
 from recorders.topics import LEFT_TARGET, RIGHT_TARGET, type_of
+from recorders.wording import names_text
 from replay.engine import naming, read_robot, renamed
 
 PERIOD_NS = 100_000_000
@@ -152,8 +153,8 @@ def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
     found = [topic for topic in JOINT_TOPICS if topic in topics]
     if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics.keys():
         raise LogError(
-            f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {', '.join(JOINT_TOPICS)}, "
-            f"found {', '.join(sorted(topics)) or 'nothing'}; give foreign names with --map"
+            f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {names_text(JOINT_TOPICS)}, "
+            f"found {names_text(sorted(topics)) or 'nothing'}; give foreign names with --map"
         )
     for topic in (LEFT_TARGET, RIGHT_TARGET, found[0]):
         if topics[topic] not in ("", type_of(topic)):

@@ -10,6 +10,7 @@ from recorders.errors import LogError
 from recorders.mcap_records import MAGIC
 from recorders.reader import LogReader
 from recorders.regular import begins_with
+from recorders.wording import names_text
 
 PART = "part"
 """The entry of the manifest that says which part of which session a log is: `session`, `number`, `more`."""
@@ -174,8 +175,8 @@ def _whole(parts: Sequence[Path]) -> Parts:
     first = 0 if any(told) else numbers[0]
     end = numbers[-1] + (2 if told[-1] and told[-1].more else 1)
     if numbers != list(range(first, end)):
-        missing = ", ".join(str(number) for number in range(first, end) if number not in numbers)
-        found = ", ".join(str(number) for number in numbers)
+        missing = names_text(str(number) for number in range(first, end) if number not in numbers)
+        found = names_text(str(number) for number in numbers)
         wrong = f"part {missing} is missing" if missing else "a part is named twice"
         raise LogError(f"{name}: {wrong}: expected parts {first} to {end - 1}, found {found}")
     return Parts(tuple(parts))

@@ -19,7 +19,7 @@ from recorders.protection import is_protected
 from recorders.raw_records import FOREVER_NS, MessageWalk
 from recorders.records import Stamped
 from recorders.regular import refuse_irregular
-from recorders.wording import value_text
+from recorders.wording import names_text, value_text
 
 _NO_JUMPS: Mapping[int, int] = {}
 
@@ -140,7 +140,7 @@ class LogReader:
         """
         places = [place for place in self._contents.attachments if place.name == name]
         if not places:
-            exist = ", ".join(self.attachments) or "none"
+            exist = names_text(self.attachments) or "none"
             raise LogError(f"{self.path}: no attachment {name!r}; there are: {exist}")
         with self._open() as file:
             return read_attachment(file, places[which].offset)

@@ -12,6 +12,7 @@ from rerun.urdf import UrdfJoint, UrdfTree
 
 from recorders.errors import JointError, RobotError
 from recorders.rerun_track import Instants
+from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
@@ -177,7 +178,7 @@ def _find_joints(tree: UrdfTree, names: Sequence[str]) -> tuple[UrdfJoint, ...]:
     movable = {joint.name: joint for joint in tree.joints() if joint.joint_type != "fixed"}
     missing = [name for name in names if name not in movable]
     if missing:
-        raise JointError(f"expected joints of the robot, found '{missing[0]}'; it has {', '.join(sorted(movable))}")
+        raise JointError(f"expected joints of the robot, found '{missing[0]}'; it has {names_text(sorted(movable))}")
     if len(set(names)) != len(names):
-        raise JointError(f"expected each joint once, found {', '.join(names)}")
+        raise JointError(f"expected each joint once, found {names_text(names)}")
     return tuple(movable[name] for name in names)

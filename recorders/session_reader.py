@@ -14,6 +14,7 @@ from recorders.parts import PART, Log, Parts, find_log
 from recorders.raw_records import FOREVER_NS
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.wording import names_text
 from recorders.writer import RESERVED
 
 
@@ -94,7 +95,7 @@ class SessionReader:
         for part in reversed(self.parts):
             if name in part.attachments:
                 return part.attachment(name)
-        raise LogError(f"{self.path}: no attachment {name!r}; there are: {', '.join(self.attachments) or 'none'}")
+        raise LogError(f"{self.path}: no attachment {name!r}; there are: {names_text(self.attachments) or 'none'}")
 
 
 _UnderWay: TypeAlias = tuple[int, int, Stamped, Iterator[Stamped]]  # log time [ns] and place of the next message

@@ -13,6 +13,7 @@ from recorders.fields import FloatArray, read_only
 from recorders.messages import JointState, PoseStamped
 from recorders.records import Stamped
 from recorders.topics import LEARNER_TOPICS
+from recorders.wording import names_text
 
 MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
@@ -195,7 +196,7 @@ class JointMap:
         _refuse_repeated(found, "the joints of the message")
         missing = [name for name in self.names if name not in found]
         if missing:
-            raise JointError(f"no joint {', '.join(missing)} in the message; there are: {', '.join(found) or 'none'}")
+            raise JointError(f"no joint {names_text(missing)} in the message; there are: {names_text(found) or 'none'}")
         if len(self._places) >= _MAX_LAYOUTS:
             self._places.clear()
         places = self._places[found] = np.array([found.index(name) for name in self.names], dtype=np.intp)
@@ -205,7 +206,7 @@ class JointMap:
 def _refuse_repeated(names: tuple[str, ...], what: str) -> None:
     repeated = sorted({name for name in names if names.count(name) > 1})
     if repeated:
-        raise JointError(f"{', '.join(repeated)} twice among {what}: {', '.join(names)}")
+        raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(names)}")
 
 
 def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:
@@ -260,7 +261,7 @@ def _out_of_order(record: Stamped, stamp: int, last: int) -> MessageError:
 def _missing(stamp: int, tick: _OpenTick, but: str) -> MessageError:
     absent = [topic.name for topic, record in zip(LEARNER_TOPICS, tick.records, strict=True) if record is None]
     present = [_name(record) for record in tick.records if record]
-    return MessageError(f"the tick at {stamp} ns lacks {', '.join(absent)}: it has {', '.join(present)}, and {but}")
+    return MessageError(f"the tick at {stamp} ns lacks {names_text(absent)}: it has {names_text(present)}, and {but}")
 
 
 # Training feeds the same episode hundreds of times, so the latest messages are remembered by their bytes, which is

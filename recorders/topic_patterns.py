@@ -4,6 +4,7 @@ from collections.abc import Collection, Iterable
 from fnmatch import fnmatchcase
 
 from recorders.errors import LogError
+from recorders.wording import names_text
 
 
 def matches(topic: str, patterns: Iterable[str]) -> bool:
@@ -21,6 +22,6 @@ def chosen(patterns: Collection[str], topics: Collection[str], *, option: str) -
     """
     for pattern in sorted(patterns):
         if not any(matches(topic, (pattern,)) for topic in topics):
-            found = ", ".join(sorted(topics)) or "none"
+            found = names_text(sorted(topics)) or "none"
             raise LogError(f"{option}: no topic {pattern} in the logs; there are: {found}")
     return frozenset(topic for topic in topics if matches(topic, patterns))

@@ -1,5 +1,7 @@
 """Words of error lines: values and kinds of value as whoever wrote a file knows them, with nothing of Python's."""
 
+from collections.abc import Iterable
+
 _KINDS = {
     str: "a text",
     bool: "true or false",
@@ -32,3 +34,31 @@ def value_text(value: object, *, limit: int = 80) -> str:
     except ValueError:  # a whole number of thousands of digits
         return f"{kind_text(type(value))}, a huge one"
     return text if len(text) <= limit else f"{text[: limit - 1]}…"
+
+
+def names_text(names: Iterable[str], *, limit: int = 600) -> str:
+    """Return names for an error line, one after another: about `limit` characters of them, and how many more there are.
+
+    An empty text for no names. A log or a robot from anyone may have 65,000 of them, or one of a megabyte.
+    """
+    every = list(names)
+    shown: list[str] = []
+    room = limit
+    for name in every:
+        line = " ".join(name.split())
+        cut = line if len(line) <= limit // 2 else f"{line[: limit // 2]}…"
+        room -= len(cut) + 2
+        if shown and room < 0:
+            break
+        shown.append(cut)
+    more = len(every) - len(shown)
+    return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def line_text(text: str, *, limit: int = 3000) -> str:
+    """Return a text as one line of at most about `limit` characters; what is left out of a longer one is its middle."""
+    line = " ".join(text.split())
+    if len(line) <= limit:
+        return line
+    end = limit // 4  # what to do comes last
+    return f"{line[: limit - end]} … ({len(line) - limit} characters) … {line[-end:]}"

@@ -18,6 +18,7 @@ from recorders.messages import Message
 from recorders.records import Stamped
 from recorders.ros import schema_text
 from recorders.topics import type_of
+from recorders.wording import names_text
 
 RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256", "environment")
 
@@ -241,7 +242,7 @@ def _standard(topic: str, type_name: str) -> Declared:
 def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
     taken = [key for key in RESERVED if key in manifest]
     if taken:
-        raise LogError(f"manifest: {', '.join(taken)} is set by the writer; choose another name")
+        raise LogError(f"manifest: {names_text(taken)} is set by the writer; choose another name")
     complete = {**manifest, "format_version": FORMAT_VERSION, "environment": environment()}
     to_metadata(complete)  # refuse what is not JSON now, not after the recording
     return complete

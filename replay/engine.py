@@ -15,6 +15,7 @@ from recorders.session_reader import Reader, open_log
 from recorders.stream import MAX_MESSAGE, Offer
 from recorders.ticks import TickJoiner
 from recorders.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
+from recorders.wording import names_text
 from replay.digests import StreamDigest
 from replay.schedule import Schedule
 
@@ -103,8 +104,8 @@ class Episode:
         missing = [topic for topic in _NEEDED if topic not in found]
         if missing:
             raise LogError(
-                f"{self.path}: expected messages on {', '.join(missing)}, found none; record with explore, "
-                f"or rename with --map one of {', '.join(sorted(found)) or 'no topics'}"
+                f"{self.path}: expected messages on {names_text(missing)}, found none; record with explore, "
+                f"or rename with --map one of {names_text(sorted(found)) or 'no topics'}"
             )
         if SESSION_PHASE in found:
             raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
@@ -152,8 +153,8 @@ def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where:
         If there is none; the line names those that there are, and the log or logs, `where`.
     """
     if unknown := sorted(renames.keys() - set(topics)):
-        found = ", ".join(sorted(set(topics))) or "none"
-        raise LogError(f"{where}: --map: expected a topic {', '.join(unknown)}, found none; there are: {found}")
+        found = names_text(sorted(set(topics))) or "none"
+        raise LogError(f"{where}: --map: expected a topic {names_text(unknown)}, found none; there are: {found}")
 
 
 def _check_types(renames: Mapping[str, str], topics: Mapping[str, str], *, where: str) -> None:
@@ -220,7 +221,7 @@ class Replay:
             if episode.robot != self.robot:
                 raise LogError(f"{episode.path}: recorded with another robot than {self.episodes[0].path}")
         topics = {topic for episode in self.episodes for topic in episode.topics}
-        check_renames(renames, topics, where=", ".join(str(path) for path in paths))
+        check_renames(renames, topics, where=names_text(str(path) for path in paths))
         digests = [episode.digest for episode in self.episodes]
         self.run = hashlib.sha256(json.dumps([schedule.to_dict(), digests]).encode()).hexdigest()[:32]
 

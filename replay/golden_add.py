@@ -9,6 +9,7 @@ from typing import Any
 
 from recorders.errors import ConfigError
 from recorders.manifest import environment
+from recorders.wording import names_text
 from replay.engine import Replay
 from replay.golden import check_case
 from replay.golden_case import (
@@ -133,7 +134,7 @@ def _copies(recipe: Recipe, folder: Path) -> tuple[Path, ...]:
     if len(set(taken)) != len(taken):
         raise ConfigError(
             f"expected logs of different names, none of them {CASE_FILE}, {STEPS_FILE}, {STATES_FILE} or LOG.index, "
-            f"found {', '.join(names)}"
+            f"found {names_text(names)}"
         )
     copies = tuple(folder / name for name in names)
     for source, target in zip(recipe.logs, copies, strict=True):

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
-from recorders.wording import value_text
+from recorders.wording import names_text, value_text
 from replay.golden_folder import CASE_FILE
 from replay.golden_log import LogEntry, file_sha256
 from replay.golden_recipe import Recipe
@@ -66,7 +66,7 @@ class Tolerances:
             type(value) in (int, float) and 0 <= value <= 1 for value in values.values()
         ):
             raise ConfigError(
-                f"tolerances: expected {', '.join(sorted(names))}, numbers from 0 to 1, found {value_text(values)}"
+                f"tolerances: expected {names_text(sorted(names))}, numbers from 0 to 1, found {value_text(values)}"
             )
         return cls(**values)
 
@@ -221,7 +221,7 @@ def _files(files: dict[str, Any], logs: Sequence[str]) -> dict[str, str]:
     """Check the hashes of the other files; only names that a case gives its own files are ever opened."""
     names = own_files(logs)
     if set(files) != set(names) or not all(isinstance(value, str) for value in files.values()):
-        raise ConfigError(f"files: expected the SHA-256 of {', '.join(names)}, found {value_text(files)}")
+        raise ConfigError(f"files: expected the SHA-256 of {names_text(names)}, found {value_text(files)}")
     return files
 
 
@@ -240,7 +240,7 @@ def _history(entries: list[Any], digest: object) -> tuple[Mapping[str, Any], ...
 
 def _typed(values: object, kinds: Mapping[str, type | tuple[type, ...]], what: str) -> dict[str, Any]:
     if not isinstance(values, dict) or set(values) != set(kinds):
-        raise ConfigError(f"{what}: expected {', '.join(kinds)}, found {value_text(values)}")
+        raise ConfigError(f"{what}: expected {names_text(kinds)}, found {value_text(values)}")
     for name, kind in kinds.items():
         if not isinstance(values[name], kind) or (isinstance(values[name], bool) and kind is not bool):
             raise ConfigError(f"{what}: {name} is of the wrong type: {str(values[name])[:40]}")

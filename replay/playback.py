@@ -19,6 +19,7 @@ from recorders.session_reader import Reader, SessionReader, open_log
 from recorders.stream import Offer
 from recorders.topic_patterns import chosen
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
+from recorders.wording import names_text
 from replay.engine import check_renames, check_size, read_robot
 
 
@@ -146,7 +147,7 @@ class Playback:
 
     def _nothing_found(self) -> str:
         if not self._config.sliced:
-            return f"expected messages in {', '.join(str(reader.path) for reader in self._readers)}, found none"
+            return f"expected messages in {names_text(str(reader.path) for reader in self._readers)}, found none"
         return (
             f"expected messages in the slice from {self._config.span}, found none; "
             "--start and --end count seconds from the first message of all logs"
@@ -176,7 +177,7 @@ class Playback:
     def _choose(self) -> frozenset[str]:
         """Return the topics that are played, by the names in the logs."""
         found = {topic for reader in self._readers for topic in reader.topics}
-        check_renames(self._config.renames, found, where=", ".join(str(reader.path) for reader in self._readers))
+        check_renames(self._config.renames, found, where=names_text(str(reader.path) for reader in self._readers))
         return chosen(self._config.topics or found, found, option="--topic")
 
 

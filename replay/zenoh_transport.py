@@ -29,6 +29,7 @@ from recorders.wire.frames import (
 )
 from recorders.wire.receiver import MAX_PAYLOAD, asking
 from recorders.wire.session import publishing
+from recorders.wording import names_text
 from replay.awaited_controllers import await_matching, controller_status, matches
 from replay.transport import StreamFrom
 
@@ -81,7 +82,7 @@ class SenderConfig:
             check_name(name)
         check_namespace(self.namespace)
         if len(set(self.consumers)) != len(self.consumers):
-            raise ConfigError(f"expected each consumer once, found {', '.join(self.consumers)}")
+            raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
         if not 1 <= self.batch <= self.window:
             raise ConfigError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
         for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
