@@ -62,9 +62,8 @@ def cleaned(robot: Element) -> Element:
 
 
 def _copy(element: Element, path: str) -> Element:
-    copy = Element(
-        element.tag, {name: element.attrib[name] for name in _ATTRIBUTES.get(element.tag, ()) if name in element.attrib}
-    )
+    names = _ATTRIBUTES.get(element.tag, ())
+    copy = Element(element.tag, {name: value for name, value in element.attrib.items() if name in names})
     if element.tag in _TEXTS:
         copy.text = element.text
     for tag, many in _CHILDREN.get(path, {}).items():  # kind by kind: Rerun reads no others between two of one kind
