@@ -97,7 +97,8 @@ def _outcome(recording: "Recording", key: str) -> str:
     if recording.messages:
         first, last = recording.paths[0], recording.paths[-1]
         where = str(first) if first == last else f"{len(recording.paths)} parts, {first} to {last}"
-        return f"{recording.messages} messages are recorded in {where}"
+        messages = "1 message is" if recording.messages == 1 else f"{recording.messages} messages are"
+        return f"{messages} recorded in {where}"
     if recording.refused:
         reasons = "; ".join(islice(recording.refused, 3))
         raise LogError(f"nothing is recorded: what came on {key} was refused: {reasons}")

@@ -58,6 +58,9 @@ def silent_port() -> Iterator[int]:
 
 
 def user(address: str, log: Path, *, wait_s: float = 30.0) -> "subprocess.Popen[str]":
+    """Start one; its first run is computed, the others are under way until they are let go on."""
+    for word in ("begun", "go on"):
+        log.with_name(word).unlink(missing_ok=True)
     arguments = (cluster_user.__file__, address, str(wait_s), str(log), str(COUNT), str(EPOCHS))
     return subprocess.Popen(
         [sys.executable, *arguments], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=log.parent
@@ -158,6 +161,7 @@ def test_a_cut_connection_costs_no_finished_run(cluster: BareCluster, log: Path,
         after_one_run(process)
         proxy.cut()
         proxy.restore()
+        (log.parent / "go on").touch()
         said, complained = end_of(process)
     assert said.split() == ["done", "2", "done", "3", *digests]
     assert complained == ""

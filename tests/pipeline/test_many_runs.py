@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 from clusters import local_cluster
 from episodes import write_episode
-from killed_run import killing
+from run_events import killing
 from sockets import listening
 
 from pipeline.executors import dask_cluster, local_processes

@@ -1,5 +1,6 @@
 """Dask clusters on loopback, for a test."""
 
+import os
 import socket
 import subprocess
 import sys
@@ -50,7 +51,8 @@ class BareCluster:
     def _start(self, program: str, *arguments: str) -> subprocess.Popen[bytes]:
         command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", *arguments]
         quiet = subprocess.DEVNULL
-        return subprocess.Popen(command, cwd=self._folder, stdin=quiet, stdout=quiet, stderr=quiet)
+        known = os.environ | {"PYTHONPATH": str(Path(__file__).parent)}  # the tests' own runs are found there
+        return subprocess.Popen(command, cwd=self._folder, env=known, stdin=quiet, stdout=quiet, stderr=quiet)
 
 
 @contextmanager
