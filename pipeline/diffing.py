@@ -1,13 +1,13 @@
 """The first divergence of two files of one kind: two logs, or two controllers."""
 
-from collections.abc import Collection
+from collections.abc import Callable, Collection
 from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.controller import Controller, is_controller
 from pipeline.controller_compare import ControllerDifference, first_difference
 from recorders.errors import ConfigError, LogError, ReenactError
-from recorders.parts import is_log
+from recorders.parts import is_log, one_session
 from recorders.session_reader import open_log
 from recorders.topic_patterns import chosen
 from replay.compare import Divergence, first_divergence
@@ -46,8 +46,10 @@ class DiffConfig:
         return left
 
 
-def diff(a: Path, b: Path, config: DiffConfig | None = None) -> Divergence | ControllerDifference | None:
-    """Return where two recordings or two controllers first differ, None if they do not.
+def diff(
+    a: Path, b: Path, config: DiffConfig | None = None, *, say: Callable[[str], None] = lambda line: None
+) -> Divergence | ControllerDifference | None:
+    """Return where two recordings or two controllers first differ, None if they do not; `say` is told of lone parts.
 
     `str()` of what is returned is one line for the user, `dataclasses.asdict` the same for JSON.
 
@@ -60,7 +62,7 @@ def diff(a: Path, b: Path, config: DiffConfig | None = None) -> Divergence | Con
     config = config or DiffConfig()
     rules = config.rules
     if is_log(a) and is_log(b):
-        left, right = open_log(a), open_log(b)
+        left, right = (open_log(one_session([path], say)) for path in (a, b))
         topics = config.choose(left.topics.keys() | right.topics.keys())
         return first_divergence(left.records(topics=topics), right.records(topics=topics), rules)
     if config != DiffConfig():

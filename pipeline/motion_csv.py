@@ -4,6 +4,7 @@ import csv
 import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
+from decimal import Decimal
 from itertools import pairwise
 from pathlib import Path
 from typing import TypeAlias
@@ -23,7 +24,6 @@ MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken fo
 _MM = 1e4  # a coordinate between 100 m and this is taken to be one in millimetres
 _POINTS = "numbers are written with a decimal point, not a decimal comma"
 _MAX_CLOCK_S = 1e10  # Unix time gets there in the year 2286
-_CLOCK_DIGITS = 6  # what a float64 keeps of Unix time: microseconds
 
 Choice: TypeAlias = Callable[[Sequence[str]], Sequence[str]]
 """Returns the columns wanted, `t` first, of those that a header has; raises MotionError if it lacks one."""
@@ -58,10 +58,10 @@ def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDI
     rows = list(_read_rows(path, choose, max_coordinate))
     if len(rows) < 2:
         raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
-    table = np.array([values for _, values in rows])
+    table = np.array([values for _, _, values in rows])
     if np.abs(table[:, 0]).max() > MAX_TIME_S:
-        table[:, 0] = np.round(table[:, 0] - table[0, 0], _CLOCK_DIGITS)
-    for (line, _), (before, after) in zip(rows[1:], pairwise(table[:, 0].tolist()), strict=True):
+        table[:, 0] = [float(time - rows[0][1]) for _, time, _ in rows]  # subtracted exactly, before a float holds it
+    for (line, _, _), (before, after) in zip(rows[1:], pairwise(table[:, 0].tolist()), strict=True):
         _check_step(f"motion '{path}', line {line}, column t", before, after)
     return table
 
@@ -76,8 +76,8 @@ def _check_step(where: str, before: float, after: float) -> None:
         )
 
 
-def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, list[float]]]:
-    """Line number and the values of the columns wanted of each row."""
+def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, Decimal, list[float]]]:
+    """Line number, time as it is written [s], and the values of the columns wanted of each row."""
     refuse_irregular(path, expected="a CSV file", error=MotionError)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
@@ -93,7 +93,8 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
                     places = _places(path, header, choose)
                 else:
                     _check_length(where, row, len(header))
-                    yield reader.line_num, _values(where, row, places, max_coordinate)
+                    values = _values(where, row, places, max_coordinate)
+                    yield reader.line_num, Decimal(row[places["t"]]), values
             if reader.line_num == 0:
                 raise MotionError(f"motion '{path}': expected CSV text, found an empty file")
     except OSError as error:

@@ -1,5 +1,6 @@
 """A controller tried on a motion, beside the teacher and the linear baseline."""
 
+from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -14,6 +15,7 @@ from pipeline.motions import is_recorded, load_motion
 from pipeline.robot import RobotConfig, parse_robot
 from pipeline.samples import HANDS, Samples, read_samples
 from recorders.errors import ControllerError
+from recorders.parts import one_session
 from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
@@ -72,7 +74,13 @@ def robot_of(controller: Controller) -> RobotConfig:
     return robot
 
 
-def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path | None = None) -> Trial:
+def try_motion(
+    controller: Controller,
+    motion: str | Path,
+    *,
+    linear_from: Path | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Trial:
     """Try a controller on a recording, a CSV file or a motion known by name.
 
     Parameters
@@ -83,6 +91,8 @@ def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path 
         What is asked for.
     linear_from : Path, optional
         The log that the linear baseline is fitted to; by default the motion's own, where it is one.
+    say : callable
+        Told of a part of a session that is named alone.
 
     Raises
     ------
@@ -90,12 +100,12 @@ def try_motion(controller: Controller, motion: str | Path, *, linear_from: Path 
         If a log or the motion cannot be read, or was recorded with a robot of other joints.
     """
     robot = robot_of(controller)
-    fitted = None if linear_from is None else read_samples(linear_from, robot=robot)
+    fitted = None if linear_from is None else read_samples(one_session([linear_from], say), robot=robot)
     if fitted is not None:
         _check_joints(controller, fitted, name=str(linear_from))
     if is_recorded(motion):
-        samples = read_samples(Path(motion), robot=robot)
-        return try_samples(controller, samples, name=Path(motion).stem, fitted=fitted)
+        log = one_session([Path(motion)], say)
+        return try_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)
 

@@ -86,8 +86,15 @@ def find_log(path: Path) -> Log:
     return path
 
 
-def one_session(paths: Sequence[Path]) -> Log:
+def one_session(paths: Sequence[Path], say: Callable[[str], None] = lambda line: None) -> Log:
     """Return the one session that a list of logs is: numbered parts go by their numbers, other logs as listed.
+
+    Parameters
+    ----------
+    paths : sequence of Path
+        Logs or parts, or one folder or stem.
+    say : callable
+        Told of a part that is named without the others.
 
     Raises
     ------
@@ -97,6 +104,9 @@ def one_session(paths: Sequence[Path]) -> Log:
     if not paths:
         raise LogError("expected at least one log, found none")
     if len(paths) == 1:
+        if (part := _part(paths[0])) and (part.number or part.more):
+            whole = _split_name(paths[0].name)
+            say(f"{paths[0]} is one part of a session, taken alone; {whole} beside it names them all")
         return find_log(paths[0])
     if len({_split_name(path.name) for path in paths}) == 1:
         return _whole(sorted(paths, key=_number))
@@ -122,10 +132,7 @@ def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: 
     for place, path in enumerate(paths):
         part = _part(path)
         sessions.setdefault(part.session if part else f"log {place}", []).append(path)
-    for session, (path, *others) in sessions.items():
-        if not session.startswith("log ") and not others:
-            say(f"{path} is one part of a session, taken alone; {_split_name(path.name)} beside it names them all")
-    return [one_session(members) for members in sessions.values()]
+    return [one_session(members, say) for members in sessions.values()]
 
 
 def is_followed(path: Path) -> bool:

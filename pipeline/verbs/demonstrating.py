@@ -152,11 +152,11 @@ def _axes(plane: str | None) -> tuple[str, str] | None:
 
 def _read(source: str, hand: str | None, topic: str | None, map_: list[str] | None) -> "Shown":
     from pipeline.hand_paths import pose_topics, read_csv_paths, read_log_paths
-    from recorders.parts import is_log
+    from recorders.parts import is_log, one_session
 
     path = drawings().get(source, Path(source))
     if is_log(path):
-        return read_log_paths(path, pose_topics(topic, hand=hand), renames=renames(map_))
+        return read_log_paths(one_session([path], console.say), pose_topics(topic, hand=hand), renames=renames(map_))
     if topic or map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
     return read_csv_paths(path, hand=hand)

@@ -78,7 +78,7 @@ def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
     from recorders.parts import Parts, one_session, recordings
     from replay.golden_log import slim
 
-    found = [one_session(logs)] if session and logs else recordings(logs, console.say)
+    found = [one_session(logs, console.say)] if session and logs else recordings(logs, console.say)
     files: list[Path] = []
     for place, log in enumerate(found):
         if isinstance(log, Parts):

@@ -24,7 +24,7 @@ def info(
     from recorders.parts import Parts, one_session
     from recorders.session_summary import summarise_log
 
-    log = one_session(logs)
+    log = one_session(logs, console.say)
     with console.progress("info") as advance:
         summary = summarise_log(log, on_progress=advance)
     parts = {"parts": [str(path) for path in log.paths]} if isinstance(log, Parts) else {}

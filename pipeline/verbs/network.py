@@ -259,5 +259,5 @@ def _source(
     if topics or loop != 1 or start is not None or end is not None:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if as_recorded:
-        return RecordedSession(one_session(logs), epochs=epochs, renames=names)
+        return RecordedSession(one_session(logs, console.say), epochs=epochs, renames=names)
     return Replay(recordings(logs, console.say), Schedule(epochs=epochs or 150), renames=names)

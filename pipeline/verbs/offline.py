@@ -89,9 +89,10 @@ def train(
         raise ConfigError("expected one of --as-recorded and --as-live, found both")
     source: Source
     if as_recorded:
-        source = RecordedSession(one_session(logs), epochs=epochs, renames=renames(map_))
+        source = RecordedSession(one_session(logs, console.say), epochs=epochs, renames=renames(map_))
     elif as_live:
-        source = heard_live(one_session(logs), robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
+        heard = one_session(logs, console.say)
+        source = heard_live(heard, robot=config, epochs=epochs or 1, renames=renames(map_), say=console.say)
     else:
         source = Replay(recordings(logs, console.say), Schedule(epochs=epochs or 150), renames=renames(map_))
     with leaving(lambda: "no controller was written"), console.progress("train") as advance:
@@ -136,7 +137,10 @@ def evaluate(
     if deploy and linear_from is not None:
         raise ConfigError("expected one of --deploy and --linear-from, found both")
     loaded = Loaded.load(controller)
-    result = _deployed(loaded, motion) if deploy else try_motion(loaded, motion, linear_from=linear_from).summary()
+    if deploy:
+        result = _deployed(loaded, motion)
+    else:
+        result = try_motion(loaded, motion, linear_from=linear_from, say=console.say).summary()
     console.show(result, as_json=as_json)
 
 
@@ -167,7 +171,7 @@ def diff(
     from pipeline.diffing import DiffConfig
     from pipeline.diffing import diff as run
 
-    found = run(a, b, DiffConfig(tuple(topic or ()), tuple(ignore or ()), tolerance))
+    found = run(a, b, DiffConfig(tuple(topic or ()), tuple(ignore or ()), tolerance), say=console.say)
     if as_json:
         console.show({"equal": found is None, "first_divergence": found and asdict(found)}, as_json=True)
     else:

@@ -76,7 +76,7 @@ def view(
         raise ConfigError("--robot and --map are for logs: a controller carries its robot")
     if not learned and motion is not None:
         raise ConfigError("--motion is for controllers: a log shows the motion that it holds")
-    log = one_session(shown)
+    log = one_session(shown, console.say)
     if isinstance(log, Path) and not log.is_file():
         raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
     url = None

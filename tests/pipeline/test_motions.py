@@ -205,6 +205,9 @@ def test_a_byte_order_mark_is_no_part_of_the_first_column(tmp_path: Path) -> Non
 
 
 def test_unix_times_are_counted_from_the_first_and_others_are_kept(tmp_path: Path) -> None:
+    exact = [f"1790000000.{k * 20_000_001:09d},1,2,3,4,5,6" for k in range(25)]
+    counted = read_motion_csv(write(tmp_path / "exact.csv", HEADER, *exact)).times_s
+    assert counted.tolist() == [k * 20_000_001 / 1e9 for k in range(25)]
     clock = [f"{1_700_000_000 + k // 10}.{k % 10},1,2,3,4,5,6" for k in range(25)]
     np.testing.assert_array_equal(
         read_motion_csv(write(tmp_path / "m.csv", HEADER, *clock)).times_s, np.round(0.1 * np.arange(25), 6)

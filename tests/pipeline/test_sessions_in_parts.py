@@ -173,3 +173,19 @@ def test_damage_to_a_part_is_said_with_its_name(work: Path, tmp_path: Path, caps
     found = json.loads(capsys.readouterr().out)
     assert (end.value.code, found["sound"], found["finished"]) == (1, False, False)
     assert [damage["reason"].partition(":")[0] for damage in found["damage"]] == ["cut_001.mcap"]
+
+
+def test_a_part_that_is_named_alone_is_said_to_be_one(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    part = work / "episode" / "episode_003.mcap"
+    out = ("--out", tmp_path / "out.npz")
+    line = f"{part} is one part of a session, taken alone; episode.mcap beside it names them all\n"
+    for arguments in (
+        ("train", part, "--as-live", *out),
+        ("evaluate", tmp_path / "out.npz", part),
+        ("view", part, "--save", tmp_path / "part.rrd"),
+        ("info", part),
+        ("demonstrate", part, "--place", "as-is", "--unreachable", "keep", "--out", tmp_path / "shown.mcap"),
+    ):
+        assert line in run(capsys, *arguments)[1]
