@@ -62,7 +62,6 @@ def test_of_a_robot(tmp_path: Path, irregular: Callable[[Path], Path], file: str
         ("evaluate {} circles", "c.npz", "a controller"),
         ("diff {} {}", "c.npz", "a controller"),
         ("golden add any.mcap --config {} --name a --dir .", "c.toml", "a TOML file"),
-        ("info {}", "log.mcap", "an MCAP file"),
     ],
 )
 def test_on_the_command_line(
