@@ -20,9 +20,10 @@ from recorders.topics import type_of
 from recorders.wire.frames import NO_RUN, Frame, Kind
 from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Event, Live, Offered, Receiver
-from recorders.writer import LogWriter
+from recorders.writer import MAX_CHANNELS, LogWriter
 
 _POLL_S = 0.2
+_TOO_MANY = f"one topic more: a log holds no more than {MAX_CHANNELS} channels"
 _STOPPED = "the recorder was stopped"
 _FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
 
@@ -227,18 +228,27 @@ class LiveRecorder:
             self._first_ns = time.monotonic_ns()
         sequence = record.sequence if numbered else None
         kind, declared = self._type(record, declared)
-        self._writer.write(
-            record.topic,
-            record.data,
-            log_time_ns=self._clock.now_ns(),
-            sequence=sequence,
-            type_name=kind,
-            opaque=not kind,
-            declared=declared,
-        )
+        try:
+            self._writer.write(
+                record.topic,
+                record.data,
+                log_time_ns=self._clock.now_ns(),
+                sequence=sequence,
+                type_name=kind,
+                opaque=not kind,
+                declared=declared,
+            )
+        except MessageError:  # everything else has been looked at
+            self._refuse_topic()
+            return
         self._written += len(record.data)
         self.recording.messages += 1
         self.recording.size += len(record.data)
+
+    def _refuse_topic(self) -> None:
+        if not self.recording.refused[_TOO_MANY]:
+            self._say(f"refused a message on {_TOO_MANY}")
+        self.recording.refused[_TOO_MANY] += 1
 
     def _type(self, record: Stamped, declared: Declared | None) -> tuple[str, Declared | None]:
         """Return the type of a message, an empty string if nothing tells, and the channel of another log to take over.

@@ -24,6 +24,9 @@ RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256"
 
 _Channel: TypeAlias = tuple[str, str, bool, Declared | None]  # topic, type, numbered by its producer, of another log
 
+MAX_CHANNELS = 2**16 - 1
+"""As many as MCAP's numbers of channels tell apart."""
+
 _MAX_SEQUENCE = 2**32 - 1
 _MAX_TIME_NS = 2**64 - 1
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
@@ -136,7 +139,7 @@ class LogWriter:
         Raises
         ------
         MessageError
-            If the type is not the topic's or not known, or a number is out of range.
+            If the type is not the topic's or not known, a number is out of range, or it takes one channel too many.
         LogError
             If the file cannot be written.
         """
@@ -154,6 +157,8 @@ class LogWriter:
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
         channel = (topic, found, sequence is not None, declared)
         if channel not in self._channels:
+            if len(self._channels) == MAX_CHANNELS:
+                raise MessageError(f"{topic}: a log holds no more than {MAX_CHANNELS} channels")
             described = declared or (_opaque(topic) if opaque else _standard(topic, found))
             self._file.change(lambda: self._open_channel(channel, described))
         self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))

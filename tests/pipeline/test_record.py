@@ -239,6 +239,20 @@ def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp
     assert result["opaque"] == {"/camera/raw": 1, "/hand/left/target": 1, "/notes": 1}
 
 
+def test_a_topic_too_many_for_a_log_is_refused_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorders.writer.MAX_CHANNELS", 3)
+    told: list[str] = []
+    with recording_here(tmp_path / "log.mcap", say=told.append) as (producer, live, stopped):
+        for index in range(20):
+            producer.publish(f"/values/{index % 5}", Float64MultiArray([1.0]), log_time_ns=0)
+        await_that(lambda: live.recording.messages + live.recording.refused.total() == 20)
+        stopped()
+    assert LogReader(tmp_path / "log.mcap").counts == {f"/values/{index}": 4 for index in range(3)}
+    assert told == ["refused a message on one topic more: a log holds no more than 65535 channels"]
+
+
 def test_topics_are_chosen(tmp_path: Path) -> None:
     with recorder(tmp_path, "--include", "/hand/*", "--exclude", "/hand/right/*") as (session, process):
         with Producer(session) as producer:

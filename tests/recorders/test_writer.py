@@ -15,7 +15,7 @@ from recorders.manifest import METADATA_NAME, content_sha256, from_metadata
 from recorders.messages import JointState, PoseStamped, String
 from recorders.reader import LogReader
 from recorders.topics import LEFT_TARGET, ROBOT_DESCRIPTION, SESSION_PHASE
-from recorders.writer import LogWriter
+from recorders.writer import MAX_CHANNELS, LogWriter
 
 
 def target(stamp_ns=0):
@@ -271,3 +271,14 @@ def test_joint_states_survive_to_the_bit(tmp_path):
         log.write("/joint_states", message, log_time_ns=3)
     (record,) = LogReader(path)
     assert record.data == encode(message)
+
+
+@pytest.mark.campaign
+def test_as_many_channels_as_mcap_can_number(tmp_path):
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        for number in range(MAX_CHANNELS):
+            log.write(f"/topic/{number}", b"", log_time_ns=0, opaque=True)
+        with pytest.raises(MessageError, match="/one/more: a log holds no more than 65535 channels"):
+            log.write("/one/more", b"", log_time_ns=0, opaque=True)
+        log.write("/topic/0", b"", log_time_ns=0, opaque=True)
+    assert LogReader(tmp_path / "log.mcap").counts["/topic/0"] == 2
