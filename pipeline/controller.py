@@ -263,16 +263,16 @@ def is_controller(path: Path) -> bool:
     return path.is_file() and begins_with(path, _ZIP_MAGIC)
 
 
-def check_writable(path: str | os.PathLike[str]) -> None:
+def check_writable(path: str | os.PathLike[str], *, overwrite: bool = True) -> None:
     """Check that a controller can be saved as `path`, before the work that makes one; leaves nothing behind.
 
-    A controller may take the place of another one, or of an empty file; of nothing else.
+    A controller may take the place of an empty file and, with `overwrite`, of another one; of nothing else.
 
     Raises
     ------
     ControllerError
         If the folder is missing or cannot be written to, or `path` names something else than a file, or a file that
-        is no controller.
+        is no controller or may not be replaced.
     """
     if not Path(path).parent.is_dir():
         raise ControllerError(f"cannot write controller {path}: expected a folder {Path(path).parent}, found none")
@@ -282,6 +282,8 @@ def check_writable(path: str | os.PathLike[str]) -> None:
                 f"cannot write controller {path}: there is a file that is no controller, which stays as it is; "
                 "choose another name"
             )
+        if not overwrite and Path(path).exists() and Path(path).stat().st_size:
+            raise ControllerError(f"{path} exists: choose another name, or replace it with --overwrite")
 
 
 def _holds_something_else(path: Path) -> bool:

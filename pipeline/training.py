@@ -46,6 +46,26 @@ class CheckpointConfig:
             raise ConfigError(f"checkpoint: expected at least 1 tick between two, found {self.every_ticks}")
 
 
+def find_checkpoint(path: Path, *, of: str = "a learner") -> Controller | None:
+    """Return the checkpoint of a learner that is kept in a file; None if there is no file, or an empty one.
+
+    Raises
+    ------
+    ControllerError
+        If there is something else.
+    """
+    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
+        return None
+    controller = Controller.load(path)
+    if not isinstance(controller.provenance.get("checkpoint"), dict):
+        raise _no_checkpoint(path, of)
+    return controller
+
+
+def _no_checkpoint(path: Path, of: str = "a learner") -> ControllerError:
+    return ControllerError(f"{path}: expected a checkpoint of {of}, found a controller without one; move it away")
+
+
 class _Whole(NamedTuple):
     """A place between ticks: the stream index of the next message, and how many ticks came before it."""
 
@@ -135,14 +155,13 @@ class Trainer:
         ControllerError
             If the file is not a checkpoint.
         """
-        if self._checkpoint is None or not self._checkpoint.path.exists():
+        kept = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path)
+        if kept is None:
             return None
-        kept = Controller.load(self._checkpoint.path).provenance.get("checkpoint")
         try:
-            return Phase(**kept["phase"])  # type: ignore[index]  # whatever it is
+            return Phase(**kept.provenance["checkpoint"]["phase"])
         except (KeyError, TypeError, MessageError) as error:
-            path = self._checkpoint.path
-            raise ControllerError(f"{path}: expected a checkpoint of a learner, found none; move it away") from error
+            raise _no_checkpoint(self._checkpoint.path) from error  # type: ignore[union-attr]  # there is one
 
     def settle(self, *, keep: bool) -> None:
         """Take the steps that are complete, as nothing more comes at present, and with `keep` keep a checkpoint."""
@@ -303,13 +322,12 @@ class Trainer:
 
     def _resume(self, run: LearningRun, offer: Offer) -> int:
         """Go on from the checkpoint of this run, if there is one; return the stream index after it."""
-        if self._checkpoint is None or not self._checkpoint.path.exists():
+        controller = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path, of=f"run {offer.run}")
+        if controller is None or self._checkpoint is None:
             return 0
-        path = self._checkpoint.path
-        controller = Controller.load(path)
-        kept = controller.provenance.get("checkpoint")
-        if not isinstance(kept, dict) or kept.get("run") != offer.run:
-            found = kept.get("run") if isinstance(kept, dict) else "no checkpoint"
+        path, kept = self._checkpoint.path, controller.provenance["checkpoint"]
+        if kept.get("run") != offer.run:
+            found = str(kept.get("run"))[:64]
             raise ControllerError(f"{path}: expected a checkpoint of run {offer.run}, found {found}; move it away")
         run.restore(controller, kept)
         start = kept.get("next")

@@ -217,23 +217,24 @@ def _sinks(destination: Destination) -> Iterator[rr.FileSink | rr.GrpcSink]:
         yield rr.GrpcSink(destination.url)
 
 
-def check_place(path: Path) -> None:
+def check_place(path: Path, *, overwrite: bool = True) -> None:
     """Check that a recording can be written as `path`, before the work that makes it.
 
-    A recording may take the place of another one, or of an empty file; of nothing else.
+    A recording may take the place of an empty file and, with `overwrite`, of another one; of nothing else.
 
     Raises
     ------
     LogError
-        If the folder is missing, or `path` names something else than a file, or a file that is no recording.
+        If the folder is missing, or `path` names something else than a file, or a file that is no recording or may not
+        be replaced.
     """
     try:
-        _check_replaceable(path)
+        _check_replaceable(path, overwrite=overwrite)
     except (OSError, ValueError) as error:  # ValueError: a name that no system can have
         raise LogError(f"cannot write the recording '{path}': {getattr(error, 'strerror', None) or error}") from error
 
 
-def _check_replaceable(path: Path) -> None:
+def _check_replaceable(path: Path, *, overwrite: bool) -> None:
     if not path.parent.is_dir():
         raise LogError(f"cannot write the recording '{path}': expected a folder '{path.parent}', found none")
     if not path.exists():
@@ -247,6 +248,8 @@ def _check_replaceable(path: Path) -> None:
             f"cannot write the recording '{path}': there is a file that is no recording of Rerun's, which stays as it "
             "is; choose another name"
         )
+    if begin and not overwrite:
+        raise LogError(f"{path} exists: choose another name, or replace it with --overwrite")
 
 
 def _open_for_writing(path: Path) -> None:

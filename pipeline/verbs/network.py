@@ -27,7 +27,7 @@ from pipeline.verbs.options import (
 )
 from pipeline.verbs.stopping import leaving
 from pipeline.verbs.viewing import View, Viewer, learner_shown
-from recorders.errors import ConfigError
+from recorders.errors import ConfigError, ReenactError
 
 if TYPE_CHECKING:
     from replay.transport import Source
@@ -83,17 +83,18 @@ def learn(
     from pipeline.nodes import OWN_TOPICS
     from pipeline.nodes import learn as run
     from pipeline.robot import load_robot
-    from pipeline.training import CheckpointConfig
+    from pipeline.training import CheckpointConfig, find_checkpoint
     from recorders.part_file import check_place
     from recorders.wire.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
 
-    if not live and (ticks is not None or epochs is not None or record is not None or overwrite):
-        raise ConfigError("--ticks, --epochs, --record and --overwrite: expected --live beside them")
+    if not live and (ticks is not None or epochs is not None or record is not None):
+        raise ConfigError("--ticks, --epochs and --record: expected --live beside them")
     check_metrics(prometheus)
-    check_writable(out)
+    check_writable(out, overwrite=overwrite or out == checkpoint)
     if checkpoint is not None:
         check_writable(checkpoint)
+        find_checkpoint(checkpoint)
     if record is not None:
         check_place(record, overwrite=overwrite)
     receiver = ReceiverConfig(name=name, namespace=namespace, live=live, own_topics=OWN_TOPICS)
@@ -129,7 +130,13 @@ def learn(
 
 
 def _kept(checkpoint: Path | None) -> str:
-    if checkpoint is None or not checkpoint.exists():
+    from pipeline.training import find_checkpoint
+
+    try:
+        kept = None if checkpoint is None else find_checkpoint(checkpoint)
+    except ReenactError:
+        kept = None  # something else, which was there before or is cut off
+    if kept is None:
         return "no controller was written"
     return f"no controller was written; {checkpoint} keeps the learner, for the same command to go on from"
 

@@ -15,6 +15,7 @@ from pipeline.verbs.options import (
     Epochs,
     Json,
     Logs,
+    Overwrite,
     Renames,
     Seed,
     StreamsRobot,
@@ -66,6 +67,7 @@ def train(
     as_live: AsLive = False,
     robot: StreamsRobot = None,
     map_: Renames = None,
+    overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Train the learner straight from logs.
@@ -83,7 +85,7 @@ def train(
     from replay.session import RecordedSession
     from replay.transport import Source
 
-    check_writable(out)
+    check_writable(out, overwrite=overwrite)
     config = None if robot is None else load_robot(robot)
     if as_recorded and as_live:
         raise ConfigError("expected one of --as-recorded and --as-live, found both")

@@ -72,7 +72,7 @@ def serve(
 
     check_metrics(prometheus)
     if out is not None:
-        check_writable(out)
+        check_writable(out, overwrite=overwrite)
     config = ServeConfig(
         name=name,
         namespace=namespace,

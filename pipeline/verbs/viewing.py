@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline import console
-from pipeline.verbs.options import MOTIONS, Json, Renames, complete_motion, renames
+from pipeline.verbs.options import MOTIONS, Json, Overwrite, Renames, complete_motion, renames
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
@@ -57,6 +57,7 @@ def view(
         str | None, typer.Option(help="For a log that carries no robot: its name or folder.", metavar="ROBOT")
     ] = None,
     map_: Renames = None,
+    overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
     """Look at a log or a controller in Rerun's viewer.
@@ -69,6 +70,8 @@ def view(
     from recorders.rerun_recorder import Destination, check_place
     from recorders.rerun_viewer import check_url, open_viewer
 
+    if overwrite and save is None:
+        raise ConfigError("--overwrite: expected --save beside it")
     if save is not None and viewer is not None:
         raise ConfigError("expected one of --save and --viewer, found both")
     learned = len(shown) == 1 and not is_log(shown[0]) and is_controller(shown[0])
@@ -81,7 +84,7 @@ def view(
         raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
     url = None
     if save is not None:
-        check_place(save)
+        check_place(save, overwrite=overwrite)
     else:
         url = check_url(viewer) if viewer is not None else open_viewer()
     to = Destination(path=save, url=url)

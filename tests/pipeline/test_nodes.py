@@ -19,7 +19,7 @@ from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.robot import load_robot
 from pipeline.training import CheckpointConfig, Trainer, train, train_on
-from recorders.messages import JointState, Message
+from recorders.messages import JointState, Message, PoseStamped
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.engine import Replay
@@ -96,10 +96,14 @@ def test_a_log_that_is_cut_off_reaches_no_learner(log: Path, empty: Path, tmp_pa
 
 
 def test_a_log_that_cannot_be_learned_from_is_named_before_anything_is_sent(empty: Path, tmp_path: Path) -> None:
-    log = write_episode(tmp_path / "nan.mcap", samples=10, change=at_tick_7(position=np.full(15, np.nan)))
+    def spoil(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
+        bad = tick == 7 and isinstance(message, PoseStamped)
+        return [(topic, replace(message, position=np.full(3, np.nan)) if bad else message)]  # type: ignore[type-var]
+
+    log = write_episode(tmp_path / "nan.mcap", samples=10, change=spoil)
     with learner(empty) as (endpoint, process):
         line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
-        assert "nan.mcap: /sample/joint_states #7: expected hip_height near its limits" in line
+        assert "nan.mcap: /hand/left/target #7: expected finite numbers" in line
         assert process.poll() is None
 
 
