@@ -4,7 +4,7 @@ import queue
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from typing import Self
 
@@ -17,6 +17,8 @@ LASTING = ("robot", "controller")
 """Nodes that end only when they are told to; all others also end by themselves, and are not missed."""
 
 _GRACE_S = 0.5
+_PACE_S = 0.1  # between two lines, whoever declares and undeclares tokens how often
+_MAX_WAITING = 1000  # lines
 _MAX_KNOWN = 1000  # anyone may declare a token: later ones are not looked after
 
 
@@ -30,7 +32,7 @@ class _Losses:
         self._report = report
         self._lock = threading.Lock()
         self._is_there: dict[str, bool] = {}
-        self._lines: queue.SimpleQueue[tuple[float, str]] = queue.SimpleQueue()  # when each is due
+        self._lines: queue.Queue[tuple[float, str]] = queue.Queue(_MAX_WAITING)  # when each is due
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._work, name="losses", daemon=True)
 
@@ -40,7 +42,8 @@ class _Losses:
 
     def __exit__(self, *error: object) -> None:
         self._over.set()
-        self._lines.put((0.0, ""))
+        with suppress(queue.Full):
+            self._lines.put_nowait((0.0, ""))
         self._thread.join()
 
     def note(self, what: str, *, is_there: bool) -> None:
@@ -53,13 +56,15 @@ class _Losses:
             self._is_there[what] = is_there
             if before is not None and before != is_there:
                 line = f"{'back' if is_there else 'lost'} {what} at {now}"
-                self._lines.put((time.monotonic() + (0.0 if is_there else _GRACE_S), line))
+                with suppress(queue.Full):
+                    self._lines.put_nowait((time.monotonic() + (0.0 if is_there else _GRACE_S), line))
 
     def _work(self) -> None:
         while not self._over.is_set():
             due_s, line = self._lines.get()
             if not self._over.wait(max(0.0, due_s - time.monotonic())):
                 self._report(line)
+                self._over.wait(_PACE_S)
 
 
 @contextmanager
