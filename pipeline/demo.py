@@ -36,7 +36,7 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig
 from replay.engine import Replay
 from replay.schedule import Schedule
-from replay.zenoh_transport import SenderConfig
+from replay.sender_config import SenderConfig
 
 DRAWING = "right_hand_drawing"
 """Stands for the user's demonstration; generated, see its file."""

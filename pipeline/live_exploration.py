@@ -26,7 +26,8 @@ from recorders.wire.node_keys import node_name
 from recorders.wire.node_status import NodeSource
 from recorders.wire.session import SessionConfig, open_session
 from replay.schedule import Schedule
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 _TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
 

@@ -14,8 +14,9 @@ from recorders.wire.node_status import NodeSource
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.clock import Clock, Unpaced, paced
+from replay.sender_config import SenderConfig
 from replay.transport import Source
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.zenoh_transport import ZenohTransport
 
 OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)})
 """What the learner listens to: a message here that is not of its stream is refused aloud."""

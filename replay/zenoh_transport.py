@@ -3,91 +3,40 @@
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 from uuid import uuid4
 
 import zenoh
 
 from recorders.declared import Declared
-from recorders.errors import ConfigError, ReenactError, WireError
+from recorders.errors import ReenactError, WireError
 from recorders.records import Stamped
 from recorders.stream import WINDOW_BYTES, Offer, Progress
 from recorders.wire.channel_table import telling
 from recorders.wire.frames import (
-    DEFAULT_NAMESPACE,
     Frame,
     Kind,
     batch_key,
-    check_name,
-    check_namespace,
     control_key,
     message_key,
     pack,
 )
 from recorders.wire.receiver import MAX_PAYLOAD, asking
 from recorders.wire.session import publishing
-from recorders.wording import names_text
 from replay.awaited_controllers import await_matching, controller_status, matches
+from replay.batches import batches
+from replay.patience import Patience
+from replay.sender_config import SenderConfig
 from replay.transport import StreamFrom
 
 _VERBS = {"learner": "learn", "recorder": "record", "controller": "serve"}  # by the name that each has by default
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
-_BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
-_LONGEST_WAIT_S = 86_400.0
 _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
 _ALIVE_S = 1.0  # how often the consumers hear that a sender which has nothing to say still lives
-
-
-@dataclass(frozen=True)
-class SenderConfig:
-    """Whom to feed, and how.
-
-    Parameters
-    ----------
-    consumers : tuple of str
-        Names of the consumers that are awaited; the window is the slowest one's. A served controller may be one of
-        them: it is awaited, acknowledges nothing, and its result is its status. Without any, whoever listens may lose
-        messages.
-    namespace : str
-        First part of every key.
-    window : int
-        How many messages may be under way unacknowledged.
-    batch : int
-        How many messages travel in one payload; with 1, each travels on the key of its own topic.
-    wait_s : float
-        How long a consumer may take to appear [s].
-    patience_s : float
-        How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
-
-    Raises
-    ------
-    ConfigError, WireError
-        If a number is out of range, or a name cannot be part of a key.
-    """
-
-    consumers: tuple[str, ...] = ("learner",)
-    namespace: str = DEFAULT_NAMESPACE
-    window: int = 1024
-    batch: int = 64
-    wait_s: float = 10.0
-    patience_s: float = 30.0
-
-    def __post_init__(self) -> None:
-        """Check names and ranges."""
-        for name in self.consumers:
-            check_name(name)
-        check_namespace(self.namespace)
-        if len(set(self.consumers)) != len(self.consumers):
-            raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
-        if not 1 <= self.batch <= self.window:
-            raise ConfigError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
-        for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
-            if not 0.0 <= seconds <= _LONGEST_WAIT_S:
-                raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")
 
 
 class ZenohTransport:
@@ -223,7 +172,7 @@ class _Delivery:
         self._unacknowledged_bytes = 0
         self._sent = index
         batched = self._config.batch > 1
-        for messages in _chunks(stream_from(index), self._config.batch):
+        for messages in batches(stream_from(index), self._config.batch):
             self._await_room(len(messages), sum(len(message.data) for message in messages))
             self._send(self._frame(Kind.BATCH if batched else Kind.MESSAGE, tuple(messages)))
         self._send(self._frame(Kind.END))
@@ -334,7 +283,7 @@ class _Delivery:
 
     def _await(self, done: Callable[[], bool]) -> None:
         """Wait until the consumers' progress satisfies `done`; ask them when they are quiet."""
-        watch = _Watch(self._config.patience_s)
+        watch = Patience(self._config.patience_s)
         while True:
             with self._changed:
                 advanced = self._changed.wait_for(lambda: self._failed() or done(), timeout=_POLL_S)
@@ -347,7 +296,7 @@ class _Delivery:
                 if self._progress[name].result is None:
                     self._poll(name, watch)
 
-    def _poll(self, name: str, watch: "_Watch") -> None:
+    def _poll(self, name: str, watch: Patience) -> None:
         """Ask a consumer how far it is, and send again what it has twice said it lacks."""
         answer = self._ask(name, "status", asking(self._offer))
         if answer is not None and answer.run != self._offer.run:
@@ -413,32 +362,6 @@ class _Delivery:
                 self._changed.notify_all()
 
 
-class _Watch:
-    """How long each consumer has been silent, or has received nothing of what was sent."""
-
-    def __init__(self, patience_s: float) -> None:
-        self._patience_s = patience_s
-        self._received: dict[str, int | None] = {}
-        self._since_s: dict[str, float] = {}
-
-    def lacks(self, name: str, received: int | None, *, lacking: bool) -> bool:
-        """Note a poll; True if the consumer lacks the same message as at the poll before.
-
-        Raises
-        ------
-        WireError
-            If that has gone on for too long.
-        """
-        again = lacking and name in self._received and self._received[name] == received
-        if not again:
-            self._since_s[name] = time.monotonic()
-        elif time.monotonic() - self._since_s[name] > self._patience_s:
-            what = "no answer" if received is None else f"message {received} does not arrive"
-            raise WireError(f"{name}: {what} for {self._patience_s:g} s; the rest of the stream is unconfirmed")
-        self._received[name] = received
-        return again
-
-
 def _starting(name: str) -> str:
     """Return the command that starts a consumer of that name."""
     if name in _VERBS:
@@ -463,20 +386,3 @@ def _checked(name: str, progress: Progress) -> Progress:
     if progress.error is not None:
         raise WireError(f"{name}: {progress.error}")
     return progress
-
-
-def _chunks(messages: Iterator[Stamped], size: int) -> Iterator[Sequence[Stamped]]:
-    """Cut a stream into chunks of so many messages, and no more than so many bytes."""
-    chunk: list[Stamped] = []
-    chunk_bytes = 0
-    for message in messages:
-        if chunk and chunk_bytes + len(message.data) > _BATCH_BYTES:
-            yield chunk
-            chunk, chunk_bytes = [], 0
-        chunk.append(message)
-        chunk_bytes += len(message.data)
-        if len(chunk) == size:  # at once: a live stream goes on only when this message has gone out
-            yield chunk
-            chunk, chunk_bytes = [], 0
-    if chunk:
-        yield chunk

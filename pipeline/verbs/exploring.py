@@ -141,7 +141,7 @@ def _drive(
 ) -> dict[str, Any]:
     from pipeline.live_exploration import explore_live
     from replay.schedule import Schedule
-    from replay.zenoh_transport import SenderConfig
+    from replay.sender_config import SenderConfig
 
     sender = SenderConfig(consumers=tuple(awaited or ()), namespace=namespace, batch=1, wait_s=wait_s)
     with console.progress(f"explore {Path(motion).stem}") as advance:

@@ -201,7 +201,7 @@ def replay(
     from recorders.wire.metrics import check_metrics
     from replay.clock import Paced, Pausable, Unpaced
     from replay.playback import Playback
-    from replay.zenoh_transport import SenderConfig
+    from replay.sender_config import SenderConfig
 
     check_metrics(prometheus)
     source = _source(logs, epochs, as_recorded, play, renames(map_), loop, start, end, topic)

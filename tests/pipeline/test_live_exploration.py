@@ -35,7 +35,8 @@ from recorders.ticks import Tick, TickJoiner
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.schedule import Schedule
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 ASIMO = load_robot("asimo")
 PHASES = [[WASHOUT, 1], [LEARN, 1], [EVALUATE, 1]]

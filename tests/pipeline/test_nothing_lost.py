@@ -28,7 +28,8 @@ from recorders.wire.session import SessionConfig, open_session
 from replay.compare import first_divergence
 from replay.engine import Replay
 from replay.schedule import Schedule
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 EPOCHS = 40
 SAMPLES = 40

@@ -37,7 +37,8 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.live_stream import live_offer
 from replay.schedule import Schedule
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 WAIT_S = 30.0
 

@@ -28,8 +28,9 @@ from recorders.wire.receiver import MAX_PAYLOAD
 from recorders.wire.session import SessionConfig, open_session
 from replay.engine import Replay
 from replay.schedule import Schedule
+from replay.sender_config import SenderConfig
 from replay.transport import StreamFrom
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.zenoh_transport import ZenohTransport
 
 SEED = 5
 Spoil: TypeAlias = Callable[[Stamped], Stamped]

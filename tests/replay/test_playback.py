@@ -20,7 +20,8 @@ from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.playback import Playback, PlaybackConfig
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 TODAY_NS = 1_790_000_000_123_456_789
 TIMES_NS = (TODAY_NS, TODAY_NS + 1, 2**63 - 2, 2**63 + 1, 2**64 - 1000)

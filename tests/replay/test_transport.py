@@ -23,8 +23,9 @@ from recorders.wire.frames import Frame, Kind
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import MAX_PAYLOAD, Receiver
 from recorders.wire.session import SessionConfig, open_session
+from replay.sender_config import SenderConfig
 from replay.transport import InProcess, Transport
-from replay.zenoh_transport import SenderConfig, ZenohTransport, _Delivery
+from replay.zenoh_transport import ZenohTransport, _Delivery
 
 COUNT = 2_000
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[])

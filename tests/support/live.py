@@ -71,7 +71,7 @@ def run_exploration(
     from pipeline.live_exploration import explore_live
     from recorders.wire.session import SessionConfig
     from replay.schedule import Schedule
-    from replay.zenoh_transport import SenderConfig
+    from replay.sender_config import SenderConfig
 
     schedule = Schedule.from_dict({"epochs": 1, "phases": phases})
     sender = SenderConfig(consumers=tuple(consumers), wait_s=wait_s)

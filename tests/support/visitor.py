@@ -20,7 +20,8 @@ from recorders.stream import Offer
 from recorders.topics import LEARNER_TOPICS
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 COUNT = 200
 COMMANDS = "reenact/joint_commands"

@@ -18,7 +18,8 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.playback import Playback, PlaybackConfig
-from replay.zenoh_transport import SenderConfig, ZenohTransport
+from replay.sender_config import SenderConfig
+from replay.zenoh_transport import ZenohTransport
 
 SENDER = "0123456789abcdef" * 2
 TEXT = b"\0\1\0\0\1\0\0\0\0"
