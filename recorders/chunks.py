@@ -1,6 +1,6 @@
 """Where the chunks of our logs end: a rule of their content alone, so that equal recordings are equal files."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 from typing import Any, BinaryIO
@@ -119,11 +119,24 @@ def copy_regular(source: BinaryIO, target: BinaryIO, path: Path) -> None:
     """
     copy = ChunkWriter(target, path)
     with closing(copy):
-        for record in StreamReader(source, validate_crcs=True).records:
-            if isinstance(record, DataEnd):
-                break  # the summary follows, which `finish` makes
+        for record in _read_back(source):
             _copy(record, copy)
         copy.finish()
+
+
+def _read_back(source: BinaryIO) -> Iterator[McapRecord]:
+    """Yield the records of a log up to its summary; raises as `copy_regular` does."""
+    records = StreamReader(source, validate_crcs=True).records
+    while True:
+        try:
+            record = next(records)
+        except OSError:
+            raise
+        except Exception as error:  # of many kinds: the library checks little before it reads
+            raise ValueError("what was written does not read back") from error
+        if isinstance(record, DataEnd):
+            return
+        yield record
 
 
 def _copy(record: McapRecord, copy: ChunkWriter) -> None:

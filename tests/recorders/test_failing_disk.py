@@ -81,6 +81,25 @@ def failed(folder: Path, monkeypatch: pytest.MonkeyPatch, place: int, *, overwri
     return disk.calls
 
 
+def test_a_disk_that_changes_what_was_written_is_one_error_and_keeps_the_file(tmp_path: Path) -> None:
+    whole = tmp_path / "whole.mcap"
+    with LogWriter(whole, manifest={}, regular=False) as log:
+        write(log, range(BEFORE))
+    size = whole.stat().st_size
+    for place in range(0, size, size // 60):
+        log = LogWriter(tmp_path / f"{place}.mcap", manifest={})
+        write(log, range(BEFORE))
+        log.flush()  # early, so that the log is copied at its end
+        with log.part.open("r+b") as file:
+            file.seek(min(place, log.part.stat().st_size - 1))
+            (byte,) = file.read(1)
+            file.seek(-1, os.SEEK_CUR)
+            file.write(bytes([byte ^ 0xFF]))
+        with suppress(LogError):  # not all bytes are under a CRC that the library checks
+            log.close()
+        assert log.part.exists() != log.path.exists()
+
+
 @pytest.mark.parametrize("name", ["log.mcap", "log.mcap.part"])
 @pytest.mark.parametrize("target", ["precious", "empty", "none"])
 def test_no_link_is_ever_written_through(tmp_path: Path, name: str, target: str) -> None:
