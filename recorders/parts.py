@@ -181,10 +181,11 @@ def _whole(parts: Sequence[Path]) -> Parts:
     numbers = [part.number if part else _number(path) for path, part in zip(parts, told, strict=True)]
     first = 0 if any(told) else numbers[0]
     end = numbers[-1] + (2 if told[-1] and told[-1].more else 1)
-    if numbers != list(range(first, end)):
-        missing = names_text(str(number) for number in range(first, end) if number not in numbers)
-        found = names_text(str(number) for number in numbers)
-        wrong = f"part {missing} is missing" if missing else "a part is named twice"
+    if len(numbers) != end - first or numbers != list(range(first, end)):
+        there = set(numbers)
+        missing = next((number for number in range(first, end) if number not in there), None)
+        wrong = "a part is named twice" if missing is None else f"part {missing} is missing"
+        found = names_text(map(str, numbers))
         raise LogError(f"{name}: {wrong}: expected parts {first} to {end - 1}, found {found}")
     return Parts(tuple(parts))
 

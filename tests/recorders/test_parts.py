@@ -134,3 +134,10 @@ def test_a_log_is_told_by_its_first_bytes(log: Path, tmp_path: Path, name: str) 
     assert is_log(path)
     path.write_bytes(b"t,lx,ly,lz\n")
     assert is_log(path) == (name == "log.MCAP")
+
+
+def test_numbers_that_are_far_apart_are_one_line_at_once(tmp_path: Path) -> None:
+    for number in (0, 999_999_999):
+        write_foreign(tmp_path / f"a_{number}.mcap", [])
+    with pytest.raises(LogError, match=r"part 1 is missing: expected parts 0 to 999999999, found 0, 999999999"):
+        find_log(tmp_path)
