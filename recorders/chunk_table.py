@@ -2,13 +2,26 @@
 
 import struct
 from array import array
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from typing import NamedTuple
+
+import numpy as np
 
 from recorders.damage import damaged
 from recorders.mcap_records import Record
 
 _FIXED = struct.Struct("<QQQQI")  # first and last log time, offset, length, length of the message indexes' offsets
 _LENGTH = struct.Struct("<Q")
+_LATEST_NS = 2**64 - 1
+
+
+class Gap(NamedTuple):
+    """A part of a file between two chunks [bytes], and the last time before it and the first one behind it [ns]."""
+
+    start: int
+    end: int
+    before_ns: int
+    behind_ns: int
 
 
 class ChunkTable:
@@ -63,6 +76,22 @@ class ChunkTable:
                 run = offset
             jumps[run] = run_end = end
         return jumps
+
+    @property
+    def in_order(self) -> bool:
+        """Whether no chunk holds a time before one of an earlier chunk, as far as the summary says."""
+        first, last = np.asarray(self._first_ns), np.asarray(self._last_ns)
+        return bool((first[1:] >= last[:-1]).all() and (first <= last).all())
+
+    def gaps(self, start: int, end: int) -> Iterator[Gap]:
+        """Yield where in [start, end) there is anything else than chunks [bytes]."""
+        if not self.offsets:
+            yield Gap(start, end, 0, _LATEST_NS)
+            return
+        yield Gap(start, self.offsets[0], 0, self._first_ns[0])
+        for row in np.flatnonzero(np.asarray(self.offsets)[1:] != np.asarray(self.ends)[:-1]).tolist():
+            yield Gap(self.ends[row], self.offsets[row + 1], self._last_ns[row], self._first_ns[row + 1])
+        yield Gap(self.ends[-1], end, self._last_ns[-1], _LATEST_NS)
 
     def _columns(self) -> tuple["array[int]", ...]:
         return self.offsets, self.ends, self._first_ns, self._last_ns

@@ -7,19 +7,38 @@ the first such thing costs one more pass. A log without that CRC, or cut off bef
 
 import os
 from collections.abc import Callable, Iterator, Mapping
-from typing import BinaryIO
+from typing import BinaryIO, Protocol
 
 from mcap.opcode import Opcode
 
 from recorders.attachments import check_attachment
 from recorders.chunk_table import ChunkTable
 from recorders.damage import damaged
+from recorders.mcap_contents import Channels
 from recorders.mcap_records import Record, chunk_data, chunk_head, read_all
 from recorders.mcap_sections import check_data_section
-from recorders.raw_records import MessageWalk
+from recorders.message_index import states_order
 from recorders.records import Stamped
 
 _CHECKED = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END})
+
+
+class Walk(Protocol):
+    """What is done with the messages; of each channel it must learn before them."""
+
+    channels: Channels
+
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[], bool]) -> Iterator[list[Stamped]]:
+        """Take in the data of the chunk at `offset` [bytes], and whether its message indexes say that it is in order.
+
+        Raises
+        ------
+        DamagedLog
+            If a record in them is damaged.
+        """
+
+    def bare(self, record: Record) -> list[Stamped]:
+        """Take in a message beside the chunks; raises DamagedLog if it is damaged."""
 
 
 class LogScan:
@@ -29,7 +48,7 @@ class LogScan:
     ----------
     file : file
         A log, open at its first byte.
-    walk : MessageWalk
+    walk : Walk
         Makes the messages, and knows which are asked for.
     chunks : ChunkTable
         The chunks that must be met; empty if no sound summary tells.
@@ -37,7 +56,7 @@ class LogScan:
         Where to go on, by the offsets of the chunks to leave out.
     """
 
-    def __init__(self, file: BinaryIO, walk: MessageWalk, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
+    def __init__(self, file: BinaryIO, walk: Walk, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
         self._file = file
         self._walk = walk
         self._chunks = chunks
@@ -61,13 +80,16 @@ class LogScan:
                     self._verify()
                 data, offset = chunk_data(record), record.offset
                 del record  # what it holds is in `data`, and there is no room for both and a message
-                yield from self._walk.chunk(data, offset)
+                yield from self._walk.chunk(data, offset, self._states_order)
                 del data
             elif record.opcode == Opcode.MESSAGE:
                 self._verify()
                 yield self._walk.bare(record)
             else:
                 self._learn(record, notice)
+
+    def _states_order(self) -> bool:
+        return states_order(self._file)
 
     def _learn(self, record: Record, notice: Callable[[Record], None]) -> None:
         if record.opcode not in _CHECKED:

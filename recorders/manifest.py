@@ -18,6 +18,7 @@ from recorders.wording import value_text
 FORMAT_VERSION = 2
 METADATA_NAME = "reenact"  # the name of the MCAP metadata record
 
+_ENVIRONMENT = "environment"  # what `LogWriter` always adds
 _CHECKSUM = "manifest_sha256"
 _PACKAGES = ("reenact", "drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
 _FRAME = struct.Struct("<IQQ")  # sequence, log time [ns], length of the data
@@ -104,6 +105,11 @@ def from_metadata(metadata: Mapping[str, str]) -> dict[str, Any]:
             f"expected log format {FORMAT_VERSION} or older, found {value_text(found)}: it needs a newer reenact"
         )
     return upgrade(manifest)
+
+
+def is_of_our_writer(manifest: Mapping[str, Any]) -> bool:
+    """Whether a manifest is that of a log of ours, not of another program's that was recovered."""
+    return _ENVIRONMENT in manifest
 
 
 def _to_json(key: Any, value: Any) -> str:

@@ -1,4 +1,4 @@
-"""The MCAP reader: messages of a log in the order of the file, lazily, and what the log says of itself."""
+"""The MCAP reader: messages of a log in order of log time, lazily, and what the log says of itself."""
 
 import os
 from collections import Counter
@@ -11,17 +11,20 @@ from typing import Any, BinaryIO
 from recorders.damage import DamagedLog
 from recorders.declared import Declared
 from recorders.errors import LogError
+from recorders.log_order import LogOrder, find_order
 from recorders.log_scan import LogScan
 from recorders.manifest import METADATA_NAME, from_metadata
 from recorders.mcap_contents import Channels, Contents, read_attachment, read_contents, read_metadata
 from recorders.mcap_records import MAGIC, Record
 from recorders.protection import is_protected
-from recorders.raw_records import FOREVER_NS, MessageWalk
+from recorders.raw_records import FOREVER_NS, WRONG_TIMES, MessageWalk
 from recorders.records import Stamped
 from recorders.regular import refuse_irregular
+from recorders.time_order import Pieces, merged
 from recorders.wording import names_text, value_text
 
 _NO_JUMPS: Mapping[int, int] = {}
+_BY_FILE = LogOrder(by_file=True, risen=False)
 
 
 class LogReader:
@@ -54,9 +57,17 @@ class LogReader:
         return self.records()
 
     def records(
-        self, *, topics: Iterable[str] | None = None, start_ns: int = 0, end_ns: int = FOREVER_NS
+        self,
+        *,
+        topics: Iterable[str] | None = None,
+        start_ns: int = 0,
+        end_ns: int = FOREVER_NS,
+        file_order: bool = False,
     ) -> Iterator[Stamped]:
-        """Yield the messages in file order, undecoded, holding one chunk at a time.
+        """Yield the messages in order of log time, undecoded; those of one time in the order of the file.
+
+        A log of our own writer goes by the order of the file, whatever its times. Of a log in order one chunk is held
+        at a time; where chunks overlap in time they are merged, and those that overlap are held.
 
         With a time, chunks that hold none of it are not read, if a sound summary says where they are; damage in them
         is not noticed then.
@@ -67,17 +78,30 @@ class LogReader:
             Yield those on these topics only.
         start_ns, end_ns : int, optional
             Yield those of log time [start_ns, end_ns) only.
+        file_order : bool
+            Whether they come in the order of the file instead.
 
         Raises
         ------
         DamagedLog
             If the log is cut off or damaged, after yielding every message before that.
+        LogError
+            If more of it overlaps in time than may be held, or its chunks are of other times than they state.
         """
         walk = MessageWalk(Channels(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        order = _BY_FILE if file_order else self._order
+        if not (order.by_file or order.risen):
+            return self._merged(walk)
+        walk.ordered = not order.by_file
         jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns) if walk.sliced else _NO_JUMPS
         if jumps:
             walk.channels.learn_from(self._index.channels)
         return self._walk(walk, jumps, lambda record: None)
+
+    @property
+    def in_file_order(self) -> bool:
+        """Whether what `records` yields comes in the order of the file; of chunks that are not in order, probably."""
+        return self._order.by_file or self._order.risen
 
     @property
     def protected(self) -> bool:
@@ -173,10 +197,39 @@ class LogReader:
         return contents
 
     def _walk(self, walk: MessageWalk, jumps: Mapping[int, int], notice: Callable[[Record], None]) -> Iterator[Stamped]:
+        reached_ns = 0
         with self._open() as file:
             try:
                 for batch in LogScan(file, walk, self._index.chunks, jumps).batches(notice):
+                    if batch and walk.ordered:
+                        if batch[0].log_time_ns < reached_ns:
+                            raise LogError(WRONG_TIMES)
+                        reached_ns = batch[-1].log_time_ns
                     yield from batch
+            except DamagedLog as error:
+                raise error.located(self.path, walk.last_time_ns) from None
+
+    @cached_property
+    def _order(self) -> LogOrder:
+        with self._open() as file:
+            return find_order(file, os.fstat(file.fileno()).st_size, self._index)
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        """Where the messages stand of a log whose order is another than that of the file, up to the first damage."""
+        pieces = Pieces()
+        try:
+            with self._open() as file:
+                for _ in LogScan(file, pieces, self._index.chunks, _NO_JUMPS).batches(lambda record: None):
+                    pass
+        except DamagedLog as error:
+            pieces.damage = error
+        return pieces
+
+    def _merged(self, walk: MessageWalk) -> Iterator[Stamped]:
+        with self._open() as file:
+            try:
+                yield from merged(file, os.fstat(file.fileno()).st_size, self._pieces, walk)
             except DamagedLog as error:
                 raise error.located(self.path, walk.last_time_ns) from None
 

@@ -170,7 +170,8 @@ def test_logs_of_other_writers_are_read_raw(tmp_path, compression, chunked, inde
     }
     records = foreign(path, compression=compression, use_chunking=chunked, chunk_size=200, **({} if indexed else bare))
     reader = LogReader(path)
-    assert list(reader) == records
+    assert list(reader) == sorted(records, key=lambda record: record.log_time_ns)
+    assert list(reader.records(file_order=True)) == records
     assert reader.counts == {"/pose": 10, "/note": 10, "/raw": 10}
     assert reader.topics == {"/pose": "foxglove.PoseInFrame", "/note": "Note", "/raw": ""}
     assert reader.manifest == {}
