@@ -79,9 +79,9 @@ class ChunkTable:
 
     @property
     def in_order(self) -> bool:
-        """Whether no chunk holds a time before one of an earlier chunk, as far as the summary says."""
+        """Whether the chunks follow one another in time, as the summary says; one of the time 0 alone states none."""
         first, last = np.asarray(self._first_ns), np.asarray(self._last_ns)
-        return bool((first[1:] >= last[:-1]).all() and (first <= last).all())
+        return bool((first[1:] >= last[:-1]).all() and (first <= last).all() and last.all())
 
     def gaps(self, start: int, end: int) -> Iterator[Gap]:
         """Yield where in [start, end) there is anything else than chunks [bytes]."""

@@ -80,7 +80,8 @@ class _Look:
         else:
             return True
         before_ns, self.last_ns = self.last_ns, last_ns
-        return bool(before_ns <= first_ns <= last_ns)
+        states_time = last_ns > 0 or head.opcode == Opcode.MESSAGE
+        return bool(states_time and before_ns <= first_ns <= last_ns)
 
 
 def _is_ours(file: BinaryIO, offset: int) -> bool:

@@ -99,11 +99,6 @@ class LogReader:
         return self._walk(walk, jumps, lambda record: None)
 
     @property
-    def in_file_order(self) -> bool:
-        """Whether what `records` yields comes in the order of the file; of chunks that are not in order, probably."""
-        return self._order.by_file or self._order.risen
-
-    @property
     def protected(self) -> bool:
         """Whether CRCs cover every message and the summary, as they do in our logs.
 
@@ -207,7 +202,8 @@ class LogReader:
                         reached_ns = batch[-1].log_time_ns
                     yield from batch
             except DamagedLog as error:
-                raise error.located(self.path, walk.last_time_ns) from None
+                last_ns = walk.last_time_ns  # of the chunk that was put in order: that of its last message in the file
+                raise error.located(self.path, None if last_ns is None else max(last_ns, reached_ns)) from None
 
     @cached_property
     def _order(self) -> LogOrder:

@@ -40,16 +40,25 @@ class SessionReader:
         return self.records()
 
     def records(
-        self, *, topics: Iterable[str] | None = None, start_ns: int = 0, end_ns: int = FOREVER_NS
+        self,
+        *,
+        topics: Iterable[str] | None = None,
+        start_ns: int = 0,
+        end_ns: int = FOREVER_NS,
+        file_order: bool = False,
     ) -> Iterator[Stamped]:
         """Yield the messages, undecoded: see `LogReader.records`.
 
-        Parts of our recorder follow one another. Those of others may overlap, and are merged by log time; no part is
-        open before its first message is due.
+        Parts of our recorder follow one another, as all do in the order of the files. Those of others may overlap, and
+        are merged by log time; no part is open before its first message is due.
         """
         wanted = None if topics is None else frozenset(topics)
-        reads = [partial(part.records, topics=wanted, start_ns=start_ns, end_ns=end_ns) for part in self.parts]
-        return chain.from_iterable(read() for read in reads) if self._recorded_here else _merged(reads)
+        reads = [
+            partial(part.records, topics=wanted, start_ns=start_ns, end_ns=end_ns, file_order=file_order)
+            for part in self.parts
+        ]
+        in_turn = file_order or self._recorded_here
+        return chain.from_iterable(read() for read in reads) if in_turn else _merged(reads)
 
     @cached_property
     def _recorded_here(self) -> bool:

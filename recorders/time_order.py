@@ -51,6 +51,8 @@ class Pieces:
         self.offsets, self.ends, self.sizes = array("Q"), array("Q"), array("Q")
         self.first_ns, self.last_ns = array("Q"), array("Q")
         self._block_end = 0  # where the block of messages ends that may go on
+        self._size = 0
+        self._check_at = MOST_HELD
 
     def chunk(self, data: bytes, offset: int, states_order: Callable[[], bool]) -> Iterator[list[Stamped]]:
         """Note a chunk; yields nothing, and raises DamagedLog if a record in it is damaged."""
@@ -84,6 +86,14 @@ class Pieces:
             raise LogError(f"expected at most {len(self.offsets)} chunks out of order of log time, found more")
         for column, value in zip(columns, (offset, end, size, first_ns, last_ns), strict=True):
             column.append(value)
+        self._size += size
+        if self._size > self._check_at:  # a log that cannot be merged is no longer read to its end
+            self._check_at = 2 * self._size
+            self._check_held(self._by_time())
+
+    def _by_time(self) -> list[int]:
+        order: list[int] = np.argsort(np.asarray(self.first_ns), kind="stable").tolist()
+        return order
 
     def between(self, start_ns: int, end_ns: int) -> Iterator[int]:
         """Yield the pieces that hold times in [start_ns, end_ns), by their first time; those of one in file order.
@@ -93,8 +103,7 @@ class Pieces:
         LogError
             If more of them than may be held at once overlap in time.
         """
-        order = array("Q", np.argsort(np.asarray(self.first_ns), kind="stable").tobytes())
-        chosen = [row for row in order if self.first_ns[row] < end_ns and self.last_ns[row] >= start_ns]
+        chosen = [row for row in self._by_time() if self.first_ns[row] < end_ns and self.last_ns[row] >= start_ns]
         self._check_held(chosen)
         return iter(chosen)
 

@@ -111,8 +111,21 @@ class Episode:
             raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
 
 
-def renamed(reader: Reader, renames: Mapping[str, str], topics: Collection[str]) -> Iterator[Stamped]:
+def renamed(
+    reader: Reader, renames: Mapping[str, str], topics: Collection[str], *, file_order: bool = False
+) -> Iterator[Stamped]:
     """Yield the messages of a log on some topics, by our names for them, those without a type as of our topic's.
+
+    Parameters
+    ----------
+    reader : Reader
+        The log.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+    topics : collection of str
+        The topics, by our names.
+    file_order : bool
+        Whether they come in the order of the file, and not of log time.
 
     Raises
     ------
@@ -120,11 +133,11 @@ def renamed(reader: Reader, renames: Mapping[str, str], topics: Collection[str])
         If the log cannot be read, has no topic of a name that is to be replaced, or one of another type than our topic.
     """
     if not renames:
-        yield from map(typed, reader.records(topics=topics))
+        yield from map(typed, reader.records(topics=topics, file_order=file_order))
         return
     check_renames(renames, reader.topics, where=str(reader.path))
     _check_types(renames, reader.topics, where=str(reader.path))
-    for record in reader.records():
+    for record in reader.records(file_order=file_order):
         topic = renames.get(record.topic, record.topic)
         if topic in topics:
             yield typed(record._replace(topic=topic))

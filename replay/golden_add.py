@@ -138,7 +138,7 @@ def _copies(recipe: Recipe, folder: Path) -> tuple[Path, ...]:
         )
     copies = tuple(folder / name for name in names)
     for source, target in zip(recipe.logs, copies, strict=True):
-        slim(source, target, physics=recipe.physics)
+        slim(source, target, physics=recipe.physics, file_order=recipe.as_recorded)
     return copies
 
 

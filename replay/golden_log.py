@@ -51,7 +51,7 @@ class _Key(NamedTuple):
         return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
 
 
-def slim(source: Log, target: Path, *, physics: bool) -> None:
+def slim(source: Log, target: Path, *, physics: bool, file_order: bool = False) -> None:
     """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
 
     Parameters
@@ -62,6 +62,8 @@ def slim(source: Log, target: Path, *, physics: bool) -> None:
         Where the copy goes.
     physics : bool
         Whether the hands as measured are needed, which no learner hears.
+    file_order : bool
+        Whether the order of the file counts, and not that of the log times.
 
     Raises
     ------
@@ -75,7 +77,7 @@ def slim(source: Log, target: Path, *, physics: bool) -> None:
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
     attachments = {name: reader.attachment(name) for name in reader.attachments}
     with LogWriter(target, manifest=manifest, attachments=attachments) as writer:
-        for record in reader.records(topics=CASE_TOPICS if physics else _LEARNED):
+        for record in reader.records(topics=CASE_TOPICS if physics else _LEARNED, file_order=file_order):
             writer.copy(record)
 
 
@@ -86,7 +88,7 @@ def describe(path: Path, *, ticks_sha256: str) -> LogEntry:
 
 def index(path: Path) -> bytes:
     """Return a short digest for each message of a log, in file order; raises LogError if it cannot be read."""
-    return b"".join(_KEY.pack(*_key(record)) for record in LogReader(path).records(topics=CASE_TOPICS))
+    return b"".join(_KEY.pack(*_key(record)) for record in LogReader(path).records(topics=CASE_TOPICS, file_order=True))
 
 
 def altered(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
@@ -152,7 +154,7 @@ def _altered_rest(path: Path, entry: LogEntry) -> Finding:
 
 
 def _found(path: Path) -> Iterator[_Key]:
-    return map(_key, LogReader(path).records(topics=CASE_TOPICS))
+    return map(_key, LogReader(path).records(topics=CASE_TOPICS, file_order=True))
 
 
 def _key(record: Stamped) -> _Key:

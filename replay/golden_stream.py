@@ -34,7 +34,7 @@ def expected_stream(case: Case) -> Iterator[Stamped]:
     """Yield the messages of the run, phase markers included."""
     recipe = case.recipe
     if recipe.as_recorded:
-        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE)))
+        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE), file_order=True))
         return
     presentations = enumerate(_presentations(recipe, len(case.logs)))
     for number, (epoch, cycle, phase, log) in presentations:

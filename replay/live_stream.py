@@ -1,9 +1,10 @@
 """What anyone publishes, made into a stream that a learner can take: phase markers, and complete ticks after them."""
 
 import hashlib
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
+from itertools import pairwise
 
 from recorders.cdr import decode_as, encode
 from recorders.errors import LogError, MessageError
@@ -180,6 +181,8 @@ class LiveStream:
 class LiveLog:
     """A log as a learner would have heard its messages live: the same stream if both heard the same.
 
+    It goes by the order of the file, which is that of arrival.
+
     Parameters
     ----------
     path : Path or Parts
@@ -196,7 +199,8 @@ class LiveLog:
     Raises
     ------
     LogError
-        If the log cannot be read, or holds no message for a learner.
+        If the log cannot be read, holds no message for a learner, or has fewer steps in the order of the file than in
+        that of log time.
     """
 
     def __init__(
@@ -214,6 +218,7 @@ class LiveLog:
         self._epochs = epochs
         self._check = check
         self._robot = read_robot(self._reader)
+        self._check_order()
         counted = self._made(say)
         self._count = sum(1 for _ in self._stream(counted))
         self._run = counted.run
@@ -237,8 +242,26 @@ class LiveLog:
     def _made(self, say: Callable[[str], None] = lambda line: None) -> LiveStream:
         return LiveStream(epochs=self._epochs, check=self._check, say=say)
 
-    def _stream(self, live: LiveStream) -> Iterator[Stamped]:
-        for record in renamed(self._reader, self._renames, LIVE_TOPICS):
+    def _check_order(self) -> None:
+        """Refuse a log whose chunks lie in another order than they were recorded in."""
+        if not self._falls():
+            return
+        by_file, by_time = self._made(), self._made()
+        deque(self._stream(by_file), maxlen=0)
+        deque(self._stream(by_time, file_order=False), maxlen=0)
+        if by_time.steps > by_file.steps:
+            raise LogError(
+                f"{self.path}: --as-live goes by the order of the file, and log times fall in it: expected the "
+                f"{by_time.steps} steps that there are by log time, found {by_file.steps}; train without --as-live"
+            )
+
+    def _falls(self) -> bool:
+        """Whether the log times of the messages for a learner fall in the order of the file."""
+        records = renamed(self._reader, self._renames, LIVE_TOPICS, file_order=True)
+        return any(after.log_time_ns < before.log_time_ns for before, after in pairwise(records))
+
+    def _stream(self, live: LiveStream, *, file_order: bool = True) -> Iterator[Stamped]:
+        for record in renamed(self._reader, self._renames, LIVE_TOPICS, file_order=file_order):
             yield from live.feed(record)
         live.finish()
 

@@ -74,8 +74,8 @@ class RecordedSession:
         return self._count
 
     def stream(self, start: int = 0) -> Iterator[Stamped]:
-        """Yield the messages in the order of the log, from index `start` on."""
-        return islice(renamed(self._reader, self._renames, _TOPICS), start, None)
+        """Yield the messages in the order of the file, from index `start` on."""
+        return islice(renamed(self._reader, self._renames, _TOPICS, file_order=True), start, None)
 
     def _find_schedule(self, epochs: int | None) -> dict[str, object]:
         if epochs is not None:

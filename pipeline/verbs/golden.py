@@ -84,7 +84,7 @@ def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
         if isinstance(log, Parts):
             joined = folder / str(place) / log.name
             joined.parent.mkdir()
-            slim(log, joined, physics=True)
+            slim(log, joined, physics=True, file_order=session)
             files.append(joined)
         else:
             files.append(log)

@@ -43,7 +43,9 @@ def check(path, truth):
         reader = LogReader(path)
     except LogError as error:  # not even the first bytes are there
         return error
-    found, error = until_damage(reader)
+    in_time, _ = until_damage(reader)
+    found, error = until_damage(reader.records(file_order=True))
+    assert in_time == sorted(found, key=lambda record: record.log_time_ns)
     assert found == truth[: len(found)]
     assert error is None or "\n" not in str(error)
     if isinstance(error, DamagedLog):
@@ -58,10 +60,10 @@ def check(path, truth):
 
 def check_slices(reader, truth):
     inside = [record for record in truth if SLICE["start_ns"] <= record.log_time_ns < SLICE["end_ns"]]
-    found, error = until_damage(reader.records(**SLICE))
+    found, error = until_damage(reader.records(**SLICE, file_order=True))
     assert found == inside if error is None else found == inside[: len(found)]
     one = [record for record in truth if record.topic == "/topic/2"]
-    found, error = until_damage(reader.records(topics=["/topic/2"]))
+    found, error = until_damage(reader.records(topics=["/topic/2"], file_order=True))
     assert found == one if error is None else found == one[: len(found)]
 
 

@@ -19,21 +19,23 @@ FOXGLOVE_COMPRESSIONS = [None, MCAPCompression.Lz4, MCAPCompression.Zstd]
 COUNT = 60
 
 
-def as_library_reads(path):
-    """Return every message as mcap's own reader gives it, in file order."""
+def as_library_reads(path, *, by_time):
+    """Return every message as mcap's own reader gives it, by log time or in file order."""
     with path.open("rb") as file:
         return [
             Stamped(channel.topic, schema.name if schema else "", message.data, message.sequence, message.log_time)
-            for schema, channel, message in make_reader(file).iter_messages(log_time_order=False)
+            for schema, channel, message in make_reader(file).iter_messages(log_time_order=by_time)
         ]
 
 
 def check(path, messages):
     """Check that ours reads these (topic, type, data, log time), whole and in slices, just as the library does."""
     reader = LogReader(path)
-    found = list(reader)
+    found = list(reader.records(file_order=True))
     assert [(item.topic, item.type, item.data, item.log_time_ns) for item in found] == messages
-    assert found == as_library_reads(path)
+    assert found == as_library_reads(path, by_time=False)
+    found = list(reader)
+    assert found == as_library_reads(path, by_time=True)
     assert sum(reader.counts.values()) == len(found)
     assert reader.topics == {topic: kind for topic, kind, _, _ in messages}
     times = sorted({item.log_time_ns for item in found})

@@ -32,7 +32,7 @@ from recorders.mcap_records import MAGIC
 from recorders.records import Stamped
 
 COMPRESSIONS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}
-MANIFEST = {"format_version": FORMAT_VERSION, "robot": "none", "seed": 7, "environment": {}}  # as one of ours
+MANIFEST = {"format_version": FORMAT_VERSION, "robot": "none", "seed": 7}
 ATTACHMENT = b"<robot name='none'/>"
 SCHEMA = Schema(id=1, name="std_msgs/msg/String", encoding="ros2msg", data=b"string data\n")
 PER_CHUNK = 5
