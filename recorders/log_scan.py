@@ -28,8 +28,8 @@ class Walk(Protocol):
 
     channels: Channels
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[], bool]) -> Iterator[list[Stamped]]:
-        """Take in the data of the chunk at `offset` [bytes], and whether its message indexes say that it is in order.
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
+        """Take in the data of the chunk at `offset` [bytes], and what its message indexes say: see `message_index`.
 
         Raises
         ------
@@ -88,8 +88,8 @@ class LogScan:
             else:
                 self._learn(record, notice)
 
-    def _states_order(self) -> bool:
-        return states_order(self._file)
+    def _states_order(self, most: int) -> bool:
+        return states_order(self._file, most)
 
     def _learn(self, record: Record, notice: Callable[[Record], None]) -> None:
         if record.opcode not in _CHECKED:

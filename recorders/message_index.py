@@ -2,6 +2,7 @@
 
 import struct
 from collections.abc import Iterator
+from io import SEEK_CUR
 from typing import Any, BinaryIO, TypeAlias
 
 import numpy as np
@@ -11,18 +12,24 @@ from numpy.typing import NDArray
 _HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _BEFORE_ENTRIES = 6  # bytes of a body
 _ENTRY = np.dtype([("log_time_ns", "<u8"), ("place", "<u8")])
-_MOST = 2**26  # bytes of the entries of a channel: a chunk has no more messages
 
 _Entries: TypeAlias = NDArray[Any]
 
 
-def states_order(file: BinaryIO) -> bool:
+def states_order(file: BinaryIO, most: int) -> bool:
     """Whether the message indexes at the file's place, which stays, say that the messages are in order of log time.
 
     Nothing but the order of what they list is looked at: what they leave out, or state wrongly, is for others to find.
+
+    Parameters
+    ----------
+    file : file
+        A log, its place behind a chunk.
+    most : int
+        How many messages the chunk can have: indexes of more are not read.
     """
     place = file.tell()
-    found = list(_entries(file))
+    found = list(_entries(file, most))
     file.seek(place)
     if not found:
         return False
@@ -32,12 +39,17 @@ def states_order(file: BinaryIO) -> bool:
     return _rises(entries["log_time_ns"])
 
 
-def _entries(file: BinaryIO) -> Iterator[_Entries]:
+def _entries(file: BinaryIO, most: int) -> Iterator[_Entries]:
     while len(head := file.read(_HEAD.size)) == _HEAD.size:
         opcode, length, _, size = _HEAD.unpack(head)
-        if opcode != Opcode.MESSAGE_INDEX or size % _ENTRY.itemsize or not size <= length - _BEFORE_ENTRIES < _MOST:
+        most -= size // _ENTRY.itemsize
+        if opcode != Opcode.MESSAGE_INDEX or size % _ENTRY.itemsize or size > length - _BEFORE_ENTRIES or most < 0:
             return
-        yield np.frombuffer(file.read(length - _BEFORE_ENTRIES), _ENTRY, size // _ENTRY.itemsize)
+        entries = file.read(size)
+        if len(entries) < size:
+            return
+        yield np.frombuffer(entries, _ENTRY)
+        file.seek(length - _BEFORE_ENTRIES - size, SEEK_CUR)
 
 
 def _rises(column: _Entries) -> bool:

@@ -58,7 +58,7 @@ class MessageWalk:
     ordered: bool = False
     _fell: bool = False  # whether the time of a message was before that of the one before
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[], bool]) -> Iterator[list[Stamped]]:
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
         """Yield the messages in the data of the chunk at `offset`, a batch at a time.
 
         Parameters
@@ -68,7 +68,7 @@ class MessageWalk:
         offset : int
             Where the chunk stands [bytes].
         states_order : callable
-            Tells whether its message indexes say that its messages are in order of log time.
+            Tells whether its message indexes say that its messages, so many at most, are in order of log time.
 
         Raises
         ------
@@ -81,7 +81,7 @@ class MessageWalk:
             return self._batches(data, offset)
         if len(data) <= _SMALL:
             return self._held(data, offset)
-        if states_order():
+        if states_order(len(data) // _MESSAGE.size):
             return self._in_stated_order(data, offset)
         return self._batches(data, offset) if _is_in_order(data) else self._by_time(data, offset)
 
@@ -90,7 +90,7 @@ class MessageWalk:
 
         The third is what is wrong in them behind the messages, None if nothing is.
         """
-        times_ns, places = array("Q"), array("Q")
+        times_ns, places = array("Q"), array("I")  # a chunk is smaller than 4 GB
         place = 0
         try:
             while place < len(data):
@@ -208,7 +208,7 @@ class MessageWalk:
 def in_order(times_ns: "array[int]", places: "array[int]") -> "array[int]":
     """Return places by time, those of one time in the order in which they came."""
     order = np.argsort(np.asarray(times_ns), kind="stable")
-    return array("Q", np.asarray(places)[order].tobytes())
+    return array(places.typecode, np.asarray(places)[order].tobytes())
 
 
 def _is_in_order(data: bytes) -> bool:

@@ -223,9 +223,10 @@ class LogReader:
         return pieces
 
     def _merged(self, walk: MessageWalk) -> Iterator[Stamped]:
+        pieces = self._pieces
         with self._open() as file:
             try:
-                yield from merged(file, os.fstat(file.fileno()).st_size, self._pieces, walk)
+                yield from merged(file, os.fstat(file.fileno()).st_size, pieces, walk)
             except DamagedLog as error:
                 raise error.located(self.path, walk.last_time_ns) from None
 

@@ -15,13 +15,14 @@ import numpy as np
 from recorders.damage import DamagedLog
 from recorders.errors import LogError
 from recorders.mcap_contents import Channels
-from recorders.mcap_records import HEAD, Record, chunk_data, read_record
+from recorders.mcap_records import Record, chunk_data, read_record
 from recorders.raw_records import MessageWalk, in_order
 from recorders.records import Stamped
 
-MOST_HELD = 2**28
-"""What may be held at once of pieces that overlap [bytes, decompressed]."""
+MOST_HELD = 160_000_000
+"""What may be held at once of pieces that overlap [bytes, decompressed]: reading a log takes 256 MB with it."""
 
+_PLACE = 4  # bytes that it takes to remember where a message stands
 _BLOCK = 2**20  # bytes of messages beside the chunks that are taken as one piece
 
 _UnderWay: TypeAlias = tuple[int, int, Stamped, Iterator[Stamped]]  # log time [ns] and piece of the next message
@@ -39,7 +40,8 @@ class Pieces:
     damage : DamagedLog or None
         What ended the walk too early.
     offsets, ends, sizes : array of int
-        Where a piece begins, where it ends (0 for a chunk), how much it is in memory [bytes].
+        Where a piece begins, where it ends (0 for a chunk), how much it is in memory [bytes]: nothing for one large
+        message, which is read when it is due and then gone.
     first_ns, last_ns : array of int
         The earliest and the latest time in it [ns].
     """
@@ -54,12 +56,13 @@ class Pieces:
         self._size = 0
         self._check_at = MOST_HELD
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[], bool]) -> Iterator[list[Stamped]]:
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
         """Note a chunk; yields nothing, and raises DamagedLog if a record in it is damaged."""
         times_ns, _, error = MessageWalk(self.channels).placed(data, offset)
         if times_ns:
             times = np.asarray(times_ns)
-            self._add(offset, 0, len(data), int(times.min()), int(times.max()))
+            size = len(data) + len(times) * _PLACE
+            self._add(offset, 0, size, int(times.min()), int(times.max()))
             self.last_time_ns = times_ns[-1]
         if error is not None:
             raise error
@@ -67,15 +70,17 @@ class Pieces:
 
     def bare(self, record: Record) -> list[Stamped]:
         """Note a message beside the chunks; returns nothing, and raises DamagedLog if it is damaged."""
-        (message,) = MessageWalk(self.channels).bare(record)
-        time_ns, end = message.log_time_ns, record.offset + HEAD.size + len(record.body)
+        walk = MessageWalk(self.channels, end_ns=0)  # makes no message: it may be large
+        walk.bare(record)
+        time_ns, end = walk.last_time_ns or 0, record.end
         if self._block_end == record.offset and end - self.offsets[-1] <= _BLOCK:
             self.ends[-1] = end
             self.sizes[-1] = end - self.offsets[-1]
             self.first_ns[-1] = min(self.first_ns[-1], time_ns)
             self.last_ns[-1] = max(self.last_ns[-1], time_ns)
         else:
-            self._add(record.offset, end, end - record.offset, time_ns, time_ns)
+            size = end - record.offset
+            self._add(record.offset, end, size if size <= _BLOCK else 0, time_ns, time_ns)
         self._block_end = end
         self.last_time_ns = time_ns
         return []
@@ -116,9 +121,9 @@ class Pieces:
             held += self.sizes[row]
             if held > MOST_HELD and len(under_way) > 1:
                 raise LogError(
-                    f"expected at most {MOST_HELD >> 20} MiB of chunks that overlap in time, to hold and merge by log "
-                    "time, found more; sort the log first, as with `mcap sort`, or go by the order of the file with "
-                    "--as-recorded or --as-live"
+                    f"expected at most {MOST_HELD // 10**6} MB of chunks that overlap in log time, to be merged "
+                    "within 256 MB of memory in all, found more; sort the log first, as with `mcap sort`, or go by the "
+                    "order of the file with --as-recorded or --as-live"
                 )
 
 
@@ -170,6 +175,9 @@ def _advance(under_way: list[_UnderWay], row: int, stream: Iterator[Stamped]) ->
 def _messages(file: BinaryIO, size: int, offset: int, end: int, walk: MessageWalk) -> Iterator[Stamped]:
     """Yield the messages of a piece by their times; what is wrong behind them was found before."""
     file.seek(offset)
+    if end - offset > _BLOCK:  # one large message
+        yield from walk.bare(read_record(file, size))
+        return
     data = file.read(end - offset) if end else chunk_data(read_record(file, size))
     times_ns, places, _ = walk.placed(data, offset)
     for place in in_order(times_ns, places):

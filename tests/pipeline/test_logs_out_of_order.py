@@ -71,9 +71,7 @@ def test_every_pose_is_shown(episode: Path, shuffled: Path) -> None:
 
 def test_as_live_says_what_to_run(shuffled: Path) -> None:
     said: list[str] = []
-    with pytest.raises(
-        LogError, match=rf"the {SAMPLES} steps that there are by log time, found \d; train without"
-    ):
+    with pytest.raises(LogError, match=rf"the {SAMPLES} steps that there are by log time, found \d; train without"):
         LiveLog(shuffled, say=said.append)
     assert said == []
 

@@ -214,6 +214,14 @@ def test_behind_damage_nothing_is_believed_and_all_before_it_is_in_order(tmp_pat
     assert "the CRC of a chunk does not hold; the last good message is of 0.000000290 s" in str(error)
 
 
+def test_a_large_message_beside_the_chunks_comes_at_its_time(tmp_path):
+    messages = [message(k, 10 * k) for k in range(10)] + [message(10, 45, 2**25)]
+    path = put(
+        tmp_path / "log.mcap", chunk(messages[5:10], declared=CHANNELS), packed(messages[10]), chunk(messages[:5])
+    )
+    assert list(LogReader(path)) == by_time(stamped(messages))
+
+
 def test_a_log_of_ours_goes_by_the_order_of_the_file(tmp_path):
     """Its clock was set back; what came later is later."""
     ours = tmp_path / "ours.mcap"
@@ -273,7 +281,7 @@ def test_more_that_overlaps_than_may_be_held_is_one_line(tmp_path):
     half = [Message(1, time_ns, bytes(2**25), 0, time_ns) for time_ns in (0, 100)]
     same = chunk(half, declared=CHANNELS, squeeze=True)
     path = put(tmp_path / "log.mcap", *[same] * (MOST_HELD // 2**26 + 1))
-    with pytest.raises(LogError, match=r"log.mcap: expected at most 256 MiB of chunks that overlap in time") as caught:
+    with pytest.raises(LogError, match=r"log.mcap: expected at most 160 MB of chunks that overlap in log") as caught:
         next(iter(LogReader(path)))
     assert "\n" not in str(caught.value)
     with suppress(StopIteration):
