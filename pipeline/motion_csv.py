@@ -5,9 +5,9 @@ import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from decimal import Decimal
-from itertools import pairwise
+from itertools import count, islice, pairwise
 from pathlib import Path
-from typing import TypeAlias
+from typing import TextIO, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,10 +19,12 @@ Floats = NDArray[np.float64]
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
+MAX_ROWS = 1_000_000  # nearly three hours at 100 Hz
 MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken for seconds exceed it below 200 Hz
 
 _MM = 1e4  # a coordinate between 100 m and this is taken to be one in millimetres
 _POINTS = "numbers are written with a decimal point, not a decimal comma"
+_MAX_LINE = 100_000  # characters: of any table
 _MAX_CLOCK_S = 1e10  # Unix time gets there in the year 2286
 
 Choice: TypeAlias = Callable[[Sequence[str]], Sequence[str]]
@@ -52,10 +54,12 @@ def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDI
     ------
     MotionError
         The file cannot be read, lacks a column or has two of one name, has a row longer or shorter than its header,
-        holds something else than finite numbers of a plausible size, has fewer than two rows, or its times do not
-        increase or leave a gap above `MAX_GAP_S`; the message names line and column.
+        holds something else than finite numbers of a plausible size, has fewer than two rows or more than `MAX_ROWS`,
+        or its times do not increase or leave a gap above `MAX_GAP_S`; the message names line and column.
     """
-    rows = list(_read_rows(path, choose, max_coordinate))
+    rows = list(islice(_read_rows(path, choose, max_coordinate), MAX_ROWS + 1))
+    if len(rows) > MAX_ROWS:
+        raise MotionError(f"motion '{path}', line {rows[-1][0]}: expected at most {MAX_ROWS} rows of numbers")
     if len(rows) < 2:
         raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
     table = np.array([values for _, _, values in rows])
@@ -81,7 +85,7 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
     refuse_irregular(path, expected="a CSV file", error=MotionError)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
-            reader = csv.reader(file, strict=True)
+            reader = csv.reader(_lines(path, file), strict=True)
             header: list[str] | None = None
             places: dict[str, int] = {}
             for row in reader:
@@ -104,6 +108,15 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
         raise MotionError(f"motion '{path}': expected CSV text in UTF-8, {found}") from error
     except csv.Error as error:
         raise MotionError(f"motion '{path}', line {reader.line_num}: expected CSV text: {error}") from error
+
+
+def _lines(path: Path, file: TextIO) -> Iterator[str]:
+    for number in count(1):
+        if not (line := file.readline(_MAX_LINE + 1)):
+            return
+        if len(line) > _MAX_LINE:
+            raise MotionError(f"motion '{path}', line {number}: expected at most {_MAX_LINE} characters")
+        yield line
 
 
 def _places(path: Path, header: list[str], choose: Choice) -> dict[str, int]:

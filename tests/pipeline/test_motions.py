@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from pipeline import motion_csv
 from pipeline.free_hand import EXTENT_M, free_hand, write_motion_csv
 from pipeline.motions import Motion, circles, eight, load_motion, read_motion_csv
 from pipeline.resources import data_path
@@ -181,6 +182,27 @@ def test_a_bad_csv_is_refused_by_line_and_column(tmp_path: Path, lines: list[str
     assert "\n" not in str(caught.value)
 
 
+CELLS = st.sampled_from(["0", "0.5", "-1e-2", " 1 ", "", "nan", "inf", "1e400", '"0,5"', "0,5", "x", "1_0", "0x1", '"'])
+
+
+@given(st.lists(st.lists(CELLS, min_size=6, max_size=6), min_size=2, max_size=3))
+def test_what_is_read_is_what_stands_under_each_name(tmp_path_factory, rows: list[list[str]]) -> None:
+    lines = [",".join([str(place), *row]) for place, row in enumerate(rows)]
+    path = write(tmp_path_factory.mktemp("csv") / "m.csv", HEADER, *lines)
+    try:
+        motion = read_motion_csv(path)
+    except MotionError as error:
+        found = str(error)
+    else:
+        assert [[place, *map(float, row)] for place, row in enumerate(rows)] == np.column_stack(
+            [motion.times_s, motion.left, motion.right]
+        ).tolist()
+        return
+    assert "m.csv" in found
+    assert "\n" not in found
+    assert not all(cell in ("0", "0.5", "-1e-2", " 1 ") for row in rows for cell in row)
+
+
 def test_a_file_that_is_not_text_or_not_there_is_refused(tmp_path: Path) -> None:
     (tmp_path / "m.csv").write_bytes(b"t,lx\xff\xfe\n")
     with pytest.raises(MotionError, match="expected CSV text in UTF-8, found byte 0xff"):
@@ -191,6 +213,19 @@ def test_a_file_that_is_not_text_or_not_there_is_refused(tmp_path: Path) -> None
 
 def test_columns_without_a_name_may_be_many(tmp_path: Path) -> None:
     assert len(read_motion_csv(write(tmp_path / "m.csv", HEADER + ",,", *(row + ",a,b" for row in ROWS)))) == 2
+
+
+def test_a_file_without_an_end_is_refused_where_it_is_too_long(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    with (tmp_path / "m.csv").open("w") as file:
+        file.write(f"{HEADER}\n")
+        file.truncate(2**40)  # a terabyte that takes no room
+    with pytest.raises(MotionError, match=r"m.csv', line 2: expected at most 100000 characters"):
+        read_motion_csv(tmp_path / "m.csv")
+    monkeypatch.setattr(motion_csv, "MAX_ROWS", 2)
+    path = write(tmp_path / "n.csv", HEADER, *ROWS, ROWS[1].replace("0.1", "0.2", 1))
+    with pytest.raises(MotionError, match=r"n.csv', line 4: expected at most 2 rows of numbers"):
+        read_motion_csv(path)
+    assert len(read_motion_csv(write(tmp_path / "n.csv", HEADER, *ROWS))) == 2
 
 
 def test_a_file_without_a_byte_is_said_to_be_empty(tmp_path: Path) -> None:
