@@ -16,6 +16,7 @@ _LOCKSTEP = (
     "the robot moves in lockstep: it refuses a command unless the targets are stamped with its own time; "
     "for any others start it with --real-time"
 )
+_MAX_STATUS = 1 << 16  # anybody may answer [bytes]
 _SHOWN = 5  # joints in a line
 _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
@@ -122,7 +123,7 @@ class RobotCheck:
     def _ask(self) -> str | None:
         """Return in what a robot differs, if it answers and does."""
         for reply in self._session.get(robot_key(self._namespace, "status"), timeout=_ANSWER_S):
-            if reply.ok is None:
+            if reply.ok is None or len(reply.ok.payload) > _MAX_STATUS:
                 continue
             try:
                 status = RobotStatus.from_json(reply.ok.payload.to_bytes())

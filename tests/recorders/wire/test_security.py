@@ -13,6 +13,9 @@ from collector import Collector
 from visitor import await_ready, outcome, refusal, stream_from, visitor
 
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.node_search import find_nodes
+from recorders.wire.node_status import NodeSource, declared_node
+from recorders.wire.session import SessionConfig, open_session
 
 EXAMPLES = Path(__file__).parents[3] / "data" / "zenoh"
 
@@ -166,3 +169,14 @@ def test_who_may_not_feed_the_learner_finds_none(keys: Path, name: str) -> None:
         with visitor("replay", connect=[endpoint], config_file=listed, seconds=1.0) as replay:
             assert "no consumer named 'learner' answered" in refusal(replay)
         feed(keys, "access", endpoint, process)
+
+
+def test_operators_see_one_anothers_nodes_and_a_spectator_none(keys: Path) -> None:
+    endpoint = free_endpoint()
+    source = NodeSource("recorder", "anna", state=lambda: "recording", counts=dict)
+    listen = SessionConfig(listen=(endpoint,), config_file=keys / "access-listen.json5")
+    with open_session(listen) as near, declared_node(near, source, namespace="reenact"):
+        for name, seen in (("usrpwd", ["anna"]), ("spectator", [])):
+            connect = SessionConfig(connect=(endpoint,), config_file=keys / f"{name}-connect.json5")
+            with open_session(connect) as far:
+                assert [node.name for node in find_nodes(far, namespace="reenact")] == seen
