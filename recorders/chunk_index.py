@@ -16,8 +16,8 @@ _PIECE = 2**20  # bytes
 class ChunkIndexFile:
     """Takes the place of the list in which the library's writer gathers its `ChunkIndex` records until the summary.
 
-    In memory each takes a kilobyte, which is some 100 MB an hour of a busy recording; here they take none, and about
-    100 bytes of the disk.
+    In memory each takes a kilobyte, which is some 100 MB an hour of a busy recording; here they take none, and some
+    100 bytes of the disk. Only the summary, when the log is finished, is put together in memory.
 
     Parameters
     ----------
