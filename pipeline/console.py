@@ -3,6 +3,7 @@
 import io
 import json
 import os
+import shutil
 import sys
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -20,7 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from pipeline.printable import printable
+from pipeline.printable import printable, wrapped
 
 errors = Console(stderr=True, highlight=False, soft_wrap=True)
 
@@ -102,6 +103,24 @@ def show(result: Mapping[str, Any], *, as_json: bool) -> None:
     width = max(map(len, lines))
     for name, value in lines.items():
         line(f"{name:<{width}}  {_text(value)}")
+
+
+def width() -> int:
+    """Return how many columns the terminal has; 80 where there is none."""
+    return shutil.get_terminal_size().columns
+
+
+def entries(texts: Mapping[str, str]) -> None:
+    """Print texts by name, each within the columns that there are: beside its name, or below it where these are few."""
+    columns, lines = width(), list[str]()
+    named = min(max(map(len, texts)), columns // 3)
+    for name, text in texts.items():
+        beside = len(name) <= named
+        if not beside:
+            lines += wrapped(printable(name), columns)
+        begin, hanging = f"{name if beside else '':<{named}}  ", " " * (named + 2)
+        lines += wrapped(printable(text), columns, indent=begin, hanging=hanging)
+    block("\n".join(lines))
 
 
 def table(content: Table) -> None:

@@ -1,6 +1,49 @@
-"""Texts that come from anyone, on their way to a terminal: whatever it might obey is spelt out."""
+"""Texts that come from anyone, on their way to a terminal: whatever it might obey is spelt out, and lines fit it."""
+
+import re
+from collections.abc import Iterator
+
+from rich.cells import cell_len, chop_cells
+
+_NARROWEST = 20  # columns of text: a terminal of fewer breaks lines by itself
 
 
 def printable(text: str) -> str:
     """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def wrapped(text: str, width: int, *, indent: str = "", hanging: str | None = None) -> Iterator[str]:
+    """Yield a text in lines of at most `width` columns, broken between words.
+
+    A word that is longer is broken behind a slash, or where there is none after as much as fits.
+
+    Parameters
+    ----------
+    text : str
+        Printable, without line ends.
+    width : int
+        Columns of the terminal.
+    indent, hanging : str
+        What the first line and the others begin with; the same if only one is given.
+    """
+    hanging = indent if hanging is None else hanging
+    room = max(width - cell_len(hanging), _NARROWEST)
+    start, line = indent, ""
+    for word in text.split(" "):
+        for number, part in enumerate(_parts(word, room)):
+            space = " " if line and not number else ""
+            if line and cell_len(line) + len(space) + cell_len(part) > room:
+                yield start + line
+                start, line, space = hanging, "", ""
+            line += space + part
+    yield start + line
+
+
+def _parts(word: str, room: int) -> Iterator[str]:
+    """Yield a word in the pieces that it may be broken into: one, if there is room for it."""
+    if cell_len(word) <= room:
+        yield word
+        return
+    for piece in re.findall(r"[^/]*/|[^/]+", word):
+        yield from chop_cells(piece, room)

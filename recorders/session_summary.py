@@ -27,9 +27,11 @@ def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fra
         for message in part.survey.messages():
             part.add(message)
             whole.add(message)
+            del message  # a large one would take memory beside the next
         part.finish()
         parts.append(part)
         on_progress((number + 1) / len(log.paths))
+    whole.judge_numbers()
     whole.survey = _joined(whole.survey, [part.survey for part in parts])
     whole.content_holds = _all([part.content_holds for part in parts])
     whole.counts_hold = _all([part.counts_hold for part in parts])

@@ -9,116 +9,19 @@ from typing import Any
 
 from mcap.records import Statistics
 
-from recorders.cdr import decode_as, stamp_ns
-from recorders.declared import Declared
+from recorders.cdr import decode_as
 from recorders.errors import MessageError
 from recorders.manifest import ContentHash
 from recorders.messages import String
 from recorders.phase import Phase
 from recorders.salvage import Salvaged, Survey
 from recorders.survey import CUT_OFF, survey
+from recorders.topic_summary import TopicSummary
 from recorders.topics import SESSION_PHASE
 
 _NS = 1e9
-_GAPS_NAMED = 5  # of each topic
+_FEWEST_SHARED = 3  # messages that show whose numbers they have
 _RUNS_NAMED = 20  # a log may come from anyone
-
-
-@dataclass
-class TopicSummary:
-    """What is on one topic.
-
-    Attributes
-    ----------
-    topic, type, encoding : str
-        As its channel was declared; `type` is the name of the schema.
-    count : int
-        Number of messages.
-    first_ns, last_ns : int
-        Log time of the earliest and the latest message [ns].
-    missing : int
-        Messages that its producer numbered and that are not there.
-    gaps : list of pairs of int
-        The first few places of those: the sequences before and after.
-    more_gaps : bool
-        Whether there are more places.
-    restarts : int
-        How often the numbers began anew, as they do with each cycle of a replay.
-    """
-
-    topic: str
-    type: str
-    encoding: str
-    count: int = 0
-    first_ns: int = 0
-    last_ns: int = 0
-    missing: int = 0
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    more_gaps: bool = False
-    restarts: int = 0
-    _sequences: dict[Declared | None, int] = field(default_factory=dict)
-    _stamp_ns: int | None = None
-    _steps: int = 0
-    _stepped_ns: int = 0
-
-    @property
-    def rate_hz(self) -> float | None:
-        """Messages in a second by log time [Hz]; None for messages of one time."""
-        span = self.last_ns - self.first_ns
-        return (self.count - 1) * _NS / span if span else None
-
-    @property
-    def stamp_rate_hz(self) -> float | None:
-        """Messages in a second by the producer's stamps [Hz], over the steps that go forward; None without stamps."""
-        return self._steps * _NS / self._stepped_ns if self._steps else None
-
-    def add(self, message: Salvaged) -> None:
-        """Take in a message."""
-        time_ns = message.log_time_ns
-        self.first_ns = min(self.first_ns, time_ns) if self.count else time_ns
-        self.last_ns = max(self.last_ns, time_ns)
-        self.count += 1
-        self._compare(message)
-        self._add_stamp(message.data)
-
-    def _compare(self, message: Salvaged) -> None:
-        """Compare a number with the one before on the same channel: a topic may have several, each with its own."""
-        sequence = message.sequence
-        before = self._sequences.get(message.channel, sequence)
-        self._sequences[message.channel] = sequence
-        if sequence > before + 1:
-            self.missing += sequence - before - 1
-            if len(self.gaps) < _GAPS_NAMED:
-                self.gaps.append((before, sequence))
-            else:
-                self.more_gaps = True
-        self.restarts += sequence < before
-
-    def _add_stamp(self, data: bytes) -> None:
-        try:
-            stamp = stamp_ns(self.type, data)
-        except MessageError:
-            return
-        if stamp is not None and self._stamp_ns is not None and stamp > self._stamp_ns:
-            self._steps += 1
-            self._stepped_ns += stamp - self._stamp_ns
-        self._stamp_ns = stamp
-
-    def to_dict(self) -> dict[str, Any]:
-        """Return the same as JSON values."""
-        return {
-            "topic": self.topic,
-            "type": self.type,
-            "encoding": self.encoding,
-            "count": self.count,
-            "first_ns": self.first_ns,
-            "last_ns": self.last_ns,
-            "rate_hz": self.rate_hz,
-            "stamp_rate_hz": self.stamp_rate_hz,
-            "missing": self.missing,
-            "gaps": [{"after": before, "next": after} for before, after in self.gaps],
-            "restarts": self.restarts,
-        }
 
 
 @dataclass
@@ -179,6 +82,8 @@ class LogSummary:
     wrong_totals: list[str] = field(default_factory=list)
     counts_hold: bool | None = None
     _content: ContentHash = field(default_factory=ContentHash)
+    _last_number: int = -1
+    _rising: bool = True
 
     @property
     def sound(self) -> bool:
@@ -213,13 +118,23 @@ class LogSummary:
         if topic is None:
             topic = self.topics[channel.topic] = TopicSummary(channel.topic, channel.type, channel.encoding)
         topic.add(message)
+        self._rising &= message.sequence > self._last_number
+        self._last_number = message.sequence
         self.unprotected += not message.protected
         self._content.add(channel.topic, message.sequence, message.log_time_ns, message.data, message.rest)
         if channel.topic == SESSION_PHASE:
             self._add_phase(message.data)
 
+    def judge_numbers(self) -> None:
+        """See whether all topics share one row of numbers: what one of them lacks, another has then."""
+        count = sum(topic.count for topic in self.topics.values())
+        if self._rising and len(self.topics) > 1 and count >= _FEWEST_SHARED:
+            for topic in self.topics.values():
+                topic.take_no_numbers()
+
     def finish(self) -> None:
         """Compare the content with what manifest and summary say of it."""
+        self.judge_numbers()
         expected = self.survey.manifest.get("content_sha256")
         self.content_holds = None if expected is None else expected == self._content.hexdigest()
         stated = self.survey.summary.statistics if self.survey.summary else None

@@ -8,6 +8,7 @@ import typer
 from pipeline import console
 from pipeline.verbs.options import Json, Overwrite
 from recorders.errors import CheckFailed
+from recorders.wording import names_text
 
 
 def info(
@@ -20,7 +21,7 @@ def info(
 
     Exit status 1 if it is damaged or cut off.
     """
-    from pipeline.log_report import damage_table, overview, topics_table
+    from pipeline.log_report import damage_lines, overview, topic_lines
     from recorders.parts import Parts, one_session
     from recorders.session_summary import summarise_log
 
@@ -31,11 +32,11 @@ def info(
     if as_json:
         console.show(summary.to_dict() | parts, as_json=True)
     else:
-        shown = {name: ", ".join(Path(path).name for path in paths) for name, paths in parts.items()}
-        console.show(overview(summary) | shown, as_json=False)
-        console.table(topics_table(summary))
+        shown = {name: names_text(Path(path).name for path in paths) for name, paths in parts.items()}
+        console.entries(overview(summary) | shown)
+        console.block("\n".join(topic_lines(summary, console.width())))
         if summary.survey.damage:
-            console.table(damage_table(summary.survey.damage))
+            console.block("\n".join(damage_lines(summary.survey.damage, console.width())))
             console.line("`reenact recover` writes a sound log with what is whole.")
     if not summary.sound:
         raise typer.Exit(CheckFailed.exit_status)
@@ -51,7 +52,7 @@ def recover(
 
     The log may be damaged or cut off; what was kept and what was lost is said.
     """
-    from pipeline.log_report import damage_table, recovered
+    from pipeline.log_report import damage_lines, recovered
     from recorders.recover import recover as run
 
     with console.progress("recover") as advance:
@@ -59,6 +60,6 @@ def recover(
     if as_json:
         console.show(recovery.to_dict(), as_json=True)
         return
-    console.show(recovered(recovery), as_json=False)
+    console.entries(recovered(recovery))
     if recovery.damage:
-        console.table(damage_table(recovery.damage))
+        console.block("\n".join(damage_lines(recovery.damage, console.width())))

@@ -1,13 +1,19 @@
 """What a log holds is said rightly: topics, rates, gaps, sessions, and whether it is sound."""
 
+import itertools
 import json
 import os
+import statistics
+from fractions import Fraction
 
 import pytest
+from hypothesis import given
+from hypothesis import strategies as st
 from mcap.writer import Writer
 
 from recorders.cdr import encode
 from recorders.errors import LogError
+from recorders.intervals import Intervals
 from recorders.messages import JointState, String
 from recorders.phase import EVALUATE, LEARN, WASHOUT, Phase
 from recorders.summary import summarise
@@ -54,6 +60,13 @@ def test_a_sound_log(log):
         "missing": 0,
         "gaps": [],
         "restarts": 0,
+        "numbered": True,
+        "dropped": 0,
+        "longest_gap_s": 0.05,
+        "longest_gap_after_ns": 0,
+        "jitter_s": 0.0,
+        "log_time_falls": 0,
+        "stamp_ahead_s": [0.0, 0.0],
     }
     assert json.loads(json.dumps(said, allow_nan=False)) == said
 
@@ -76,6 +89,62 @@ def test_rates_by_log_time_and_by_stamp_differ_in_a_replay(tmp_path):
     log_times = [place * TICK_NS // 10 for place in range(15)]
     (topic,) = summarise(written(tmp_path / "x.mcap", range(15), stamps=stamps, log_times=log_times)).topics.values()
     assert (topic.rate_hz, topic.stamp_rate_hz) == (200.0, 20.0)
+
+
+def test_a_burst_has_no_rate(tmp_path):
+    (topic,) = summarise(written(tmp_path / "x.mcap", [0, 1, 2], log_times=[0, 1, 2])).topics.values()
+    assert topic.rate_hz is None
+    (topic,) = summarise(written(tmp_path / "y.mcap", [0, 1], log_times=[0, TICK_NS])).topics.values()
+    assert topic.rate_hz is None
+    (topic,) = summarise(written(tmp_path / "z.mcap", [0, 1, 2], log_times=[0, TICK_NS, 2 * TICK_NS])).topics.values()
+    assert topic.rate_hz == 20.0
+
+
+def test_samples_that_are_dropped_before_they_are_numbered_are_found_by_their_times(tmp_path):
+    """3 % of a camera's frames, whose numbers a recorder gave."""
+    start_ns, dropped = 2**63 - 100 * TICK_NS, {17, 40, 41}
+    times = [start_ns + tick * TICK_NS for tick in range(100) if tick not in dropped]
+    path = tmp_path / "x.mcap"
+    with LogWriter(path, manifest={}) as log:
+        for sequence, time_ns in enumerate(times):
+            log.write("/camera", b"frame", log_time_ns=time_ns, sequence=sequence, opaque=True)
+    (topic,) = summarise(path).topics.values()
+    assert (topic.missing, topic.dropped) == (0, 3)
+    assert (topic.longest_gap_ns, topic.log_times.longest_after_ns) == (3 * TICK_NS, start_ns + 39 * TICK_NS)
+
+
+@given(st.lists(st.integers(-(10**6), 10**6), min_size=30, max_size=60))
+def test_jitter_is_the_deviation_of_the_usual_steps_to_the_nanosecond(noise):
+    steps = [TICK_NS + each for each in noise]
+    intervals = Intervals()
+    for time_ns in itertools.accumulate(steps, initial=2**62):
+        intervals.add(time_ns)
+    assert intervals.jitter_ns == int(statistics.pstdev(map(Fraction, steps)))
+    assert intervals.longest_ns == max(steps)
+    assert intervals.dropped == 0
+
+
+def test_events_have_neither_jitter_nor_dropped_samples(tmp_path):
+    times = [TICK_NS * 2**power for power in range(25)]
+    (topic,) = summarise(written(tmp_path / "x.mcap", range(25), stamps=times, log_times=times)).topics.values()
+    assert (topic.dropped, topic.log_times.jitter_ns) == (None, None)
+
+
+def test_numbers_that_all_topics_share_show_no_gap(tmp_path):
+    path = tmp_path / "x.mcap"
+    with LogWriter(path, manifest={}) as log:
+        for number in range(60):
+            log.write(f"/topic/{number % 3}", b"a", log_time_ns=number, sequence=number, opaque=True)
+    said = summarise(path).to_dict()["topics"]
+    assert [(topic["missing"], topic["gaps"], topic["numbered"]) for topic in said] == [(0, [], False)] * 3
+
+
+def test_stamps_ahead_of_log_time_and_log_times_that_fall_are_said(tmp_path):
+    hour_ns, times = 3600 * 10**9, [0, 2 * TICK_NS, TICK_NS]
+    stamps = [time_ns + hour_ns for time_ns in times]
+    (topic,) = summarise(written(tmp_path / "x.mcap", range(3), stamps=stamps, log_times=times)).topics.values()
+    said = topic.to_dict()
+    assert (said["stamp_ahead_s"], said["log_time_falls"], said["longest_gap_s"]) == ([3600.0, 3600.0], 1, None)
 
 
 def test_one_message_has_no_rate(tmp_path):
