@@ -18,6 +18,7 @@ PART = "part"
 MAX_PARTS = 10**6
 
 _NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.mcap)", re.IGNORECASE)
+_SET_ASIDE = re.compile(r"\.part\.\d+$")
 _SUFFIX = ".mcap"
 _SHOWN = 3  # names in a line
 
@@ -162,18 +163,25 @@ def _in_folder(folder: Path) -> Log:
 
 
 def _logs_in(folder: Path) -> list[Path]:
-    """Return the files of a folder that are logs, those that are still written or were cut off included."""
-    return sorted(path for path in folder.iterdir() if path.is_file() and begins_with(path, MAGIC))
+    """Return the files of a folder that are logs, those that are still written or were cut off included.
+
+    What a crash left of other recordings and was set aside, as `NAME.part.0001`, is not.
+    """
+    files = (path for path in folder.iterdir() if path.is_file() and not _SET_ASIDE.search(path.name))
+    return sorted(path for path in files if begins_with(path, MAGIC))
 
 
 def _whole(parts: Sequence[Path]) -> Parts:
     """Return the parts, in order, as a session; raises LogError if one is missing, not finished, or not of it."""
     name = parts[0].with_name(_split_name(parts[0].name.removesuffix(".part")))
+    parts = [path for path in parts if not (path.suffix == ".part" and path.with_suffix("") in parts)]  # it is mended
     for path in parts:
         if path.suffix == ".part":
+            finished = path.with_suffix("")
+            mended = finished.with_name(f"recovered_{finished.name}")
             raise LogError(
                 f"{path}: a part of {name.name} that is still recorded, or was cut off: "
-                f"`reenact recover {path} --out {path.with_suffix('')}` saves what is whole"
+                f"`reenact recover {path} --out {mended} && mv {mended} {finished}` brings back what is whole"
             )
     told = [_part(path) for path in parts]  # a damaged one says nothing, and whoever reads it will say so
     if len({part.session for part in told if part}) > 1:

@@ -7,7 +7,7 @@ import typer
 
 from pipeline import console
 from pipeline.verbs.options import Json, Overwrite
-from recorders.errors import CheckFailed
+from recorders.errors import CheckFailed, ConfigError
 from recorders.wording import names_text
 
 
@@ -55,6 +55,8 @@ def recover(
     from pipeline.log_report import damage_lines, recovered
     from recorders.recover import recover as run
 
+    if damaged.is_dir():
+        raise ConfigError(f"{damaged}: expected a log, found a folder; the parts of a session are recovered one by one")
     with console.progress("recover") as advance:
         recovery = run(damaged, out, overwrite=overwrite, on_progress=advance, say=console.say)
     if as_json:

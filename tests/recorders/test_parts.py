@@ -11,6 +11,7 @@ from recorders.errors import LogError
 from recorders.parts import Parts, find_log, is_log, one_session, part_path, recordings
 from recorders.reader import LogReader
 from recorders.records import Stamped
+from recorders.recover import recover
 from recorders.session_reader import open_log
 from recorders.writer import LogWriter
 
@@ -71,10 +72,19 @@ def test_parts_of_two_sessions_are_none(log: Path, parts: list[Path]) -> None:
         one_session(parts)
 
 
-def test_a_part_that_was_cut_off_is_to_be_recovered_first(parts: list[Path]) -> None:
-    part = parts[3].rename(parts[3].with_name(parts[3].name + ".part"))
-    with pytest.raises(LogError, match=re.escape(f"`reenact recover {part} --out {parts[3]}` saves what is whole")):
+def test_a_part_that_was_cut_off_is_to_be_recovered_first(log: Path, parts: list[Path]) -> None:
+    part, mended = parts[3].with_name(f"{parts[3].name}.part"), parts[3].with_name(f"recovered_{parts[3].name}")
+    part.write_bytes(parts[3].read_bytes()[:-100])
+    aside = parts[3].with_name("session_000.mcap.part.0001")  # what a crash left of another recording
+    aside.write_bytes(parts[0].read_bytes())
+    parts[3].unlink()
+    line = f"`reenact recover {part} --out {mended} && mv {mended} {parts[3]}` brings back what is whole"
+    with pytest.raises(LogError, match=re.escape(line)):
         find_log(parts[0].parent)
+    recover(part, mended)
+    mended.rename(parts[3])
+    assert find_log(parts[0].parent) == Parts(tuple(parts))
+    assert list(open_log(parts[0].parent)) == list(LogReader(log))
 
 
 def test_old_numbers_are_read_as_numbers(log: Path, tmp_path: Path) -> None:
