@@ -1,5 +1,7 @@
 """The learned controller and the teacher are compared by kinematics alone, and the teacher's steps are a choice."""
 
+import itertools
+
 import numpy as np
 import pytest
 from episodes import write_episode
@@ -39,7 +41,17 @@ def test_each_is_named_with_its_steps(costs: tuple[CommandCost, ...]) -> None:
         ("teacher, 5 ms a step", 40),
         ("teacher, 200 ms a step", 1),
     ]
-    assert all(cost.microseconds > 0.0 for cost in costs)
+
+
+def test_the_time_is_that_of_one_step_in_the_middle_of_all_repetitions(
+    controller: Controller, trial: Trial, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """By a clock that takes a second for the motion, but a minute for every third repetition."""
+    rounds = itertools.cycle([60.0, 1.0, 1.0])
+    ticks = itertools.accumulate(part for seconds in rounds for part in (seconds, 0.0))
+    monkeypatch.setattr("pipeline.command_costs.time.perf_counter", itertools.chain([0.0], ticks).__next__)
+    costs = command_costs(controller, trial, period_ns=PERIOD_NS)
+    assert [cost.microseconds for cost in costs] == pytest.approx([1e6 / len(trial.targets)] * 3)
 
 
 def test_the_learned_controllers_error_is_that_of_its_trial(costs: tuple[CommandCost, ...], trial: Trial) -> None:

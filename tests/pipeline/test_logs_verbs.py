@@ -123,7 +123,7 @@ def test_nothing_in_a_log_reaches_the_terminal_raw(tmp_path: Path) -> None:
     assert "[/nothing]" in run.stdout
 
 
-def test_nor_does_the_name_of_a_file_when_it_is_refused(tmp_path: Path) -> None:
+def test_the_name_of_a_refused_file_commands_no_terminal(tmp_path: Path) -> None:
     (tmp_path / "a\x1b[31m.mcap").write_bytes(b"no log at all")
     said = complaint(reenact("info", "a\x1b[31m.mcap", cwd=tmp_path))
     assert "\x1b" not in said

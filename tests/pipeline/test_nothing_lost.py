@@ -33,7 +33,7 @@ from replay.zenoh_transport import ZenohTransport
 
 EPOCHS = 40
 SAMPLES = 40
-CUT_S = [3.0, pytest.param(15.0, marks=pytest.mark.campaign)]
+CUT_S = [1.0, *(pytest.param(cut_s, marks=pytest.mark.campaign) for cut_s in (3.0, 15.0))]
 SILENCE_S = 3.0
 
 

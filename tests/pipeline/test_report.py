@@ -94,12 +94,31 @@ def test_equal_input_has_equal_bytes_whatever_the_settings_of_the_user(tmp_path:
     assert b"tEXt" not in first  # no name of a program, no date
 
 
+def end_of_curve(path: Path) -> np.ndarray:
+    """Row and column of the dot at the end of the curve: nothing else is black seven pixels wide and high."""
+    image = np.rint(matplotlib.image.imread(path)[..., :3] * 255)
+    black = (image == 0.0).all(axis=2)
+    found = np.argwhere(np.lib.stride_tricks.sliding_window_view(black, (7, 7)).all(axis=(2, 3)))
+    assert len(found) > 0
+    assert np.ptp(found, axis=0).max() <= 6  # a single dot
+    return np.asarray(found.mean(axis=0))
+
+
 @pytest.mark.parametrize(
-    "changes",
-    [{"errors_cm": [2.0]}, {"errors_cm": [1.3] * 600, "teacher_cm": 1.3, "linear_cm": 1.3}, {"paper_cm": 300.0}],
+    ("changes", "is_at_the_right"),
+    [
+        ({"errors_cm": [2.0]}, False),
+        ({"errors_cm": [1.3] * 600, "teacher_cm": 1.3, "linear_cm": 1.3}, True),
+        ({"paper_cm": 300.0}, True),
+    ],
 )
-def test_short_flat_and_far_values_are_drawn(tmp_path: Path, changes: dict[str, Any]) -> None:
-    assert len(pixels(report(tmp_path / "report.png", **changes), BLUE)) > 100
+def test_short_flat_and_far_values_are_drawn(tmp_path: Path, changes: dict[str, Any], is_at_the_right: bool) -> None:
+    assert (end_of_curve(report(tmp_path / "report.png", **changes))[1] > 1000) == is_at_the_right
+
+
+def test_the_curve_ends_higher_for_a_larger_error(tmp_path: Path) -> None:
+    better, worse = (report(tmp_path / f"{cm}.png", errors_cm=[9.0, cm]) for cm in (1.3, 6.0))
+    assert end_of_curve(worse)[0] < end_of_curve(better)[0] - 100
 
 
 def test_a_hand_held_still_is_drawn(tmp_path: Path) -> None:

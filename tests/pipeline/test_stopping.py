@@ -156,7 +156,7 @@ def test_a_learner_says_that_there_is_no_controller(tmp_path: Path, number: sign
 
 
 @pytest.mark.parametrize(("number", "word"), [(signal.SIGINT, "interrupted"), (signal.SIGTERM, "terminated")])
-def test_so_does_training(
+def test_training_says_that_there_is_no_controller(
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
     capfd: pytest.CaptureFixture[str],

@@ -37,7 +37,7 @@ def test_mapped_topics_have_the_types_of_ours(episode: Path, untyped: Path) -> N
     assert live == list(LiveLog(episode).stream())
 
 
-def test_so_have_topics_of_our_names(episode: Path, tmp_path: Path) -> None:
+def test_topics_of_our_names_without_a_type_have_ours(episode: Path, tmp_path: Path) -> None:
     plain = write_foreign(tmp_path / "plain.mcap", [record._replace(type="") for record in LogReader(episode)])
     assert Episode(plain).digest == Episode(episode).digest
     robot = read_samples(episode).robot

@@ -306,7 +306,10 @@ def test_a_viewer_that_is_not_there_stops_nothing(log: Path, controller: Path, t
     assert "--view: expected a viewer at rerun+http://127.0.0.1:1/proxy, found none" in said
 
 
-def test_a_viewer_that_ends_in_mid_run_is_one_line(log: Path, controller: Path, tmp_path: Path) -> None:
+def test_a_viewer_that_ends_in_mid_run_is_one_line(
+    log: Path, controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorders.rerun_recorder._FLUSH_S", 0.1)  # nobody is there to be waited for
     said: list[str] = []
     with rerun_server(tmp_path) as server:
         view = LiveView(server.url, said.append)

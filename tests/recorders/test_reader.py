@@ -6,6 +6,7 @@ from collections import Counter
 from contextlib import suppress
 
 import pytest
+from chunk_ends import chunk_ends, whole_before
 from every_record import write_every_record
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
@@ -100,6 +101,7 @@ def test_a_flipped_bit_never_gives_a_wrong_message(log, tmp_path, ticks):
         bad.write_bytes(raw)
         records, error = read_until_damage(bad)
         assert records == expected[: len(records)]
+        assert len(records) >= whole_before(chunk_ends(log), place)
         assert error is not None
         assert "\n" not in error
         for ask in (lambda: LogReader(bad).manifest, lambda: LogReader(bad).attachment("robot.urdf")):

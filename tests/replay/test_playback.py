@@ -180,7 +180,7 @@ def test_a_topic_that_is_no_single_key_is_not_played(tmp_path: Path, topic: str)
 
 
 @pytest.mark.parametrize("topic", NO_TOPICS)
-def test_nor_is_one_renamed_to_such(log: Path, topic: str) -> None:
+def test_no_topic_is_renamed_to_what_is_no_single_key(log: Path, topic: str) -> None:
     with pytest.raises(WireError, match="topic: expected names with '/' between them"):
         Playback([log], PlaybackConfig(renames={LEFT_TARGET: topic}))
 

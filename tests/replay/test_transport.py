@@ -79,7 +79,11 @@ CONFIGS = {
 }
 
 
-@pytest.fixture(params=CONFIGS)
+EXTREMES = ("in-process", "zenoh, window 1, one a payload", "zenoh, window 1024, batches of 64")
+FEEDS = [pytest.param(name, marks=() if name in EXTREMES else pytest.mark.campaign) for name in CONFIGS]
+
+
+@pytest.fixture(params=FEEDS)
 def feed(request: pytest.FixtureRequest) -> Feed:
     config = CONFIGS[request.param]
     return Feed(None if config is None else free_endpoint(), config)
@@ -151,16 +155,19 @@ def collectors(endpoint: str, **options: dict[str, Any]) -> Iterator[dict[str, A
             process.communicate()
 
 
-@pytest.mark.parametrize(("window", "batch"), [(64, 1), (256, 16)])
-def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int) -> None:
-    """Zenoh drops what a stalled link cannot hold; here the link loses three frames and then the end."""
+@pytest.mark.parametrize(
+    ("window", "batch", "frames"),
+    [(64, 1, 0), (256, 16, 1), *(pytest.param(*row, marks=pytest.mark.campaign) for row in ((64, 1, 3), (256, 16, 3)))],
+)
+def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, frames: int) -> None:
+    """Zenoh drops what a stalled link cannot hold; here the link loses some frames and then the end."""
     endpoint = free_endpoint()
     lost: list[Frame] = []
 
     class Lossy(_Delivery):
         def _put(self, frame: Frame) -> None:
-            lose = len(lost) < 3 and frame.first >= 300 * (len(lost) + 1)
-            lose = lose or (len(lost) == 3 and frame.kind is Kind.END)
+            lose = len(lost) < frames and frame.first >= 300 * (len(lost) + 1)
+            lose = lose or (len(lost) == frames and frame.kind is Kind.END)
             if lose:
                 lost.append(frame)
             else:
@@ -169,9 +176,9 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int) -
     config = SenderConfig(window=window, batch=batch)
     offer = replace(OFFER, sender="cd" * 16, window=window)
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
-        with Lossy(session, config, offer, lambda consumed: None) as delivery:
+        with Lossy(session, config, offer, lambda consumed: None, ()) as delivery:
             assert delivery.run(stream_from) == {"learner": expected()}
-    assert [frame.kind for frame in lost][3:] == [Kind.END]
+    assert [frame.kind for frame in lost][frames:] == [Kind.END]
     assert said == {"learner": expected()}
 
 

@@ -40,3 +40,11 @@ def test_a_single_item_has_room_however_large() -> None:
     inbox = Inbox[str](limit=10)
     assert inbox.put("large", 1_000_000)
     assert not inbox.put("more", 1)
+    assert inbox.get(0.0) == "large"
+    assert inbox.get(0.0) is None
+
+
+def test_what_waits_counts_for_more_than_its_payload() -> None:
+    inbox = Inbox[str](limit=5_000)
+    assert [inbox.put(name, 0) for name in "abcdef"] == [True] * 4 + [False] * 2
+    assert [inbox.get(0.0) for _ in range(5)] == ["a", "b", "c", "d", None]

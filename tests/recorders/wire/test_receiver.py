@@ -14,7 +14,6 @@ from waiting import wait_until
 from recorders.errors import WireError
 from recorders.stream import Offer, Progress
 from recorders.wire.frames import Frame, Kind, batch_key, control_key, pack
-from recorders.wire.inbox import Inbox
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -36,16 +35,6 @@ def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
         if reply.ok is not None:
             return Progress.from_json(reply.ok.payload.to_bytes())
     return None
-
-
-def test_an_inbox_is_full_at_so_many_bytes_and_takes_one_of_any_size() -> None:
-    inbox: Inbox[str] = Inbox(limit=5_000)
-    assert inbox.put("large", 10_000)
-    assert not inbox.put("more", 1)
-    assert inbox.get(0.0) == "large"
-    assert inbox.get(0.0) is None
-    assert [inbox.put(name, 0) for name in "abcdef"] == [True] * 4 + [False] * 2
-    assert [inbox.get(0.0) for _ in range(5)] == ["a", "b", "c", "d", None]
 
 
 def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
