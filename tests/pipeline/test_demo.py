@@ -6,6 +6,7 @@ import subprocess
 import sys
 import sysconfig
 import venv
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -63,8 +64,8 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def wheel_demo(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Install the wheel where nothing of the checkout is on the path, and run its demo.
+def elsewhere(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Install the wheel in an environment where nothing of the checkout is on the path; returns its folder.
 
     The third-party packages are those of this environment: a `.pth` file adds their folder, and with it Pinocchio's own
     `.pth` file. No other is followed there, so that the checkout's editable install stays out.
@@ -84,11 +85,25 @@ def wheel_demo(wheel: Path, tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
     )
     assert Path(found.stdout.strip()).is_relative_to(folder)
-    command = [str(folder / "venv" / "bin" / "reenact"), "demo", "--out", "demo", "--json"]
+    return folder
+
+
+def demo_elsewhere(folder: Path, *, epochs: int) -> Path:
+    """Run the demo of the wheel, and return its results."""
+    out = folder / f"demo_{epochs}"
+    command = [str(folder / "venv" / "bin" / "reenact"), "demo", "--out", out.name, "--epochs", str(epochs), "--json"]
     run = subprocess.run(command, cwd=folder, capture_output=True, text=True, timeout=290, check=False)
     assert run.returncode == 0, run.stderr
-    assert json.loads(run.stdout) == summary(folder / "demo")
-    return folder / "demo"
+    assert json.loads(run.stdout) == summary(out)
+    return out
+
+
+def assert_same(here: Path, there: Path) -> None:
+    """Assert that two demos have the same digests, results, logs, pictures and controllers."""
+    found, expected = summary(there), summary(here)
+    assert {key: found[key] for key in LEARNING} == {key: expected[key] for key in LEARNING}
+    for name in (*expected["logs"], "report.png", "controller.npz"):
+        assert (here / name).read_bytes() == (there / name).read_bytes(), name
 
 
 def summary(folder: Path) -> dict[str, Any]:
@@ -124,14 +139,39 @@ def test_everything_is_left_to_look_at(checkout_demo: Path) -> None:
     assert not list(checkout_demo.glob("*.part"))
 
 
+def train_for(epochs: int, *, seed_offset: int = 0) -> Callable[..., str]:
+    """Return what learns from the file in place of the learner over Zenoh."""
+
+    def learned(log: Path, controller: Path, *, seed: int, **options: object) -> str:
+        trainer = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=seed + seed_offset))
+        trainer.controller().save(controller)
+        return str(trainer.result()["digest"])
+
+    return learned
+
+
 @pytest.mark.timeout(600)
-def test_a_wheel_installed_elsewhere_gives_the_same_digests_and_results(checkout_demo: Path, wheel_demo: Path) -> None:
-    here, there = summary(checkout_demo), summary(wheel_demo)
-    assert {key: here[key] for key in LEARNING} == {key: there[key] for key in LEARNING}
-    for log in here["logs"]:
-        assert (checkout_demo / log).read_bytes() == (wheel_demo / log).read_bytes()
-    assert (checkout_demo / "report.png").read_bytes() == (wheel_demo / "report.png").read_bytes()
-    assert (checkout_demo / "controller.npz").read_bytes() == (wheel_demo / "controller.npz").read_bytes()
+def test_a_wheel_installed_elsewhere_gives_the_same_digests_and_results(
+    checkout_demo: Path, elsewhere: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Few epochs, and here those of the logs that there are: what is explored and learned there is all new."""
+
+    def explored(robot: object, logs: list[Path], **options: object) -> None:
+        for log in logs:
+            shutil.copy(checkout_demo / log.name, log)
+
+    monkeypatch.setattr(demo, "_explore_both", explored)
+    monkeypatch.setattr(demo, "_learn_over_zenoh", train_for(8))
+    demo.run_demo(tmp_path, seed=0, epochs=8)
+    assert_same(tmp_path, demo_elsewhere(elsewhere, epochs=8))
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(600)
+def test_a_wheel_installed_elsewhere_gives_the_same_digests_and_results_in_full(
+    checkout_demo: Path, elsewhere: Path
+) -> None:
+    assert_same(checkout_demo, demo_elsewhere(elsewhere, epochs=150))
 
 
 def test_a_learner_that_parts_from_the_file_is_a_failed_check_and_leaves_everything(
@@ -143,13 +183,8 @@ def test_a_learner_that_parts_from_the_file_is_a_failed_check_and_leaves_everyth
         for log in logs:
             write_episode(log, samples=8)
 
-    def learned(log: Path, controller: Path, *, seed: int, epochs: int, **options: object) -> str:
-        trainer = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=seed + 1))
-        trainer.controller().save(controller)
-        return str(trainer.result()["digest"])
-
     monkeypatch.setattr(demo, "_explore_both", explored)
-    monkeypatch.setattr(demo, "_learn_over_zenoh", learned)
+    monkeypatch.setattr(demo, "_learn_over_zenoh", train_for(1, seed_offset=1))
     with pytest.raises(SystemExit) as end:
         cli.main(["demo", "--out", str(tmp_path), "--epochs", "1"])
     assert end.value.code == 1
