@@ -8,7 +8,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from pipeline import console
+from pipeline import console, motion_names
 from pipeline.command_costs import command_costs
 from pipeline.deployment import deploy
 from pipeline.executors import local_processes
@@ -19,7 +19,6 @@ from pipeline.motion_names import PATTERNS
 from pipeline.motions import load_motion
 from pipeline.paper_networks import try_networks
 from pipeline.paper_results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, Networks, Paper
-from pipeline.resources import data_path
 from pipeline.robot import load_robot
 from pipeline.samples import read_samples
 from pipeline.simulation import SimulationConfig
@@ -82,7 +81,7 @@ class PaperConfig:
 
 def drawings() -> tuple[str, ...]:
     """Names of the free-hand motions that come with the program."""
-    return tuple(sorted(path.stem for path in data_path("motions").glob("*.csv")))
+    return tuple(motion_names.drawings())
 
 
 def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_processes) -> Paper:

@@ -25,8 +25,8 @@ ROWS = [
     pytest.param(NO_SIMD, {"numpy"}, id="numpy without SIMD"),
     pytest.param(GENERIC, {"compiler"}, id="numba for a generic CPU"),
     pytest.param(OLD_BLAS, {"blas", "dot"}, id="BLAS kernels of Nehalem"),
-    pytest.param(OLDER_BLAS, {"blas", "dot"}, id="BLAS kernels of Prescott"),
-    pytest.param(AVX_BLAS, {"blas", "dot"}, id="BLAS kernels of Sandy Bridge"),
+    pytest.param(OLDER_BLAS, {"blas", "dot"}, marks=pytest.mark.campaign, id="BLAS kernels of Prescott"),
+    pytest.param(AVX_BLAS, {"blas", "dot"}, marks=pytest.mark.campaign, id="BLAS kernels of Sandy Bridge"),
     pytest.param(NO_FMA, {"libm"}, id="glibc without FMA and AVX2"),
     pytest.param(ONE_THREAD, {"dot"}, id="one thread"),
     pytest.param(

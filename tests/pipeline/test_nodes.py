@@ -50,7 +50,13 @@ def empty(tmp_path: Path) -> Path:
 
 
 @pytest.mark.parametrize(
-    "options", [(), ("--window", 1), ("--window", 1024, "--batch", 64), ("--window", 50, "--batch", 9)]
+    "options",
+    [
+        (),
+        ("--window", 50, "--batch", 9),
+        pytest.param(("--window", 1), marks=pytest.mark.campaign),
+        pytest.param(("--window", 1024, "--batch", 64), marks=pytest.mark.campaign),
+    ],
 )
 def test_over_zenoh_and_from_the_file_are_one_state(
     log: Path, empty: Path, tmp_path: Path, options: tuple[object]
