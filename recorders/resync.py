@@ -74,7 +74,7 @@ def _candidates(file: BinaryIO, start: int, end: int) -> Iterator[int]:
     """Yield the places in [start, end) where the head of such a record may stand."""
     for place in range(start, end, _WINDOW):
         file.seek(place, SEEK_SET)
-        window = file.read(min(_WINDOW + _LONGEST, end - place))
+        window = file.read(min(_WINDOW, end - place) + _LONGEST)
         for match in _HEADS.finditer(window):
-            if match.start() < _WINDOW:
+            if match.start() < min(_WINDOW, end - place):
                 yield place + match.start()

@@ -10,6 +10,7 @@ from typing import Any
 from mcap.records import Statistics
 
 from recorders.cdr import decode_as
+from recorders.declared import Declarations
 from recorders.errors import MessageError
 from recorders.manifest import ContentHash
 from recorders.messages import String
@@ -151,11 +152,25 @@ class LogSummary:
             "attachments": (stated.attachment_count, len(found.attachments)),
             "metadata records": (stated.metadata_count, found.metadata_count),
         }
+        totals |= self._declared_totals(stated)
         by_topic = found.stated_counts or Counter()
         totals |= {f"messages on {topic}": (by_topic[topic], counts[topic]) for topic in by_topic}
         if by_topic:
             totals |= {f"messages on {topic}": (0, counts[topic]) for topic in counts if topic not in by_topic}
         return (f"{said} {what}, found {there}" for what, (said, there) in totals.items() if said != there)
+
+    def _declared_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
+        """Return stated and found numbers of channels and schemas; some writers count those that they left out."""
+        repeated = self.survey.summary.declarations if self.survey.summary else Declarations()
+        met, totals = self.survey.met, {}
+        for what, said, ids, listed in (
+            ("channels", stated.channel_count, met.channels, repeated.channels),
+            ("schemas", stated.schema_count, met.schemas, repeated.schemas),
+        ):
+            there = len(ids.keys() | listed.keys())
+            if said < there or listed:
+                totals[what] = said, there
+        return totals
 
     def _add_phase(self, data: bytes) -> None:
         try:

@@ -184,7 +184,7 @@ class Playback:
 def _content(reader: Reader) -> str:
     """Return the hash that names a log's content: its own, or that of the file if it has none."""
     if isinstance(reader, SessionReader):
-        return content_sha256(reader)
+        return content_sha256(reader.records(file_order=True))
     recorded = reader.manifest.get("content_sha256")
     if isinstance(recorded, str):
         return recorded

@@ -92,22 +92,21 @@ def test_without_a_summary_the_next_chunk_is_found_by_its_crc(log, tmp_path, pla
     assert recovery.lost.total() == count  # by the manifest's counts
 
 
-@pytest.mark.parametrize("place", [9, *range(1, 6)])  # of the header, of a chunk: whatever a wrong length takes in
+@pytest.mark.parametrize("kind", ["header", "attachment", "chunk"])
+@pytest.mark.parametrize("place", range(1, 6))
 @pytest.mark.parametrize("bit", range(8))
-def test_a_record_that_claims_more_takes_no_chunk_with_it(log, tmp_path, place, bit):
-    everything = list(LogReader(log))
+def test_a_record_that_claims_more_takes_no_chunk_with_it(log, tmp_path, kind, place, bit):
+    """Its length is damaged, and the summary too: what it takes in of others is not lost."""
+    everything, whole = list(LogReader(log)), log.read_bytes()
     start, _, count = chunks_of(log)[2]
-    at = place if place == 9 else start + place
-    raw = flipped(flipped(log.read_bytes(), at, bit), -40 % log.stat().st_size)
-    recovery, out = recovered(raw, tmp_path)
+    attachment = whole.index(b"robot.urdf") - 9 - 16 - 4
+    at = {"header": 8, "attachment": attachment, "chunk": start}[kind]
+    recovery, out = recovered(flipped(flipped(whole, at + place, bit), -40 % len(whole)), tmp_path)
     kept = list(LogReader(out))
-    assert kept in (everything, everything[:128] + everything[128 + count :])
-    assert (recovery.kept.total(), recovery.lost) == (len(kept), Counter(everything_topics(everything, kept)))
-
-
-def everything_topics(everything, kept):
-    """Return how many messages of each topic are missing."""
-    return Counter(record.topic for record in everything) - Counter(record.topic for record in kept)
+    without = everything[:128] + everything[128 + count :]
+    assert kept in ([everything, without] if kind == "chunk" else [everything])
+    missing = Counter(record.topic for record in everything) - Counter(record.topic for record in kept)
+    assert (recovery.kept.total(), recovery.lost) == (len(kept), missing)
 
 
 def test_a_cut_off_log_tells_by_its_numbers_what_is_missing_before_the_cut(log, tmp_path):

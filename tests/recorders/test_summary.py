@@ -7,6 +7,8 @@ import statistics
 from fractions import Fraction
 
 import pytest
+from every_variant import Data, Variant
+from mcap.records import Channel, Message
 from hypothesis import given
 from hypothesis import strategies as st
 from mcap.writer import Writer
@@ -16,6 +18,7 @@ from recorders.errors import LogError
 from recorders.intervals import Intervals
 from recorders.messages import JointState, String
 from recorders.phase import EVALUATE, LEARN, WASHOUT, Phase
+from recorders.reader import LogReader
 from recorders.summary import summarise
 from recorders.survey import CUT_OFF
 from recorders.topics import JOINT_STATES, LEFT_TARGET, SESSION_PHASE
@@ -237,3 +240,33 @@ def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
     os.mkfifo(tmp_path / "pipe.mcap")
     with pytest.raises(LogError, match=r"pipe.mcap: expected an MCAP file, found a pipe"):
         summarise(tmp_path / "pipe.mcap")
+
+
+@pytest.mark.parametrize(
+    ("total", "said"),
+    [
+        ("message_count", "4 messages, found 3"),
+        ("chunk_count", "2 chunks, found 1"),
+        ("attachment_count", "1 attachments, found 0"),
+        ("channel_count", "2 channels, found 1"),
+        ("metadata_count", "1 metadata records, found 0"),
+        ("channel_message_counts", "2 messages on /x, found 3"),
+    ],
+)
+def test_a_wrong_total_in_the_statistics_is_said(tmp_path, total, said):
+    class Wrong(Variant):
+        def _statistics(self, data):
+            statistics = super()._statistics(data)
+            if total == "channel_message_counts":
+                statistics.channel_message_counts[1] -= 1
+            else:
+                setattr(statistics, total, getattr(statistics, total) + 1)
+            return statistics
+
+    data = Data((), [Channel(1, "/x", "json", {}, 0)], [Message(1, k, b"{}", 0, k) for k in range(3)])
+    path = tmp_path / "foreign.mcap"
+    Wrong({"ch", "chx", "rch", "st"}).write(path, data)
+    summary = summarise(path)
+    assert (summary.sound, summary.counts_hold, summary.wrong_totals) == (False, False, [said])
+    assert (summary.survey.damage, summary.to_dict()["messages"]) == ([], 3)
+    assert LogReader(path).counts == {"/x": 3}
