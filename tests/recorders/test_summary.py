@@ -8,9 +8,9 @@ from fractions import Fraction
 
 import pytest
 from every_variant import Data, Variant
-from mcap.records import Channel, Message
 from hypothesis import given
 from hypothesis import strategies as st
+from mcap.records import Channel, Message
 from mcap.writer import Writer
 
 from recorders.cdr import encode
