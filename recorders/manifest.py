@@ -5,6 +5,7 @@ import json
 import platform
 import struct
 from collections.abc import Iterable, Mapping
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -125,6 +126,7 @@ def _checksum(texts: Mapping[str, str]) -> str:
     return hashlib.sha256(json.dumps(sorted(texts.items())).encode()).hexdigest()
 
 
+@cache  # so that the next part of a recording needs no other file
 def _version(package: str) -> str | None:
     try:
         return version(package)
@@ -132,6 +134,7 @@ def _version(package: str) -> str | None:
         return None
 
 
+@cache
 def _cpu_model() -> str:
     try:
         lines = Path("/proc/cpuinfo").read_text(encoding="utf-8", errors="replace").splitlines()

@@ -7,7 +7,7 @@ import re
 import socket
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Self
@@ -187,7 +187,8 @@ def _closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
     try:
         yield session
     finally:
-        _insist(session.close)
+        with suppress(zenoh.ZError):  # it may take too long: what the block ended with must be told all the same
+            _insist(session.close)
 
 
 @contextmanager

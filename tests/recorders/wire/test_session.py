@@ -304,3 +304,13 @@ def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyP
 )
 def test_what_others_may_reach_is_told_from_loopback(endpoint: str, is_exposed: bool) -> None:
     assert beyond_loopback(["tcp/127.0.0.1:1", endpoint]) == ([endpoint] if is_exposed else [])
+
+
+def test_a_session_that_does_not_close_in_time_hides_no_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Stuck:
+        def close(self) -> None:
+            raise zenoh.ZError("close operation timed out!")
+
+    monkeypatch.setattr("recorders.wire.session._open", lambda config: Stuck())
+    with pytest.raises(WireError, match="why it ended"), open_session(SessionConfig(listen=(free_endpoint(),))):
+        raise WireError("why it ended")
