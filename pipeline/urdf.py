@@ -29,8 +29,9 @@ MAX_CHAIN = 200  # joints one after another; libraries walk along them by recurs
 _BETWEEN = {"xyz": (-MAX_PLACE, MAX_PLACE), "rpy": (-MAX_PLACE, MAX_PLACE), "rgba": (0.0, 1.0)}
 _SHORTEST = 1e-3  # axis; libraries bring them to length 1
 _MAX_NAME = 200  # characters
+_MAX_NUMBERS = 200  # characters of an attribute
 _JOINT_TYPES = ("revolute", "continuous", "prismatic", "fixed", "floating", "planar")
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?", re.ASCII)
+_NUMBER = re.compile(r"[+-]?(\d++\.?\d*+|\.\d++)([eE][+-]?\d++)?", re.ASCII)  # in linear time
 
 # How many numbers an attribute holds, by element: those that may be left out, and those that may not.
 _OPTIONAL = {
@@ -276,7 +277,9 @@ def _check_axis(joint: ElementTree.Element) -> None:
 def _holds_numbers(text: str, count: int) -> bool:
     """Whether urdfdom reads so many numbers, which goes by spaces and allows none around a single number."""
     numbers = [text] if count == 1 else [part for part in text.split(" ") if part]
-    return len(numbers) == count and all(_NUMBER.fullmatch(n) and math.isfinite(float(n)) for n in numbers)
+    if len(text) > _MAX_NUMBERS or len(numbers) != count:
+        return False
+    return all(_NUMBER.fullmatch(number) and math.isfinite(float(number)) for number in numbers)
 
 
 def _attribute(joint: ElementTree.Element, child: str, attribute: str) -> str:

@@ -79,11 +79,13 @@ def _drawn(shape: Element) -> bool:
 
 
 def _clean_materials(robot: Element) -> None:
-    """Leave one material of each name, and references to these; others have no colour."""
+    """Leave one material of each name that a shape refers to, and references to these; others have no colour."""
+    shown = {material.get("name") for material in robot.iterfind("link/visual/material")}
     known: set[str] = set()
     for material in robot.findall("material"):
-        if len(material) and material.get("name") and material.get("name") not in known:
-            known.add(material.get("name", ""))
+        name = material.get("name", "")
+        if name in shown and name not in known and len(material):
+            known.add(name)
         else:
             robot.remove(material)
     for visual in robot.iterfind("link/visual"):
@@ -92,10 +94,11 @@ def _clean_materials(robot: Element) -> None:
 
 
 def _clean_transmissions(robot: Element) -> None:
-    """Leave the motors of joints that move; models keep those of joints that they have made rigid."""
+    """Leave the simple motors of joints that move; models keep those of joints that they have made rigid."""
     moving = {joint.get("name") for joint in robot.iterfind("joint") if joint.get("type") != "fixed"}
     for transmission in robot.findall("transmission"):
-        if not {joint.get("name") for joint in transmission.iterfind("joint")} <= moving:
+        simple = "SimpleTransmission" in transmission.findtext("type", "")
+        if not simple or not {joint.get("name") for joint in transmission.iterfind("joint")} <= moving:
             robot.remove(transmission)
 
 

@@ -51,12 +51,7 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
 
 
 def _check_motors(urdf: Element, joints: Sequence[str]) -> None:
-    simple = [
-        transmission
-        for transmission in urdf.iterfind("transmission")
-        if "SimpleTransmission" in transmission.findtext("type", "")
-    ]
-    motors = Counter(joint.get("name", "") for transmission in simple for joint in transmission.iterfind("joint"))
+    motors = Counter(element.get("name", "") for element in urdf.iterfind("transmission/joint"))
     if unmoved := [name for name in joints if name not in motors]:
         raise RobotError(
             f"joints {names_text(unmoved)} of the URDF have no transmission of type "

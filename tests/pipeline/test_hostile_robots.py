@@ -188,6 +188,25 @@ def test_a_robot_without_end_is_one_line(name: str) -> None:
     assert len(str(caught.value)) < 1200
 
 
+@pytest.mark.parametrize(
+    "number",
+    ["1" * 3_000_000, "1" * 3_000_000 + "x", "0." + "1" * 3_000_000, "0 " * 1_500_000],
+    ids=["digits", "no number", "fraction", "many"],
+)
+def test_a_number_without_end_is_one_line(number: str) -> None:
+    """And is read in linear time: a pattern that goes back and forth would take days."""
+    text = ASIMO.urdf_text.replace('xyz="0 0 0.28"', f'xyz="0 0 {number}"')
+    with pytest.raises(RobotError, match="link 'legs' of the URDF: expected <origin xyz=...> to hold 3 finite numbers"):
+        parse_robot(ASIMO.toml_text, text)
+
+
+def test_what_nothing_refers_to_is_passed_over() -> None:
+    materials = "".join(f'<material name="m{place}"><color rgba="0 0 0 1"/></material>' for place in range(20_000))
+    motors = '<transmission><joint name="hip_yaw"/></transmission>' * 10_000
+    robot = parse_robot(ASIMO.toml_text, ASIMO.urdf_text.replace("</robot>", f"{materials}{motors}</robot>"))
+    assert robot.plain_urdf == ASIMO.plain_urdf
+
+
 def test_no_such_robot_takes_much_memory() -> None:
     read = (
         "import sys; from pipeline.robot import load_robot, parse_robot; from recorders.errors import RobotError\n"
