@@ -81,13 +81,11 @@ def _drawn(shape: Element) -> bool:
 def _clean_materials(robot: Element) -> None:
     """Leave one material of each name that a shape refers to, and references to these; others have no colour."""
     shown = {material.get("name") for material in robot.iterfind("link/visual/material")}
-    known: set[str] = set()
-    for material in robot.findall("material"):
-        name = material.get("name", "")
-        if name in shown and name not in known and len(material):
-            known.add(name)
-        else:
-            robot.remove(material)
+    known: dict[str, Element] = {}
+    for material in robot.iterfind("material"):
+        if len(material) and (name := material.get("name", "")) in shown:
+            known.setdefault(name, material)
+    _keep(robot, "material", known.values())
     for visual in robot.iterfind("link/visual"):
         materials = visual.findall("material")
         _drop(visual, [one for one in materials if not one.get("name") or not (len(one) or one.get("name") in known)])
@@ -96,10 +94,17 @@ def _clean_materials(robot: Element) -> None:
 def _clean_transmissions(robot: Element) -> None:
     """Leave the simple motors of joints that move; models keep those of joints that they have made rigid."""
     moving = {joint.get("name") for joint in robot.iterfind("joint") if joint.get("type") != "fixed"}
-    for transmission in robot.findall("transmission"):
-        simple = "SimpleTransmission" in transmission.findtext("type", "")
-        if not simple or not {joint.get("name") for joint in transmission.iterfind("joint")} <= moving:
-            robot.remove(transmission)
+    simple = [motor for motor in robot.iterfind("transmission") if "SimpleTransmission" in motor.findtext("type", "")]
+    _keep(
+        robot,
+        "transmission",
+        [motor for motor in simple if {joint.get("name") for joint in motor.iterfind("joint")} <= moving],
+    )
+
+
+def _keep(robot: Element, kind: str, kept: Iterable[Element]) -> None:
+    """Leave of one kind only these."""
+    robot[:] = [*(element for element in robot if element.tag != kind), *kept]
 
 
 def _drop(parent: Element, children: Iterable[Element]) -> None:

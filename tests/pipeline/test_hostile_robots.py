@@ -196,13 +196,13 @@ def test_a_robot_without_end_is_one_line(name: str) -> None:
 def test_a_number_without_end_is_one_line(number: str) -> None:
     """And is read in linear time: a pattern that goes back and forth would take days."""
     text = ASIMO.urdf_text.replace('xyz="0 0 0.28"', f'xyz="0 0 {number}"')
-    with pytest.raises(RobotError, match="link 'legs' of the URDF: expected <origin xyz=...> to hold 3 finite numbers"):
+    with pytest.raises(RobotError, match=r"link 'legs' of .* <origin xyz=...> to hold 3 finite numbers"):
         parse_robot(ASIMO.toml_text, text)
 
 
 def test_what_nothing_refers_to_is_passed_over() -> None:
-    materials = "".join(f'<material name="m{place}"><color rgba="0 0 0 1"/></material>' for place in range(20_000))
-    motors = '<transmission><joint name="hip_yaw"/></transmission>' * 10_000
+    materials = "".join(f'<material name="m{place}"><color rgba="0 0 0 1"/></material>' for place in range(5_000))
+    motors = '<transmission><joint name="hip_yaw"/></transmission>' * 5_000
     robot = parse_robot(ASIMO.toml_text, ASIMO.urdf_text.replace("</robot>", f"{materials}{motors}</robot>"))
     assert robot.plain_urdf == ASIMO.plain_urdf
 
