@@ -2,14 +2,16 @@
 
 import threading
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from fractions import Fraction
 from typing import Protocol
 
 from recorders.errors import ConfigError
+from recorders.quantities import seconds_text
 from recorders.records import Stamped
 
 _NS_PER_S = 1_000_000_000
+_LONG_WAIT_NS = 60 * _NS_PER_S
 _LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
@@ -42,6 +44,8 @@ class Paced:
     ----------
     rate : float
         1 is real time, 2 twice as fast; from 0.1 to 1000.
+    say : callable
+        Told, in one line, of a wait of a minute or more: a log whose clock has leapt may ask for years.
 
     Attributes
     ----------
@@ -54,10 +58,11 @@ class Paced:
         If the rate is out of range.
     """
 
-    def __init__(self, rate: float) -> None:
+    def __init__(self, rate: float, *, say: Callable[[str], None] = lambda line: None) -> None:
         if not 0.1 <= rate <= 1000.0:
             raise ConfigError(f"rate: expected 0.1 to 1000, found {rate}")
         self._rate = Fraction(rate)
+        self._say = say
         self._last_log_ns: int | None = None
         self._due_ns = 0
         self._rest = 0  # what the division by the rate has left over so far
@@ -72,6 +77,9 @@ class Paced:
             recorded_ns = max(0, log_time_ns - self._last_log_ns)
             apart_ns, self._rest = divmod(recorded_ns * self._rate.denominator + self._rest, self._rate.numerator)
             self._due_ns += apart_ns
+            if apart_ns >= _LONG_WAIT_NS:
+                gap, wait = seconds_text(recorded_ns), seconds_text(apart_ns // _NS_PER_S * _NS_PER_S)
+                self._say(f"the next message comes in {wait} s: the recording has a gap of {gap} s before it")
         self._last_log_ns = log_time_ns
         if self._due_ns > now_ns:
             while (left_s := (self._due_ns - time.monotonic_ns()) / _NS_PER_S) > 0.0:

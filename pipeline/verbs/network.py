@@ -216,7 +216,7 @@ def replay(
         batch=batch or min(64 if rate is None and consumers else 1, window),
         wait_s=wait,
     )
-    pace = Unpaced() if rate is None else Paced(rate)
+    pace = Unpaced() if rate is None else Paced(rate, say=console.say)
     session = session_config(listen, connect, zenoh_config, listens=False, wait_s=wait)
     if not consumers:
         console.say(_SPECTATORS)
