@@ -10,17 +10,16 @@ from pipeline import golden_states
 from pipeline.controller import Controller
 from pipeline.evaluation import HandErrors
 from pipeline.golden_observer import ObservedRun
+from pipeline.golden_own import read_settings
 from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport
 from pipeline.network import state_numbers
 from pipeline.samples import read_samples
-from pipeline.toml_text import MAX_BYTES, parse_toml
 from pipeline.training import CheckpointConfig, Trainer
 from pipeline.trials import try_samples
 from recorders.errors import ConfigError
 from recorders.messages import Message
 from recorders.records import Stamped
-from recorders.regular import refuse_irregular
 from replay.golden_recipe import MAX_CASE_BYTES, EpochEnd, Moment, Recipe, State
 from replay.schedule import Schedule
 from replay.session import RecordedSession
@@ -153,7 +152,7 @@ def recipe(
     made = replace(
         old,
         logs=tuple(logs) or old.logs,
-        learner=old.learner if config is None else LearnerConfig.from_dict(_read_toml(config)).to_dict(),
+        learner=old.learner if config is None else read_settings(config),
         as_recorded=old.as_recorded if as_recorded is None else as_recorded,
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,
@@ -161,15 +160,3 @@ def recipe(
     if made.as_recorded and (logs or epochs or not old.as_recorded):
         return replace(made, schedule=Schedule.from_dict(RecordedSession(made.logs[0], epochs=epochs).offer().schedule))
     return made if epochs is None else replace(made, schedule=replace(made.schedule, epochs=epochs))
-
-
-def _read_toml(path: Path) -> dict[str, Any]:
-    refuse_irregular(path, expected="a TOML file", error=ConfigError)
-    try:
-        with path.open(encoding="utf-8") as file:
-            text = file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
-    except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: expected TOML in UTF-8") from error
-    return parse_toml(text, str(path), error=ConfigError)

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeAlias
 
 from replay.golden_case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
 from replay.golden_finding import CASE, Finding, changed_environment, said
@@ -11,9 +11,16 @@ from replay.golden_folder import find_cases
 from replay.golden_learning import check_learning
 from replay.golden_log import altered, check_index
 from replay.golden_physics import check_physics
-from replay.golden_recipe import Runner
+from replay.golden_recipe import Recipe, Runner
+
+Changed: TypeAlias = Callable[[Recipe], tuple[str, str, str] | None]
+"""Names the first thing of a case that is not so any more: what, in the case, today."""
 
 PASSED, FAILED = "passed", "failed"
+
+
+def _nothing(recipe: Recipe) -> None:
+    return None
 
 
 @dataclass(frozen=True)
@@ -35,16 +42,21 @@ class Verdict:
         return {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
 
 
-def check_case(folder: Path, runner: Runner) -> Verdict:
+def check_case(folder: Path, runner: Runner, *, changed: Changed = _nothing) -> Verdict:
     """Check one case: its files, then the learning, then the physics; the first finding ends it.
 
-    A program that crashes is a finding too, of the tier at which it did.
+    A program that crashes is a finding too, of the tier at which it did. `changed` says in what that which a team uses
+    today differs from the case's own copies.
     """
-    return Verdict(folder.resolve().name, _first(folder, runner))
+    return Verdict(folder.resolve().name, _first(folder, runner, changed))
 
 
 def check_all(
-    folder: Path, runner: Runner, *, progress: Callable[[float], None] = lambda fraction: None
+    folder: Path,
+    runner: Runner,
+    *,
+    changed: Changed = _nothing,
+    progress: Callable[[float], None] = lambda fraction: None,
 ) -> Iterator[Verdict]:
     """Check the cases of a folder, one after the other; a case is named by where it lies in the folder.
 
@@ -55,7 +67,7 @@ def check_all(
     """
     cases = find_cases(folder)
     for place, case in enumerate(cases):
-        verdict = check_case(case, runner)
+        verdict = check_case(case, runner, changed=changed)
         yield verdict if case == folder else replace(verdict, name=case.relative_to(folder).as_posix())
         progress((place + 1) / len(cases))
 
@@ -66,17 +78,20 @@ def summary(verdicts: list[Verdict]) -> Mapping[str, Any]:
     return {"checked": len(verdicts), "failed": failed, "cases": [verdict.to_dict() for verdict in verdicts]}
 
 
-def _first(folder: Path, runner: Runner) -> Finding | None:
+def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
     try:
         case = load_case(folder)
         for name in case.files:
             case.read(name)
         check_steps(case.read(STEPS_FILE))
         log = _altered_log(case)
+        own = changed(case.recipe)
     except Exception as error:
         return Finding(CASE, "file", "a sound golden case", said(error))
     if log is not None:
         return log
+    if own is not None:
+        return Finding(CASE, *own, note="what is used today is not what the case was made with")
     finding = check_learning(case, runner) or check_physics(case, runner)
     return None if finding is None else replace(finding, environment=changed_environment(case.environment))
 

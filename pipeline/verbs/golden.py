@@ -96,17 +96,27 @@ def check(
     folder: Annotated[
         Path | None, typer.Argument(help="Folder of cases, or of one; by default those of the program.", metavar="DIR")
     ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Settings of your learner (TOML), to be those of every case.", metavar="FILE")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Your robot, to be that of every case's logs: its folder.", metavar="DIR")
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Check golden cases against the present program.
 
-    Exit status 1 if one does not hold.
+    A case has copies of learner settings and robot, which it is checked with; with --config and --robot they must be
+    what you use today. Exit status 1 if a case does not hold.
     """
+    from pipeline.golden_own import Own
     from pipeline.golden_runner import GoldenRunner
     from replay.golden import check_all, summary
 
+    own = Own(config=config, robot=robot)
     with console.progress("golden check") as advance:
-        verdicts = list(check_all(folder or data_path("golden"), GoldenRunner(), progress=advance))
+        cases = folder or data_path("golden")
+        verdicts = list(check_all(cases, GoldenRunner(), changed=own.difference, progress=advance))
     if as_json:
         console.show(summary(verdicts), as_json=True)
     else:

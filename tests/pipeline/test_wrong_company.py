@@ -101,7 +101,7 @@ def of_another_robot(message: Stamped) -> Stamped:
 
 SPOILT: tuple[tuple[str, Spoil, str], ...] = (
     (LEFT_TARGET, backwards, f"{LEFT_TARGET} #20: stamp 0 ns runs backwards, the one before was 3800000000 ns"),
-    (SAMPLE_JOINTS, of_another_robot, "no joint hip_height in the message"),
+    (SAMPLE_JOINTS, of_another_robot, f"{SAMPLE_JOINTS} #20: no joint hip_height in the message"),
 )
 KEEPING = ("--checkpoint", "k.npz", "--every", 10_000)
 
