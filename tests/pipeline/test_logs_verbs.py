@@ -4,11 +4,11 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import pytest
 from processes import complaint, reenact, start
+from waiting import wait_until
 
 from recorders.messages import Clock
 from recorders.reader import LogReader
@@ -131,12 +131,10 @@ def test_the_name_of_a_refused_file_commands_no_terminal(tmp_path: Path) -> None
 
 
 def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
-    log = write(tmp_path / "log.mcap", 20_000)
+    log = write(tmp_path / "log.mcap", 50_000)  # recovering takes far longer than seeing that it has begun
     with start("recover", log, "--out", "good.mcap", cwd=tmp_path) as process:
         part = tmp_path / "good.mcap.part"
-        until = time.monotonic() + 60
-        while not part.exists() and process.poll() is None and time.monotonic() < until:
-            time.sleep(0.005)
+        wait_until(lambda: part.exists() or process.poll() is not None)
         process.send_signal(signal.SIGINT)
         _, errors = process.communicate(timeout=60)
     assert process.returncode == 130, errors
