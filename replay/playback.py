@@ -5,7 +5,6 @@ import heapq
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import count, islice
 
 from recorders.declared import Declared
@@ -88,7 +87,9 @@ class Playback:
         self._readers = [open_log(path) for path in paths]
         self._played = self._choose()
         self._check_names()
-        self._survey()
+        self._first_ns = self._survey()
+        if next(self._once(), None) is None:
+            raise LogError(self._nothing_found())
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
@@ -132,18 +133,19 @@ class Playback:
             topic = config.renames.get(record.topic, record.topic)
             yield record if topic == record.topic else record._replace(topic=topic)
 
-    def _survey(self) -> None:
-        """Check that something is played, and that all of it can be: nobody learns in the middle that it cannot."""
-        for reader in self._readers:
-            for record in reader.records(topics=self._played):
-                check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
-        if next(self._once(), None) is None:
-            raise LogError(self._nothing_found())
+    def _survey(self) -> int:
+        """Check that all that is played can be, so that nobody learns in the middle that it cannot.
 
-    @cached_property
-    def _first_ns(self) -> int:
-        """Log time of the earliest message of all logs [ns], which need not be the first of its file."""
-        return min((record.log_time_ns for reader in self._readers for record in reader.records()), default=0)
+        Returns the log time of the earliest message of all logs [ns], which need not be the first of its file; of those
+        that are played, where no slice counts from it.
+        """
+        first_ns = FOREVER_NS
+        for reader in self._readers:
+            for record in reader.records(topics=None if self._config.sliced else self._played):
+                first_ns = min(first_ns, record.log_time_ns)
+                if record.topic in self._played:
+                    check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
+        return first_ns
 
     def _nothing_found(self) -> str:
         if not self._config.sliced:

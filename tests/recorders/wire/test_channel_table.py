@@ -157,12 +157,12 @@ def test_no_bytes_do_harm(data: bytes) -> None:
 
 def test_an_answer_that_is_no_table_is_said_once() -> None:
     said: list[str] = []
-    endpoint = free_endpoint()
+    endpoint, key = free_endpoint(), table_key("reenact", SENDER)
     with (
-        open_session(SessionConfig(listen=(endpoint,))) as hearing,
-        open_session(SessionConfig(connect=(endpoint,))) as playing,
+        open_session(SessionConfig(listen=(endpoint,))) as playing,
+        playing.declare_queryable(key, lambda query: query.reply(query.key_expr, b"{}")),
+        open_session(SessionConfig(connect=(endpoint,))) as hearing,
         ChannelTables(hearing, "reenact", said.append) as tables,
-        playing.declare_queryable(table_key("reenact", SENDER), lambda query: query.reply(query.key_expr, b"{}")),
     ):
         assert tables.find(bytes.fromhex(SENDER), "/t", "") is None
         assert tables.find(bytes.fromhex(SENDER), "/t", "") is None
