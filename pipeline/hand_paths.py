@@ -102,7 +102,8 @@ def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str
         for record in renamed(reader, renames, topics):
             tracks[topics[record.topic]].take(record)
     if not any(track.seen for track in tracks.values()):
-        found = names_text(name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE) or "none"
+        poses = [name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE]
+        found = names_text(name for name in poses if name not in renames) or "none"
         raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
     source = {"kind": "log", "name": path.name, "sha256": _file_sha256(path)}
     return shown(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})

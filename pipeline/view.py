@@ -151,10 +151,11 @@ def _recorded_robot(reader: Reader) -> RobotConfig:
 def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
     topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
     found = [topic for topic in JOINT_TOPICS if topic in topics]
+    others = [topic for topic in reader.topics if topic not in renames and topic not in found]
     if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics.keys():
         raise LogError(
             f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {names_text(JOINT_TOPICS)}, "
-            f"found {names_text(sorted(topics)) or 'nothing'}; give foreign names with --map"
+            f"found {names_text(sorted(found + others)) or 'nothing'}; give foreign names with --map"
         )
     for topic in (LEFT_TARGET, RIGHT_TARGET, found[0]):
         if topics[topic] not in ("", type_of(topic)):

@@ -100,15 +100,23 @@ class Episode:
         self.digest = digest.hexdigest()
 
     def _check_topics(self) -> None:
-        found = {self._renames.get(topic, topic) for topic, count in self._reader.counts.items() if count > 0}
+        there = {topic for topic, count in self._reader.counts.items() if count > 0}
+        found = {self._renames.get(topic, topic) for topic in there}
         missing = [topic for topic in _NEEDED if topic not in found]
         if missing:
+            others = names_text(self._nameable(there, missing))
+            choice = f", or rename with --map one of {others}" if others else "; it has no other topic to rename"
             raise LogError(
-                f"{self.path}: expected messages on {names_text(missing)}, found none; record with explore, "
-                f"or rename with --map one of {names_text(sorted(found)) or 'no topics'}"
+                f"{self.path}: expected messages on {names_text(missing)}, found none; record with explore{choice}"
             )
         if SESSION_PHASE in found:
             raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
+
+    def _nameable(self, there: Collection[str], missing: Collection[str]) -> list[str]:
+        """Return the topics that are neither ours nor renamed already, and may be of the type of a missing one."""
+        free = set(there) - set(_NEEDED) - self._renames.keys()
+        types = {"", *map(type_of, missing)}
+        return sorted(topic for topic in free if self._reader.topics.get(topic, "") in types)
 
 
 def renamed(
@@ -166,7 +174,7 @@ def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where:
         If there is none; the line names those that there are, and the log or logs, `where`.
     """
     if unknown := sorted(renames.keys() - set(topics)):
-        found = names_text(sorted(set(topics))) or "none"
+        found = names_text(sorted(set(topics) - renames.keys())) or "none"
         raise LogError(f"{where}: --map: expected a topic {names_text(unknown)}, found none; there are: {found}")
 
 

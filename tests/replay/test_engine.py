@@ -8,11 +8,11 @@ from episodes import write_episode
 
 from recorders.cdr import decode
 from recorders.errors import LogError, MessageError
-from recorders.messages import String
+from recorders.messages import Message, String
 from recorders.phase import Phase
 from recorders.reader import LogReader
 from recorders.records import Stamped
-from recorders.topics import JOINT_STATES, LEARNER_TOPICS, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.topics import JOINT_STATES, LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.writer import LogWriter
 from replay import engine
 from replay.engine import Replay, renamed
@@ -108,6 +108,29 @@ def test_a_recorded_session_is_no_episode(log: Path, tmp_path: Path) -> None:
             writer.copy(record)
     with pytest.raises(LogError, match=r"session.mcap: a recorded session, with phase markers .* use --as-recorded"):
         Replay([tmp_path / "session.mcap"], SCHEDULE)
+
+
+def test_only_topics_that_can_still_be_renamed_are_offered(tmp_path: Path) -> None:
+    theirs = {LEFT_TARGET: "/their/left", RIGHT_TARGET: "/their/right", SAMPLE_JOINTS: "/their/joints"}
+
+    def change(tick: int, topic: str, message: Message) -> list[tuple[str, Message]]:
+        return [(theirs[topic], message), *([("/their/words", String("x"))] if topic == LEFT_TARGET else [])]
+
+    path = write_episode(tmp_path / "log.mcap", samples=2, change=change)
+    mapped = {"/their/left": LEFT_TARGET}
+    with pytest.raises(LogError) as caught:
+        Replay([path], SCHEDULE, renames=mapped)
+    assert str(caught.value).endswith(
+        "log.mcap: expected messages on /hand/right/target, /sample/joint_states, found none; record with explore, "
+        "or rename with --map one of /their/joints, /their/right"
+    )
+    with pytest.raises(LogError, match=r"found none; record with explore, or rename with --map one of /their/right$"):
+        Replay([path], SCHEDULE, renames=mapped | {"/their/joints": SAMPLE_JOINTS})
+    slip = {theirs[topic]: topic for topic in theirs} | {"/their/wrods": "/any"}
+    with pytest.raises(LogError, match=r"expected a topic /their/wrods, found none; there are: /their/words$"):
+        Replay([path], SCHEDULE, renames=slip)
+    with pytest.raises(LogError, match=r"record with explore; it has no other topic to rename$"):
+        Replay([path], SCHEDULE, renames=mapped | {"/their/right": SAMPLE_JOINTS, "/their/joints": SAMPLE_JOINTS})
 
 
 def test_logs_of_different_robots_are_refused(log: Path, tmp_path: Path) -> None:
