@@ -45,7 +45,8 @@ def pytest_configure(config: pytest.Config) -> None:
 def _refuse_namesakes(config: pytest.Config) -> None:
     """Refuse to run where one process would need two packages of one name: the project's, and this program's."""
     own = next((Path(place) for place in sys.path if Path(place, "pipeline", "pytest_plugin.py").is_file()), Path())
-    search = [str(config.rootpath), str(config.invocation_params.dir), *sys.path]
+    here, root = config.invocation_params.dir, config.rootpath  # a folder given from elsewhere may bring another root
+    search = [*([str(root)] if here.is_relative_to(root) else []), str(here), *sys.path]
     for name in _PACKAGES:
         spec = PathFinder.find_spec(name, search)
         found = None if spec is None or spec.origin is None else Path(spec.origin)

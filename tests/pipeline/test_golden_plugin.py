@@ -159,3 +159,13 @@ def test_where_names_clash_the_cases_are_refused_in_one_line(namesake: Path, ins
     assert [line for line in run.stderr.splitlines() if line] == [
         f"{expected} of the same name in this project; check the cases with `reenact golden check DIR`"
     ]
+
+
+def test_cases_of_another_project_are_collected_whatever_packages_it_has(
+    namesake: Path, installed: Path, tmp_path_factory: pytest.TempPathFactory
+) -> None:
+    here = tmp_path_factory.mktemp("elsewhere")
+    golden = str(namesake / "golden")
+    run = pytest_in(here, loaded_by_itself(installed), "--golden", golden, "--collect-only", "-q")
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "one::golden" in run.stdout
