@@ -14,6 +14,7 @@ DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, EOFError, zstandar
 _LZ4_RATIO = 255  # bytes out for a byte in, at the very most: a longer match takes one more byte for every 255
 _LZ4_FRAME = 32  # bytes, more than the ends of a frame take
 _PIECE = 2**20  # bytes
+_AT_ONCE = 2**23  # bytes: as much may be taken for what a length field says, which is faster than piece by piece
 _UNKNOWN = -1  # what zstd says of a frame whose writer did not know the size
 _WINDOW = 2**26  # bytes that one of several frames may look back, which takes memory beside what comes out
 
@@ -66,7 +67,7 @@ def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes:
 
 
 def _lz4(data: bytes | memoryview, size: int) -> bytes:
-    if size <= _PIECE:
+    if size <= _AT_ONCE:
         frame: Any = lz4.frame.LZ4FrameDecompressor()
         # One byte more than claimed is enough to see that the claim is false.
         found: bytes = frame.decompress(data, max_length=size + 1)

@@ -20,6 +20,7 @@ from recorders.mcap_sections import check_data_section
 from recorders.message_index import states_order
 from recorders.records import Stamped
 
+_CHUNK = int(Opcode.CHUNK)  # a plain number is compared faster than a member of an enumeration
 _CHECKED = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END})
 
 
@@ -75,10 +76,11 @@ class LogScan:
         size = os.fstat(self._file.fileno()).st_size
         for record in read_all(self._file, size, jumps=self._jumps):
             self._check_place(record)
-            if record.opcode == Opcode.CHUNK:
-                if not chunk_head(record).crc:
+            if record.opcode == _CHUNK:
+                head = chunk_head(record)
+                if not head.crc:
                     self._verify()
-                data, offset = chunk_data(record), record.offset
+                data, offset = chunk_data(record, head), record.offset
                 del record  # what it holds is in `data`, and there is no room for both and a message
                 yield from self._walk.chunk(data, offset, self._states_order)
                 del data
@@ -110,7 +112,7 @@ class LogScan:
         while number < len(offsets) and offsets[number] < record.offset and self._jumps:
             number += 1  # left out
         if number < len(offsets) and offsets[number] <= record.offset:
-            if offsets[number] != record.offset or record.opcode != Opcode.CHUNK:
+            if offsets[number] != record.offset or record.opcode != _CHUNK:
                 raise damaged(offsets[number], "a chunk is missing that its summary knows")
             number += 1
         self._next_chunk = number

@@ -281,8 +281,15 @@ def claimed_size(record: Record) -> int:
         raise _undecompressed(record, error) from None
 
 
-def chunk_data(record: Record) -> bytes:
+def chunk_data(record: Record, head: ChunkHead | None = None) -> bytes:
     """Return the records inside a chunk, decompressed.
+
+    Parameters
+    ----------
+    record : Record
+        The chunk.
+    head : ChunkHead, optional
+        Its fields, for whoever has them.
 
     Raises
     ------
@@ -291,7 +298,7 @@ def chunk_data(record: Record) -> bytes:
     DamagedLog
         If the chunk is damaged.
     """
-    head = chunk_head(record)
+    head = head or chunk_head(record)
     _check_size(record, head)
     try:
         data = decompress(memoryview(record.body)[head.start : head.end], head.compression, head.size)
@@ -323,8 +330,8 @@ def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
 
 def crc_of(record: Record, crc: int) -> int:
     """Return the CRC of what comes before a record, with the record."""
-    crc = zlib.crc32(_head_of(record), crc)
-    for piece in record.pieces():
+    crc = zlib.crc32(record.body, zlib.crc32(_head_of(record), crc))
+    for piece in record.rest.pieces() if record.rest else ():
         crc = zlib.crc32(piece, crc)
     return crc
 

@@ -176,18 +176,19 @@ class MessageWalk:
         chosen, unpack, size = self.channels.chosen, _MESSAGE.unpack_from, len(data)
         begin, last = place, min(place + _BATCH, size - _MESSAGE.size)
         batch: list[Stamped] = []
-        time_ns, fell = self.last_time_ns or 0, False
+        time_ns, ordered, fell = self.last_time_ns or 0, self.ordered, False
+        new, kind_of_all, message = _new_tuple, Stamped, _MESSAGE_OPCODE  # locals are faster
         with suppress(KeyError):  # an undeclared channel ends the run, as does whatever is no whole message
             while place <= last:
                 opcode, length, channel, sequence, log_time_ns = unpack(data, place)
                 end = place + 9 + length
-                if opcode != _MESSAGE_OPCODE or length < 22 or end > size:
+                if opcode != message or length < 22 or end > size:
                     break
                 declared = chosen[channel]
                 if declared is not None:
                     topic, kind = declared
-                    batch.append(_new_tuple(Stamped, (topic, kind, data[place + 31 : end], sequence, log_time_ns)))
-                if log_time_ns < time_ns:
+                    batch.append(new(kind_of_all, (topic, kind, data[place + 31 : end], sequence, log_time_ns)))
+                if ordered and log_time_ns < time_ns:
                     fell = True
                 time_ns = log_time_ns
                 place = end
