@@ -284,6 +284,21 @@ def test_learning_over_zenoh_is_learning_in_process_and_its_log_trains(
     assert SAMPLE_JOINTS in {record.topic for record in recorded}
 
 
+def test_one_that_was_to_learn_and_could_not_writes_no_controller(
+    controller: Controller, samples: Samples, tmp_path: Path
+) -> None:
+    with serving(controller, tmp_path, "--learn", "--out", "learned.npz") as (watcher, process):
+        for stamp in range(3):  # targets without joints
+            for record in targets(stamp, samples.targets[0]):
+                watcher.put(record)
+        process.send_signal(signal.SIGTERM)
+        summary, said = process.communicate(timeout=WAIT_S)
+    assert process.returncode == 2
+    assert json.loads(summary)["learned_steps"] == 0
+    assert said.splitlines()[-1].startswith("reenact: nothing was learned, and no controller written: --learn: ")
+    assert not (tmp_path / "learned.npz").exists()
+
+
 def test_a_log_that_cannot_be_written_on_stops_no_command(
     controller: Controller, samples: Samples, tmp_path: Path
 ) -> None:
