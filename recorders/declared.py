@@ -5,7 +5,9 @@ from dataclasses import dataclass, field
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
+from recorders.damage import TooLarge
 from recorders.mcap_records import Record, parse
+from recorders.record_lengths import MAX_CHANNEL, MAX_DECLARED
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,33 +43,62 @@ class Declarations:
 
     channels: dict[int, Declared] = field(default_factory=dict)
     schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
+    _size: int = 0  # bytes of all of them
 
-    def learn(self, record: Record) -> None:
-        """Take in a schema or channel record, pass over any other; raises LogError if it is malformed.
+    def learn(self, record: Record) -> Schema | Channel | None:
+        """Take in a schema or channel record and return it parsed, pass over any other.
 
         A channel whose schema was not met is passed over too: nobody can tell what its messages are.
+
+        Raises
+        ------
+        TooLarge
+            If these and all before are more than are held.
+        LogError
+            If it is malformed.
         """
         if record.opcode == Opcode.SCHEMA:
-            schema = parse(Schema, record)
-            self.schemas[schema.id] = schema.name, schema.encoding, schema.data
-        elif record.opcode == Opcode.CHANNEL:
-            channel = parse(Channel, record)
-            if channel.schema_id and channel.schema_id not in self.schemas:
-                return
-            found = Declared(
-                channel.topic,
-                channel.message_encoding,
-                tuple(channel.metadata.items()),
-                self.schemas.get(channel.schema_id),
-            )
-            if self.channels.get(channel.id) != found:  # others' writers declare a channel in every chunk
-                self.channels[channel.id] = found
+            schema: Schema = parse(Schema, record)
+            said = schema.name, schema.encoding, schema.data
+            if self.schemas.get(schema.id) != said:
+                self._take(record)
+                self.schemas[schema.id] = said
+            return schema
+        if record.opcode == Opcode.CHANNEL:
+            if len(record.body) > MAX_CHANNEL:
+                raise TooLarge(record.offset, f"a channel of {len(record.body)} bytes, and {MAX_CHANNEL} is the most")
+            channel: Channel = parse(Channel, record)
+            self._learn_channel(channel, record)
+            return channel
+        return None
+
+    def _learn_channel(self, channel: Channel, record: Record) -> None:
+        if channel.schema_id and channel.schema_id not in self.schemas:
+            return
+        found = Declared(
+            channel.topic,
+            channel.message_encoding,
+            tuple(channel.metadata.items()),
+            self.schemas.get(channel.schema_id),
+        )
+        if self.channels.get(channel.id) != found:  # others' writers declare a channel in every chunk
+            self._take(record)
+            self.channels[channel.id] = found
 
     def copy(self) -> "Declarations":
         """Return the same, to learn more by itself."""
-        return Declarations(dict(self.channels), dict(self.schemas))
+        return Declarations(dict(self.channels), dict(self.schemas), self._size)
+
+    def _take(self, record: Record) -> None:
+        size = self._size + len(record.body)
+        if size > MAX_DECLARED:
+            raise TooLarge(
+                record.offset, f"more than {MAX_DECLARED} bytes of schemas and channels, the most that is held"
+            )
+        self._size = size
 
     def add(self, other: "Declarations") -> None:
         """Take in what another knows and this does not."""
         self.channels = {**other.channels, **self.channels}
         self.schemas = {**other.schemas, **self.schemas}
+        self._size = max(self._size, other._size)  # most know the same

@@ -18,6 +18,7 @@ from recorders.mcap_contents import Channels
 from recorders.mcap_records import Record, chunk_data, chunk_head, read_all
 from recorders.mcap_sections import check_data_section
 from recorders.message_index import states_order
+from recorders.record_lengths import Expansion
 from recorders.records import Stamped
 
 _CHUNK = int(Opcode.CHUNK)  # a plain number is compared faster than a member of an enumeration
@@ -74,10 +75,12 @@ class LogScan:
             If the log is cut off or damaged, after yielding every message before that.
         """
         size = os.fstat(self._file.fileno()).st_size
+        expansion = Expansion(size)
         for record in read_all(self._file, size, jumps=self._jumps):
             self._check_place(record)
             if record.opcode == _CHUNK:
                 head = chunk_head(record)
+                expansion.take(record.offset, head.size)
                 if not head.crc:
                     self._verify()
                 data, offset = chunk_data(record, head), record.offset

@@ -53,14 +53,12 @@ class Channels:
 
     def learn(self, record: Record) -> None:
         """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
-        self.declarations.learn(record)
-        if record.opcode == Opcode.SCHEMA:
-            schema = parse(Schema, record)
-            self.schemas[schema.id] = schema.name
-        elif record.opcode == Opcode.CHANNEL:
-            channel = parse(Channel, record)
-            self.complete &= not channel.schema_id or channel.schema_id in self.schemas
-            self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
+        match self.declarations.learn(record):
+            case Schema() as schema:
+                self.schemas[schema.id] = schema.name
+            case Channel() as channel:
+                self.complete &= not channel.schema_id or channel.schema_id in self.schemas
+                self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
 
     def learn_from(self, other: "Channels") -> None:
         """Take in the channels that another part of the log declares."""

@@ -10,10 +10,13 @@ from typing import BinaryIO
 
 from mcap.opcode import Opcode
 
-from recorders.damage import cut_off, damaged
+from recorders.damage import TooLarge, cut_off, damaged
 
 MAX_CHUNK = 70_000_000  # bytes, uncompressed or as stored: writers make chunks of some MB
 LARGE = 2**24  # bytes: a record of this length is checked before it is read, and read in part where that is enough
+
+MAX_DECLARED = 20_000_000  # bytes of all schemas and channels, which are held as long as a log is read
+MAX_CHANNEL = 2**20  # bytes of one channel: its metadata take twenty times the memory
 
 _BEGINNING = 2**16  # bytes
 _MOST_BEHIND = 2**20  # bytes of fields that nobody knows yet (more are no fields), or that a compression adds
@@ -23,6 +26,8 @@ _LAYOUTS: dict[int, tuple[int, int, int]] = {  # bytes before the texts, number 
     Opcode.CHUNK: (28, 1, 0),
     Opcode.ATTACHMENT: (16, 2, 4),
 }
+_EXPANDED = 2_000_000_000  # bytes that may come out of all chunks of a log, however short it is
+_EXPANSION = 255  # bytes that may come out for each byte of a longer one: as much as lz4 can hold
 _BOUNDED = frozenset(  # records that are needed whole, and that no writer makes as long
     {
         0,
@@ -39,6 +44,27 @@ _BOUNDED = frozenset(  # records that are needed whole, and that no writer makes
         Opcode.DATA_END,
     }
 )
+
+
+class Expansion:
+    """How much may come out of the chunks of a log: a short one would keep a processor busy for hours.
+
+    Parameters
+    ----------
+    size : int
+        Of the file [bytes].
+    """
+
+    def __init__(self, size: int) -> None:
+        self._most = self._room = max(_EXPANDED, _EXPANSION * size)
+
+    def take(self, offset: int, size: int) -> None:
+        """Take in that the chunk at `offset` holds `size` bytes; raises TooLarge if all are too much."""
+        if size > MAX_CHUNK:
+            return  # refused by itself
+        if size > self._room:
+            raise TooLarge(offset, f"what came out of the chunks before is all of the {self._most} bytes that are read")
+        self._room -= size
 
 
 def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int:

@@ -13,7 +13,7 @@ from mcap.records import Metadata
 
 from recorders.attachments import check_attachment
 from recorders.chunk_contents import MESSAGE, split
-from recorders.damage import DamagedLog
+from recorders.damage import DamagedLog, TooLarge
 from recorders.declared import Declarations, Declared
 from recorders.errors import LogError
 from recorders.mcap_records import Record, chunk_data, read_record
@@ -178,9 +178,17 @@ class Survey:
                 if opcode == Opcode.MESSAGE:
                     yield _salvaged(data, start, end, place, declarations)
                 else:
-                    declarations.learn(Record(opcode, place[0], data[start:end]))
+                    self._learn(declarations, Record(opcode, place[0], data[start:end]))
         else:
+            self._learn(declarations, record)
+
+    def _learn(self, declarations: Declarations, record: Record) -> None:
+        """Take in a declaration, or note where there are more of them than are held."""
+        try:
             declarations.learn(record)
+        except TooLarge as error:
+            if all(damage.reason != error.reason for damage in self.damage):
+                self.damage.append(Damage(record.offset, error.reason, 0))
 
 
 def _salvaged(data: bytes, start: int, end: int, place: tuple[int, int, bool], declarations: Declarations) -> Salvaged:

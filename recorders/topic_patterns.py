@@ -20,8 +20,12 @@ def chosen(patterns: Collection[str], topics: Collection[str], *, option: str) -
     LogError
         If a pattern names none: a slip of the pen would else leave something out in silence.
     """
-    for pattern in sorted(patterns):
-        if not any(matches(topic, (pattern,)) for topic in topics):
+    there = frozenset(topics)
+    named = there.intersection(patterns)
+    for pattern in sorted(frozenset(patterns) - named):
+        matched = frozenset(topic for topic in there if fnmatchcase(topic, pattern))
+        if not matched:
             found = names_text(sorted(topics)) or "none"
             raise LogError(f"{option}: no topic {pattern} in the logs; there are: {found}")
-    return frozenset(topic for topic in topics if matches(topic, patterns))
+        named |= matched
+    return named

@@ -29,6 +29,7 @@ from recorders.mcap_records import (
     parse_counted,
     read_record,
 )
+from recorders.record_lengths import Expansion
 from recorders.resync import carries_crc, find_proven, proves_itself
 from recorders.salvage import Attached, Damage, Span
 from recorders.sound_summary import SoundSummary
@@ -116,6 +117,7 @@ class Walk:
         self._summary = summary
         self._on_progress = on_progress
         self._budget = _PATIENCE * end + _FREE
+        self._expansion = Expansion(end)
         self.offset = self._start = len(MAGIC)
         self.spans: list[Span] = []
         self.damage: list[Damage] = []
@@ -146,6 +148,8 @@ class Walk:
             if self._swallows(record):
                 raise damaged(record.offset, "a record is not as long as it says")
             self._take(record)
+        except TooLarge as error:
+            self._pass_over(error)
         except LogError as error:
             self._resume(error)
         else:
@@ -228,11 +232,8 @@ class Walk:
             raise damaged(record.offset, "a header in the middle of the log")
 
     def _take_chunk(self, record: Record) -> None:
-        try:
-            size = claimed_size(record)
-        except TooLarge as error:
-            self._pass_over(record, error)
-            return
+        size = claimed_size(record)
+        self._expansion.take(record.offset, chunk_head(record).size)
         self._budget -= size
         data = checked(record)
         self._budget += size  # not in vain
@@ -245,10 +246,12 @@ class Walk:
             self.first_protected = record.offset if self.first_protected is None else self.first_protected
         self.chunks[chunk_head(record).compression] += 1
 
-    def _pass_over(self, record: Record, error: TooLarge) -> None:
-        """Leave out a record that is too large, and go on behind it."""
+    def _pass_over(self, error: TooLarge) -> None:
+        """Leave out the record at this place, which is too large, and go on behind it."""
         self._close_span()
-        self._start = record.end
+        record = self._read(self.offset)
+        self._step(record)
+        self._start = self.offset
         self.damage.append(Damage(record.offset, error.reason, record.end - record.offset))
 
     def _take_unprotected(self, record: Record) -> None:

@@ -11,10 +11,17 @@ import hostile
 import peaks
 import pytest
 from hostile import chunk, message, small
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
+from pipeline.log_report import topic_lines
+from recorders import record_lengths
+from recorders.decompression import DECOMPRESS_ERRORS, decompress
 from recorders.errors import LogError
 from recorders.reader import LogReader
-from recorders.record_lengths import MAX_CHUNK
+from recorders.record_lengths import MAX_CHUNK, MAX_DECLARED
+from recorders.summary import summarise
+from recorders.topic_patterns import chosen
 
 MOST = 256_000_000  # bytes: what is promised of a process that reads logs
 SOUND = 3  # messages in each sound chunk beside what is hostile
@@ -100,3 +107,78 @@ def test_a_large_attachment_is_checked_and_copied_to_the_bit(tmp_path, damaged):
     assert recovered["names"] == ([] if damaged else ["large"])
     if not damaged:
         assert LogReader(log).attachment("large") == bytes(size)
+
+
+def channels(numbers, text=""):
+    """Return a chunk of channels, each with a message."""
+    declared = (hostile.channel(each, f"/topic/{each}/{text}") + message(each, b"x") for each in numbers)
+    return chunk(b"".join(declared))
+
+
+def test_more_channels_than_are_held_are_passed_over(tmp_path):
+    """In a few hundred kilobytes, names of 300 MB."""
+    many = [channels(range(first, first + 500), "a" * 10**5) for first in range(2, 3002, 500)]
+    log = hostile.log(tmp_path / "log.mcap", [small(), *many, small(2)])
+    (read, _), (info, _), (recovered, _) = found = peaks_of(("read", log), ("info", log), ("recover", log))
+    assert max(peak for _, peak in found) < MOST
+    assert read.startswith("TooLarge")
+    assert (info["messages"], info["sound"], len(info["damage"])) == (2 * SOUND, False, len(many))
+    assert f"more than {MAX_DECLARED} bytes of schemas and channels" in info["damage"][0]
+    assert (recovered["kept"], recovered["complete"]) == (2 * SOUND, False)
+
+
+def test_as_many_channels_as_there_can_be_are_read(tmp_path):
+    most = 2**16 - 1
+    many = [channels(range(first, min(first + 5000, most + 1))) for first in range(1, most + 1, 5000)]
+    log = hostile.log(tmp_path / "log.mcap", many)
+    found = peaks_of(("read", log), ("info", log), ("recover", log))
+    assert [result for result, _ in found] == [
+        most,
+        {"messages": most, "sound": True, "damage": []},
+        {"kept": most, "complete": True, "again": most, "names": []},
+    ]
+    assert max(peak for _, peak in found) < MOST
+    summary = summarise(log)
+    assert len(list(topic_lines(summary, 80))) < 2000
+    assert chosen(summary.topics, summary.topics, option="--topic") == summary.topics.keys()
+
+
+def check_it_ends(path, size):
+    """Check that of forty chunks of a size some are passed over."""
+    again = chunk(hostile.channel(1, "/sound/1") + message(1, bytes(size)))
+    log = str(hostile.log(path, [again] * 40))
+    (info, _), (read, _) = [peaks.peak(what, log) for what in ("info", "read")]
+    assert 0 < info["messages"] < 40
+    assert not info["sound"]
+    assert info["messages"] + len(info["damage"]) == 40
+    assert read.startswith("TooLarge")
+
+
+def test_a_short_log_that_swells_in_many_chunks_has_an_end(tmp_path, monkeypatch):
+    monkeypatch.setattr(record_lengths, "_EXPANDED", 10**6)
+    check_it_ends(tmp_path / "log.mcap", 10**5)
+
+
+@pytest.mark.campaign
+def test_a_short_log_that_swells_to_gigabytes_has_an_end(tmp_path):
+    check_it_ends(tmp_path / "log.mcap", 2**26)
+
+
+@given(
+    parts=st.lists(st.binary(max_size=200) | st.just(bytes(3 * 10**6)), max_size=5),
+    skipped=st.lists(st.booleans(), min_size=6, max_size=6),
+    compression=st.sampled_from(["lz4", "zstd"]),
+)
+@settings(max_examples=40, deadline=None)
+def test_frames_one_after_another_are_one_chunk(parts, skipped, compression):
+    """Empty frames, and frames to be skipped, among them."""
+    skip = struct.pack("<II", 0x184D2A55, 3) + b"???"
+    frames = [hostile.COMPRESS[compression](part) for part in parts]
+    data = b"".join(frame + skip * each for frame, each in zip([b"", *frames], skipped, strict=False))
+    whole = b"".join(parts)
+    assert decompress(data, compression, len(whole)) == whole
+    with pytest.raises(DECOMPRESS_ERRORS):
+        decompress(data, compression, len(whole) + 1)
+    if whole:
+        with pytest.raises(DECOMPRESS_ERRORS):
+            decompress(data, compression, len(whole) - 1)

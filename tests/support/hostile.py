@@ -9,7 +9,7 @@ import lz4.frame
 import zstandard
 
 MAGIC = b"\x89MCAP0\r\n"
-_COMPRESS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.compress}
+COMPRESS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.compress}
 _PIECE = bytes(2**20)
 
 
@@ -35,7 +35,7 @@ def message(number: int, data: bytes, *, sequence: int = 0, time_ns: int = 0) ->
 
 def chunk(data: bytes, compression: str = "zstd", *, size: int | None = None, stored: bytes | None = None) -> bytes:
     """Return a chunk that holds some data, or claims another size or holds what was compressed otherwise."""
-    stored = _COMPRESS[compression](data) if stored is None else stored
+    stored = COMPRESS[compression](data) if stored is None else stored
     head = struct.pack("<QQQI", 0, 0, len(data) if size is None else size, zlib.crc32(data)) + text(compression)
     return record(6, head + struct.pack("<Q", len(stored)) + stored)
 
