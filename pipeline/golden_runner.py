@@ -7,6 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pipeline import golden_states
+from pipeline.checkpoints import CheckpointConfig
 from pipeline.controller import Controller
 from pipeline.evaluation import HandErrors
 from pipeline.golden_observer import ObservedRun
@@ -15,7 +16,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport
 from pipeline.network import state_numbers
 from pipeline.samples import read_samples
-from pipeline.training import CheckpointConfig, Trainer
+from pipeline.training import Trainer
 from pipeline.trials import try_samples
 from recorders.errors import ConfigError
 from recorders.messages import Message

@@ -5,6 +5,7 @@ from collections.abc import Callable
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.checkpoints import CheckpointConfig
 from pipeline.controller import Controller
 from pipeline.evaluation import hand_errors
 from pipeline.kinematics import Kinematics
@@ -14,7 +15,7 @@ from pipeline.live_view import LiveView
 from pipeline.network_view import NetworkView
 from pipeline.robot import RobotConfig, parse_robot
 from pipeline.samples import HANDS
-from pipeline.training import CheckpointConfig, Trainer
+from pipeline.training import Trainer
 from recorders.phase import EVALUATE
 from recorders.rerun_blueprint import EPOCHS, in_sight, learning_blueprint
 from recorders.rerun_hands import FrontalPlane, HandScene

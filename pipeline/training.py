@@ -2,10 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
+from pipeline.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.learning_run import CycleReport, LearningRun, Steps
@@ -23,47 +24,6 @@ from replay.transport import InProcess, Source
 
 _NO_RENAMES: Mapping[str, str] = {}
 _PROGRESS_TICKS = 64  # between two words of progress
-
-
-@dataclass(frozen=True)
-class CheckpointConfig:
-    """Where the learner keeps itself, so that a new process can go on.
-
-    Parameters
-    ----------
-    path : Path
-        File that is replaced, whole or not at all, at every checkpoint; also a controller of its own.
-    every_ticks : int
-        Ticks between two checkpoints.
-    """
-
-    path: Path
-    every_ticks: int = 10_000
-
-    def __post_init__(self) -> None:
-        """Check the range."""
-        if self.every_ticks < 1:
-            raise ConfigError(f"checkpoint: expected at least 1 tick between two, found {self.every_ticks}")
-
-
-def find_checkpoint(path: Path, *, of: str = "a learner") -> Controller | None:
-    """Return the checkpoint of a learner that is kept in a file; None if there is no file, or an empty one.
-
-    Raises
-    ------
-    ControllerError
-        If there is something else.
-    """
-    if not path.exists() or (path.is_file() and path.stat().st_size == 0):
-        return None
-    controller = Controller.load(path)
-    if not isinstance(controller.provenance.get("checkpoint"), dict):
-        raise _no_checkpoint(path, of)
-    return controller
-
-
-def _no_checkpoint(path: Path, of: str = "a learner") -> ControllerError:
-    return ControllerError(f"{path}: expected a checkpoint of {of}, found a controller without one; move it away")
 
 
 class _Whole(NamedTuple):
@@ -161,7 +121,7 @@ class Trainer:
         try:
             return Phase(**kept.provenance["checkpoint"]["phase"])
         except (KeyError, TypeError, MessageError) as error:
-            raise _no_checkpoint(self._checkpoint.path) from error  # type: ignore[union-attr]  # there is one
+            raise no_checkpoint(self._checkpoint.path) from error  # type: ignore[union-attr]  # there is one
 
     def settle(self, *, keep: bool) -> None:
         """Take the steps that are complete, as nothing more comes at present, and with `keep` keep a checkpoint."""

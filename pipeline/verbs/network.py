@@ -75,6 +75,7 @@ def learn(
     --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
     ends with a stream that awaits it by name.
     """
+    from pipeline.checkpoints import CheckpointConfig, find_checkpoint
     from pipeline.controller import check_writable
     from pipeline.learner_config import LearnerConfig
     from pipeline.learning_progress import learning_progress
@@ -83,7 +84,6 @@ def learn(
     from pipeline.nodes import OWN_TOPICS
     from pipeline.nodes import learn as run
     from pipeline.robot import load_robot
-    from pipeline.training import CheckpointConfig, find_checkpoint
     from recorders.part_file import check_place
     from recorders.wire.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
@@ -130,7 +130,7 @@ def learn(
 
 
 def _kept(checkpoint: Path | None) -> str:
-    from pipeline.training import find_checkpoint
+    from pipeline.checkpoints import find_checkpoint
 
     try:
         kept = None if checkpoint is None else find_checkpoint(checkpoint)

@@ -7,9 +7,10 @@ from pathlib import Path
 import pytest
 from episodes import write_episode
 
+from pipeline.checkpoints import CheckpointConfig
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
-from pipeline.training import CheckpointConfig, Trainer, train_on
+from pipeline.training import Trainer, train_on
 from recorders.errors import ConfigError, ControllerError, WireError
 from recorders.records import Stamped
 from replay.engine import Replay

@@ -15,10 +15,11 @@ from processes import complaint, reenact, start, wait_for_line
 from sockets import listening, loopback
 from waiting import wait_until
 
+from pipeline.checkpoints import CheckpointConfig
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
 from pipeline.robot import load_robot
-from pipeline.training import CheckpointConfig, Trainer, train, train_on
+from pipeline.training import Trainer, train, train_on
 from recorders.messages import JointState, Message, PoseStamped
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
