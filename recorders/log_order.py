@@ -12,6 +12,8 @@ from recorders.mcap_contents import Contents, read_metadata
 from recorders.mcap_records import MAGIC
 from recorders.mcap_sections import Head, heads
 
+_MESSAGE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+_DATA_END = int(Opcode.DATA_END)
 _TIMES = struct.Struct("<QQ")  # first and last of a chunk [ns]
 _NAMED_AS_OURS = struct.pack("<I", len(METADATA_NAME)) + METADATA_NAME.encode()
 
@@ -50,7 +52,7 @@ def find_order(file: BinaryIO, size: int, index: Contents) -> LogOrder:
     for gap in index.chunks.gaps(len(MAGIC), size):
         look.last_ns = gap.before_ns
         for head in heads(file, gap.start, gap.end):
-            if head.opcode == Opcode.DATA_END or not (risen := risen and look.at(head)):
+            if head.opcode == _DATA_END or not (risen := risen and look.at(head)):
                 break
         if look.ours:
             return LogOrder(by_file=True, risen=False)
@@ -70,18 +72,19 @@ class _Look:
 
     def at(self, head: Head) -> bool:
         """Take in the next head and return whether it goes on in time; our manifest ends the look too."""
-        if head.opcode == Opcode.METADATA and head.begins.startswith(_NAMED_AS_OURS):
+        if head.opcode == _MESSAGE and len(head.begins) >= MESSAGE.size:
+            first_ns = last_ns = MESSAGE.unpack_from(head.begins)[2]
+        elif head.opcode == Opcode.CHUNK and len(head.begins) >= _TIMES.size:
+            first_ns, last_ns = _TIMES.unpack_from(head.begins)
+            if not last_ns:
+                return False  # a chunk of the time 0 alone states none
+        elif head.opcode == Opcode.METADATA and head.begins.startswith(_NAMED_AS_OURS):
             self.ours = _is_ours(self._file, head.offset)
             return not self.ours
-        if head.opcode == Opcode.CHUNK and len(head.begins) >= _TIMES.size:
-            first_ns, last_ns = _TIMES.unpack_from(head.begins)
-        elif head.opcode == Opcode.MESSAGE and len(head.begins) >= MESSAGE.size:
-            first_ns = last_ns = MESSAGE.unpack_from(head.begins)[2]
         else:
             return True
         before_ns, self.last_ns = self.last_ns, last_ns
-        states_time = last_ns > 0 or head.opcode == Opcode.MESSAGE
-        return bool(states_time and before_ns <= first_ns <= last_ns)
+        return bool(before_ns <= first_ns <= last_ns)
 
 
 def _is_ours(file: BinaryIO, offset: int) -> bool:

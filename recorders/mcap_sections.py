@@ -13,6 +13,7 @@ from recorders.mcap_records import CRC, FOOTER_SIZE, HEAD, MAGIC, Record, check_
 
 _DATA_END_SIZE = 13  # opcode, length, CRC
 _BODY_BEGINS = 24  # bytes of a body that come with its head: the times of chunks and messages are among them
+_WINDOW = 2**14  # bytes in which heads are looked for without reading once more: messages may stand one by one
 _PIECE = 2**20  # bytes
 
 
@@ -27,16 +28,21 @@ class Head(NamedTuple):
 
 def heads(file: BinaryIO, start: int, end: int) -> Iterator[Head]:
     """Yield the heads of the records in [start, end) for as long as they are whole; their bodies are not read."""
-    while end - start >= HEAD.size:
-        file.seek(start)
-        found = file.read(HEAD.size + _BODY_BEGINS)
-        if len(found) < HEAD.size:  # the file became shorter
+    window, begin, unpack, size = b"", start, HEAD.unpack_from, HEAD.size
+    while end - start >= size:
+        place = start - begin
+        if place + size + _BODY_BEGINS > len(window):
+            file.seek(start)
+            window, begin, place = file.read(_WINDOW), start, 0
+            if len(window) < size:  # the file became shorter
+                return
+        opcode, length = unpack(window, place)
+        body = place + size
+        following = start + size + length
+        if opcode == 0 or following > end:
             return
-        opcode, length = HEAD.unpack_from(found)
-        if opcode == 0 or length > end - start - HEAD.size:
-            return
-        yield Head(opcode, start, start + HEAD.size + length, found[HEAD.size : HEAD.size + length])
-        start += HEAD.size + length
+        yield Head(opcode, start, following, window[body : body + min(length, _BODY_BEGINS)])
+        start = following
 
 
 def read_footer(file: BinaryIO) -> Footer:
