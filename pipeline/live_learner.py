@@ -30,6 +30,7 @@ _QUIET_S = 0.02  # after this, what has come so far is learned at once, rather t
 _POLL_S = 0.5
 _REPORT_TICKS = 64  # between two words on the network
 _CM_PER_M = 100.0
+_STOPPED = "the learner was stopped"
 
 
 @dataclass(frozen=True)
@@ -151,14 +152,28 @@ class LiveLearner:
                 quiet = True
                 continue
             quiet = False
-            for record in self._messages(event):
-                keep(record)
-                yield record
-            if isinstance(event, Frame) and event.messages:
-                self._receiver.consumed(event)
+            yield from self._taken(event, keep)
             if self._stream.ticks - self._reported >= _REPORT_TICKS:
                 self._report()
+        yield from self._last(keep)
         self._stream.finish()
+
+    def _last(self, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+        """Yield what had arrived when the learner was stopped, which is no more than a receiver lets wait."""
+        self._receiver.stop_hearing()
+        while not (self._ended or self._has_enough()) and (event := self._event(0.0)) is not None:
+            if isinstance(event, Offered):
+                self._receiver.refuse(event, _STOPPED)
+            else:
+                yield from self._taken(event, keep)
+
+    def _taken(self, event: Event, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+        """Yield what a learner can take of what came, keeping it."""
+        for record in self._messages(event):
+            keep(record)
+            yield record
+        if isinstance(event, Frame) and event.messages:
+            self._receiver.consumed(event)
 
     def _has_enough(self) -> bool:
         return self._config.ticks is not None and self._stream.ticks >= self._config.ticks

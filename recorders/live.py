@@ -160,7 +160,7 @@ class LiveRecorder:
     def _take_leave(self, receiver: Receiver) -> None:
         """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
         receiver.stop_hearing()
-        while (event := _next(receiver)) is not None:
+        while (event := _next(receiver, 0.0)) is not None:
             if isinstance(event, Offered):
                 receiver.refuse(event, _STOPPED)
             else:
@@ -321,10 +321,10 @@ class LiveRecorder:
         return writer
 
 
-def _next(receiver: Receiver) -> Event | WireError | None:
+def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError | None:
     """Return what came next, or why the stream under way is taken for broken off."""
     try:
-        return receiver.next_event(_POLL_S)
+        return receiver.next_event(timeout_s)
     except WireError as error:
         return error
 

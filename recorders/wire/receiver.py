@@ -41,6 +41,7 @@ _MAX_CONTROL = 16 << 20  # bytes; an offer with a robot's description takes some
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
 _FAREWELL = b"farewell "
 _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
+_ALL_HEARD_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
 _POLL_S = 1.0
 _TAKEN = "{} is already fed by another replay"
 _MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
@@ -146,6 +147,7 @@ class Receiver:
         self._events: Inbox[Event] = Inbox(limit=self._config.waiting_bytes)
         self._released = threading.Event()  # no sender waits for word from here
         self._released.set()
+        self._all_heard = threading.Event()  # whatever had arrived when hearing was stopped is queued
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
         self._left: dict[str, Progress] = {}  # how streams ended that are over, by sender
@@ -173,7 +175,11 @@ class Receiver:
         self._hearing = self._stack.enter_context(ExitStack())
         kept = Kept(self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample)
         self._hearing.enter_context(
-            self._session.declare_subscriber(f"{namespace}/**", kept.hear, allowed_origin=zenoh.Locality.REMOTE)
+            self._session.declare_subscriber(
+                f"{namespace}/**",
+                zenoh.handlers.Callback(kept.hear, drop=self._all_heard.set),
+                allowed_origin=zenoh.Locality.REMOTE,
+            )
         )
         self._hearing.enter_context(kept)
         self._ack = enter(
@@ -304,8 +310,9 @@ class Receiver:
         self._released.set()
 
     def stop_hearing(self) -> None:
-        """Take in no more messages; those that have arrived are still handed over by `next_event`."""
+        """Take in no more messages; `next_event` need not wait for those that have arrived."""
         self._hearing.close()
+        self._all_heard.wait(_ALL_HEARD_WAIT_S)
 
     @property
     def progress(self) -> Progress:

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import threading
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
@@ -20,6 +21,8 @@ from waiting import wait_until
 
 from pipeline.controller import Controller
 from pipeline.learner_config import LearnerConfig
+from pipeline.learner_voice import LearnerVoice
+from pipeline.live_learner import LiveConfig, LiveLearner
 from pipeline.plausible import plausible
 from pipeline.robot import load_robot
 from pipeline.training import Trainer, train_on
@@ -31,7 +34,7 @@ from recorders.records import Stamped
 from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEFT_TARGET, SESSION_PHASE
 from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import MAX_PAYLOAD
+from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.engine import Replay
 from replay.live_stream import LiveStream, live_offer
@@ -89,6 +92,9 @@ class Publisher:
             key = message_key("reenact", record.topic)
             block = zenoh.CongestionControl.BLOCK
             self._session.put(key, record.data, attachment=attachment, congestion_control=block)
+
+    def put(self, key: str, data: bytes) -> None:
+        self._session.put(key, data, congestion_control=zenoh.CongestionControl.BLOCK)
 
     def await_ticks(self, count: int) -> None:
         """Wait until the learner says that it has taken so many."""
@@ -186,6 +192,23 @@ def test_from_bare_messages_it_learns_says_what_it_does_and_ends_by_a_signal(
     assert digests[-1]["state"] == result["digest"]
     assert digests[-1]["stream"] == result["stream_digest"]
     assert statuses[-1] | {"ticks": TICKS, "refused": {}, "dropped": 0, "gaps": 0} == statuses[-1]
+
+
+def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Stamped]]) -> None:
+    endpoint, arrived = free_endpoint(), threading.Event()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        LearnerVoice(session, namespace="reenact") as voice,
+    ):
+        with Receiver(session, config=ReceiverConfig(live=True)) as receiver, publisher(endpoint) as robot:
+            session.declare_subscriber("after", lambda sample: arrived.set())
+            robot.say(flat(ticks))
+            robot.put("after", b"")
+            assert arrived.wait(30)
+            trainer = Trainer(LearnerConfig(seed=SEED), robot=ASIMO)
+            live = LiveLearner(trainer, ASIMO, LiveConfig(), receiver, voice)
+            result = live.run(lambda: True, keep=lambda record: None)
+    assert picked(result) == offline(flat(ticks))
 
 
 def test_bad_company_changes_nothing_and_is_named(ticks: list[list[Stamped]], tmp_path: Path) -> None:
