@@ -20,6 +20,7 @@ FORMAT_VERSION = 2
 METADATA_NAME = "reenact"  # the name of the MCAP metadata record
 
 _ENVIRONMENT = "environment"  # what `LogWriter` always adds
+_MOST_NAMES = 2**21  # characters of all topics: the summary counts them too
 _CHECKSUM = "manifest_sha256"
 _PACKAGES = ("reenact", "drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
 _FRAME = struct.Struct("<IQQ")  # sequence, log time [ns], length of the data
@@ -70,6 +71,11 @@ def environment() -> dict[str, Any]:
         "cpu": _cpu_model(),
         "packages": {name: found for name in _PACKAGES if (found := _version(name))},
     }
+
+
+def stated_counts(counts: Mapping[str, int]) -> dict[str, int] | None:
+    """Return numbers of messages by topic as a manifest states them; None if the topics' names are too long for it."""
+    return dict(counts) if sum(map(len, counts)) <= _MOST_NAMES else None
 
 
 def to_metadata(manifest: Mapping[str, Any]) -> dict[str, str]:

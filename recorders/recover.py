@@ -12,7 +12,7 @@ from recorders.attachments import attachment_data, attachment_head
 from recorders.copy_writer import CopyWriter
 from recorders.declared import Declared
 from recorders.errors import CheckFailed, LogError
-from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, to_metadata
+from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, stated_counts, to_metadata
 from recorders.part_file import PartFile, check_place, part_of
 from recorders.salvage import Damage, Salvaged, Survey
 from recorders.survey import survey
@@ -145,8 +145,9 @@ class _Copy:
         if found.manifest:
             unfinished = {name: value for name, value in found.manifest.items() if name not in _OUTCOME}
             self._log.add_metadata(METADATA_NAME, to_metadata({**unfinished, "complete": False}))
-        for each in found.metadata:
-            self._log.add_metadata(each.name, each.metadata)
+        for offset in found.metadata:
+            metadata = found.metadata_at(offset)
+            self._log.add_metadata(metadata.name, metadata.metadata)
         for entry in found.attachments:
             with found.attachment(entry) as record:
                 self._log.add_attachment(attachment_head(record), attachment_data(record))
@@ -228,7 +229,7 @@ class _Copy:
             "format_version": FORMAT_VERSION,
             "complete": recovery.complete,
             "messages": recovery.kept.total(),
-            "counts": dict(recovery.kept),
+            "counts": stated_counts(recovery.kept),
             "content_sha256": self._content.hexdigest(),
             "recovered": note if earlier is None else {**note, "earlier": earlier},
         }

@@ -16,7 +16,7 @@ from recorders.chunk_contents import MESSAGE, split
 from recorders.damage import DamagedLog, TooLarge
 from recorders.declared import Declarations, Declared
 from recorders.errors import LogError
-from recorders.mcap_records import Record, chunk_data, read_record
+from recorders.mcap_records import Record, chunk_data, parse, read_record
 from recorders.resync import carries_crc
 from recorders.sound_summary import SoundSummary
 from recorders.unread import Unread
@@ -103,8 +103,8 @@ class Survey:
         The summary section, if its CRC holds.
     manifest : dict
         The last manifest whose checksum holds; empty if there is none.
-    metadata : list of Metadata
-        Metadata of other programs, in order; several may have one name.
+    metadata : list of int
+        Where metadata of other programs stand, in order [bytes]; several may have one name.
     attachments : list of Attached
         The attachments.
     metadata_count : int
@@ -128,7 +128,7 @@ class Survey:
     data_crc: bool = False
     summary: SoundSummary | None = None
     manifest: dict[str, Any] = field(default_factory=dict)
-    metadata: list[Metadata] = field(default_factory=list)
+    metadata: list[int] = field(default_factory=list)
     attachments: list[Attached] = field(default_factory=list)
     metadata_count: int = 0
     declarations: Declarations = field(default_factory=Declarations)
@@ -154,6 +154,13 @@ class Survey:
                 while file.tell() < span.end:  # nothing here holds a record beside the next one
                     yield from self._messages(read_record(file, span.end), number, declarations)
                     on_progress(file.tell() / self.size)
+
+    def metadata_at(self, offset: int) -> Metadata:
+        """Return the metadata that stand at a place; raises LogError if the file has changed since the survey."""
+        with opened(self.path) as file:
+            file.seek(offset)
+            found: Metadata = parse(Metadata, read_record(file, self.size))
+            return found
 
     @contextmanager
     def attachment(self, attached: Attached) -> Iterator[Record]:

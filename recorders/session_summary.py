@@ -48,7 +48,6 @@ def _joined(whole: Survey, parts: Sequence[Survey]) -> Survey:
     whole.chunks = sum((part.chunks for part in parts), Counter[str]())
     whole.chunks_with_crc = sum(part.chunks_with_crc for part in parts)
     whole.attachments = list({each.name: each for part in parts for each in part.attachments}.values())
-    whole.metadata = [each for part in parts for each in part.metadata]
     whole.damage = [
         Damage(damage.offset, f"{part.path.name}: {damage.reason}", damage.skipped)
         for part in parts

@@ -90,7 +90,7 @@ def _judge(walk: Walk, found: Survey) -> None:
     bare = [each for each in walk.bare if each.offset < found.doubt_from]
     found.attachments = sorted([*walk.attachments, *bare], key=lambda each: each.offset)
     found.metadata_count = walk.metadata_count
-    found.metadata = [each for offset, each in walk.metadata if offset < found.doubt_from]
+    found.metadata = [offset for offset in walk.metadata if offset < found.doubt_from]
     if walk.header and found.doubt_from:
         found.profile, found.library = walk.header.profile, walk.header.library
     found.damage = sorted([*found.damage, *_doubted(walk, found)])

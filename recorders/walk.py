@@ -103,8 +103,8 @@ class Walk:
         The last manifest whose checksum holds.
     metadata_count : int
         Metadata records, ours among them.
-    metadata : list of pairs of int and Metadata
-        Metadata of other programs, and where they stand.
+    metadata : list of int
+        Where metadata of other programs stand [bytes].
     unknown : list of Damage
         Records of unknown kinds, other programs' own or MCAP's of later, which damage may have made of ours.
     """
@@ -133,7 +133,7 @@ class Walk:
         self.bare: list[Attached] = []
         self.manifest: dict[str, Any] = {}
         self.metadata_count = 0
-        self.metadata: list[tuple[int, Metadata]] = []
+        self.metadata: list[int] = []
         self.unknown: list[Damage] = []
 
     def run(self) -> None:
@@ -225,7 +225,7 @@ class Walk:
             to_metadata(manifest)  # refuse what Python reads as JSON and nobody else does, such as NaN
             self.manifest = manifest
         elif record.opcode == Opcode.METADATA:
-            self.metadata.append((record.offset, parsed))
+            self.metadata.append(record.offset)
         elif record.opcode == Opcode.HEADER and record.offset == len(MAGIC):
             self.header = parsed
         elif record.opcode == Opcode.HEADER:

@@ -13,7 +13,7 @@ from recorders.chunks import ChunkWriter
 from recorders.declared import Declared
 from recorders.errors import LogError, MessageError
 from recorders.log_file import LogFile
-from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, environment, to_metadata
+from recorders.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, environment, stated_counts, to_metadata
 from recorders.messages import Message
 from recorders.records import Stamped
 from recorders.ros import schema_text
@@ -214,7 +214,7 @@ class LogWriter:
         outcome = {
             "complete": complete,
             "messages": self._counts.total(),
-            "counts": dict(self._counts),
+            "counts": stated_counts(self._counts),
             "content_sha256": self._content.hexdigest(),
         }
         chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))

@@ -20,6 +20,7 @@ from recorders.decompression import DECOMPRESS_ERRORS, decompress
 from recorders.errors import LogError
 from recorders.reader import LogReader
 from recorders.record_lengths import MAX_CHUNK, MAX_DECLARED
+from recorders.recover import recover
 from recorders.summary import summarise
 from recorders.topic_patterns import chosen
 
@@ -141,6 +142,25 @@ def test_as_many_channels_as_there_can_be_are_read(tmp_path):
     summary = summarise(log)
     assert len(list(topic_lines(summary, 80))) < 2000
     assert chosen(summary.topics, summary.topics, option="--topic") == summary.topics.keys()
+
+
+def test_metadata_are_held_one_after_another(tmp_path):
+    """Short texts by the hundred thousand take twenty times their size."""
+    pairs = b"".join(hostile.text(f"{number:05x}") + hostile.text("") for number in range(200_000))
+    metadata = hostile.record(12, hostile.text("other") + struct.pack("<I", len(pairs)) + pairs)
+    log = hostile.log(tmp_path / "log.mcap", [small(), *[metadata] * 10])
+    ((info, peak),) = peaks_of(("info", log))
+    assert info["sound"]
+    assert peak < MOST
+
+
+def test_what_recover_writes_of_long_names_is_read(tmp_path):
+    log = hostile.log(
+        tmp_path / "log.mcap", [channels(range(first, first + 500), "a" * 2000) for first in (1, 501, 1001)]
+    )
+    assert recover(log, tmp_path / "out.mcap").complete
+    assert summarise(tmp_path / "out.mcap").sound
+    assert LogReader(tmp_path / "out.mcap").manifest["counts"] is None
 
 
 def check_it_ends(path, size):
