@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import hostile
 import pytest
 from processes import complaint, reenact, start
 from waiting import wait_until
@@ -140,3 +141,26 @@ def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
     assert process.returncode == 130, errors
     assert "Traceback" not in errors
     assert not list(tmp_path.glob("good*"))
+
+
+_WITH_LITTLE_MEMORY = """
+import resource, sys
+from pathlib import Path
+import recorders.session_summary, pipeline.diffing, pipeline.log_report
+from pipeline.cli import main
+pages = int(Path("/proc/self/statm").read_text().split()[0])
+resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 30_000_000,) * 2)
+main(sys.argv[1:])
+"""
+
+
+def test_no_memory_left_is_one_line(tmp_path: Path) -> None:
+    large = [hostile.channel(1, "/large"), *hostile.bare_message(1, 10**8)]
+    log = hostile.log(tmp_path / "log.mcap", large)
+    run = subprocess.run(
+        [sys.executable, "-c", _WITH_LITTLE_MEMORY, "diff", str(log), str(log)], capture_output=True, text=True
+    )
+    assert run.returncode == 2
+    assert run.stderr.splitlines() == [
+        "reenact: there is not enough memory for this; close other programs, or take a smaller input"
+    ]
