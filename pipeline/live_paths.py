@@ -8,8 +8,9 @@ from pipeline.hand_paths import Shown, poses_sha256, shown
 from pipeline.pose_track import PoseTrack
 from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.records import Stamped
+from recorders.wire.connection_watch import watching_connections
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
-from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
+from recorders.wire.receiver import Event, Live, Offered, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
 DEFAULT_SILENCE_S = 2.0
@@ -94,7 +95,11 @@ def hear_paths(
     # A stamp that leaps farther than the silence that ends a demonstration is not of this one.
     tracks = {side: PoseTrack(max_gap_s=config.silence_s) for side in topics.values()}
     receiving = ReceiverConfig(name=_NAME, namespace=config.namespace, live=True)
-    with open_session(session) as opened, Receiver(opened, config=receiving, say=say) as receiver:
+    with (
+        open_session(session) as opened,
+        Receiver(opened, config=receiving, say=say) as receiver,
+        watching_connections(opened, session, own=None, namespace=config.namespace, report=say),
+    ):
         where = ", ".join(session.listen or session.connect)
         say(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
         _Listening(topics, renames, tracks, config, say).run(receiver, stopped)
@@ -124,11 +129,16 @@ class _Listening:
 
     def run(self, receiver: Receiver, stopped: Callable[[], bool]) -> None:
         while not (stopped() or self._is_over()):
-            event = receiver.next_event(_POLL_S)
-            if isinstance(event, Offered):
-                receiver.refuse(event, f"{_NAME} takes what is played on the topics themselves, see replay --play")
-            elif isinstance(event, Live):
-                self._take(event.record)
+            self._take_event(receiver, receiver.next_event(_POLL_S))
+        receiver.stop_hearing()
+        while not self._is_long_enough() and (event := receiver.next_event(0.0)) is not None:
+            self._take_event(receiver, event)  # it had arrived before it was over
+
+    def _take_event(self, receiver: Receiver, event: Event | None) -> None:
+        if isinstance(event, Offered):
+            receiver.refuse(event, f"{_NAME} takes what is played on the topics themselves, see replay --play")
+        elif isinstance(event, Live):
+            self._take(event.record)
 
     def _take(self, record: Stamped) -> None:
         side = self._topics.get(self._renames.get(record.topic, record.topic))
@@ -153,8 +163,10 @@ class _Listening:
         if self._last_s is None:
             self._check_wait()
             return False
-        far = max(track.span_s for track in self._tracks.values()) >= self._config.duration_s
-        return far or time.monotonic() - self._last_s > self._config.silence_s
+        return self._is_long_enough() or time.monotonic() - self._last_s > self._config.silence_s
+
+    def _is_long_enough(self) -> bool:
+        return max(track.span_s for track in self._tracks.values()) >= self._config.duration_s
 
     def _check_wait(self) -> None:
         """Raise WireError if the first pose takes too long."""

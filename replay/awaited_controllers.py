@@ -3,7 +3,8 @@
 import json
 import time
 from collections.abc import Callable
-from typing import Any
+from contextlib import ExitStack
+from typing import Any, Self
 
 import zenoh
 
@@ -15,6 +16,75 @@ _MAX_STATUS = 1 << 20  # anybody may answer [bytes]
 _MAX_TOPICS = 100
 _ANSWER_S = 5.0
 _RETRY_S = 0.01
+
+
+class AwaitedControllers:
+    """The controllers that a stream awaits, from the first message on: one that goes before the end fails it.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+    """
+
+    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+        self._session = session
+        self._namespace = namespace
+        self._names: list[str] = []
+        self._gone: list[str] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def add(self, name: str) -> None:
+        """Await one that answers."""
+
+        def on_token(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._gone.append(name)
+
+        key = controller_key(self._namespace, name, "alive")
+        self._stack.enter_context(self._session.liveliness().declare_subscriber(key, on_token))
+        self._names.append(name)
+
+    def check(self) -> None:
+        """Check that they are there, and were all the time.
+
+        Raises
+        ------
+        WireError
+            If one was stopped, or the connection to it cut, even if it is back: what was sent meanwhile was lost.
+        """
+        if self._gone:
+            raise _lost(self._gone[0])
+
+    def results(self) -> dict[str, dict[str, Any]]:
+        """Return what each says of itself, by name; sent behind the stream, the question finds that it has all of it.
+
+        Raises
+        ------
+        WireError
+            If one does not answer, or was lost before.
+        """
+        results = {name: controller_status(self._session, name, namespace=self._namespace) for name in self._names}
+        self.check()
+        for name, status in results.items():
+            if status is None:
+                raise _lost(name)
+        return {name: status for name, status in results.items() if status is not None}
+
+
+def _lost(name: str) -> WireError:
+    return WireError(
+        f"controller {name!r} was lost before the end of the replay: it was stopped, or the connection cut; "
+        "what it did not answer is lost: start it again, then the replay"
+    )
 
 
 def controller_status(session: zenoh.Session, name: str, *, namespace: str) -> dict[str, Any] | None:

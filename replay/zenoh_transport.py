@@ -26,7 +26,7 @@ from recorders.wire.frames import (
 )
 from recorders.wire.receiver import MAX_PAYLOAD, asking
 from recorders.wire.session import publishing
-from replay.awaited_controllers import await_matching, controller_status, matches
+from replay.awaited_controllers import AwaitedControllers, await_matching, controller_status, matches
 from replay.batches import batches
 from replay.patience import Patience
 from replay.sender_config import SenderConfig
@@ -123,7 +123,7 @@ class _Delivery:
         self._no_cdr = {(channel.topic, channel.type) for channel in channels if channel.encoding != "cdr"}
         self._changed = threading.Condition()
         self._progress: dict[str, Progress] = {}  # of the consumers that acknowledge
-        self._controllers: list[str] = []
+        self._controllers = AwaitedControllers(session, config.namespace)
         self._unacknowledged: deque[Frame] = deque()
         self._unacknowledged_bytes = 0
         self._sent = 0
@@ -134,6 +134,7 @@ class _Delivery:
         self._stack = ExitStack()
 
     def __enter__(self) -> "_Delivery":
+        self._stack.enter_context(self._controllers)
         for name in self._config.consumers:
             key = control_key(self._config.namespace, name, "ack")
             self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
@@ -162,9 +163,7 @@ class _Delivery:
         results = {name: progress.result or {} for name, progress in self._progress.items()}
         for name in self._progress:
             self._ask(name, "status", asking(self._offer, farewell=True))
-        for name in self._controllers:  # behind everything that was sent: it has all of it when it answers
-            results[name] = controller_status(self._session, name, namespace=self._config.namespace) or {}
-        return results
+        return results | self._controllers.results()
 
     def _send_from(self, index: int, stream_from: StreamFrom) -> None:
         """Send the stream from an index to its end, and wait for the results."""
@@ -202,7 +201,7 @@ class _Delivery:
         await_matching(
             self._publisher, answer, namespace=self._config.namespace, wait_s=max(self._config.wait_s, _ANSWER_S)
         )
-        self._controllers.append(name)
+        self._controllers.add(name)
 
     def _hello(self, name: str) -> Progress | dict[str, Any]:
         """Offer the stream until the consumer answers, or return the status of the controller that does."""
@@ -269,6 +268,7 @@ class _Delivery:
 
     def _await_room(self, count: int, size: int) -> None:
         """Wait until the window has room for more messages, of so many bytes together."""
+        self._controllers.check()
 
         def has_room() -> bool:
             consumed = self._consumed()

@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Callable
-from functools import partial
+from contextlib import ExitStack
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,7 +11,10 @@ from pipeline import console
 from pipeline.verbs.options import Connect, Json, Namespace, Wait, ZenohConfig, session_config
 
 if TYPE_CHECKING:
+    import zenoh
+
     from recorders.wire.node_status import NodeStatus
+    from recorders.wire.session import SessionConfig
 
 _WAIT_S = 1.0  # whoever is there answers within milliseconds
 _EVERY_S = 1.0
@@ -29,8 +32,8 @@ def status(
 
     It lists every robot, controller, learner, recorder, replay and explorer.
 
-    Exit status 1, and a line, if none does. With --watch, status 0 whatever there was; --json then prints an object a
-    second.
+    Exit status 1, and a line, if none does. With --watch, status 0 whatever there was, also if nobody is there yet;
+    --json then prints an object a second.
     """
     from pipeline.signals import until_stopped
     from recorders.errors import UnreachedError
@@ -39,17 +42,15 @@ def status(
     from recorders.wire.session import open_session
 
     check_namespace(namespace)
-    session = session_config(None, connect, zenoh_config, listens=False, wait_s=wait)
-    where = ", ".join(session.connect)
-    nobody = f"no node runs in namespace '{namespace}' at {where}"
+    session = session_config(None, connect, zenoh_config, listens=False, wait_s=0.0 if watch else wait)
+    nobody = f"no node runs in namespace '{namespace}' at {', '.join(session.connect)}"
+    if watch:
+        with until_stopped() as stopped, ExitStack() as stack:
+            _watch(_finding(session, namespace, stack), stopped, nobody, as_json=as_json)
+        return
     try:
         with open_session(session) as opened:
-            find = partial(find_nodes, opened, namespace=namespace)
-            if watch:
-                with until_stopped() as stopped:
-                    _watch(find, stopped, nobody, as_json=as_json)
-                return
-            found = find()
+            found = find_nodes(opened, namespace=namespace)
     except UnreachedError as error:
         if as_json:
             _print_json([])
@@ -58,6 +59,25 @@ def status(
     _show(found, nobody, as_json=as_json)
     if not found:
         raise typer.Exit(1)
+
+
+def _finding(session: "SessionConfig", namespace: str, stack: ExitStack) -> "Callable[[], list[NodeStatus]]":
+    """Return what finds the nodes again and again: none as long as nobody listens where it connects."""
+    from recorders.errors import UnreachedError
+    from recorders.wire.node_search import find_nodes
+    from recorders.wire.session import open_session
+
+    opened: zenoh.Session | None = None
+
+    def find() -> "list[NodeStatus]":
+        nonlocal opened
+        try:
+            opened = opened or stack.enter_context(open_session(session))
+        except UnreachedError:
+            return []
+        return find_nodes(opened, namespace=namespace)
+
+    return find
 
 
 def _show(found: "list[NodeStatus]", nobody: str, *, as_json: bool) -> None:

@@ -69,7 +69,7 @@ class _Losses:
 
 @contextmanager
 def watching_connections(
-    session: zenoh.Session, config: SessionConfig, *, own: NodeId, namespace: str, report: Callable[[str], None]
+    session: zenoh.Session, config: SessionConfig, *, own: NodeId | None, namespace: str, report: Callable[[str], None]
 ) -> Iterator[None]:
     """Report in one line, with the time, what goes and what comes back while the block runs.
 
@@ -83,8 +83,8 @@ def watching_connections(
         An open session.
     config : SessionConfig
         Where it connects, resolved.
-    own : NodeId
-        The node that this session is of.
+    own : NodeId or None
+        The node that this session is of, if it is of one.
     namespace : str
         First part of every key.
     report : callable

@@ -4,7 +4,7 @@ import json
 import signal
 import subprocess
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +14,14 @@ import zenoh
 from processes import complaint, reenact, start, wait_for_line
 from shown import EPOCH_NS, RIGHT, TRACKER, line_of, poses_of, write_csv, write_log
 
-from pipeline.live_paths import ListenConfig
+from pipeline.live_paths import ListenConfig, hear_paths
 from pipeline.verbs.demonstrating import demonstrate
 from recorders import topics
 from recorders.cdr import decode_as, encode
 from recorders.errors import ConfigError, ReenactError
 from recorders.messages import PoseStamped
 from recorders.reader import LogReader
-from recorders.wire.frames import message_key
+from recorders.wire.frames import control_key, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.producer import Producer
 from recorders.wire.session import SessionConfig, open_session
@@ -127,6 +127,38 @@ def test_anybodys_poses_are_followed_until_ctrl_c_whatever_else_is_said(tmp_path
     assert result["ticks"] == 10
     assert result["source"]["left_out"] == {"right": {"stamp far ahead": 1}}
     np.testing.assert_allclose(targets_of(tmp_path / "live.mcap")[:9], line_of(0.1 * np.arange(9)), atol=2e-9)
+
+
+def test_what_had_arrived_when_it_is_stopped_is_shown() -> None:
+    endpoint = free_endpoint()
+    poses = [encode(pose) for pose in poses_of(np.arange(0.0, 0.81, 0.02))]
+
+    def stopped() -> bool:
+        with open_session(SessionConfig(connect=(endpoint,))) as session:
+            for payload in poses:
+                session.put(message_key("reenact", TRACKER), payload, congestion_control=zenoh.CongestionControl.BLOCK)
+            asked = session.get(control_key("reenact", "demonstration", "status"), timeout=30.0)
+            assert [reply.ok is not None for reply in asked] == [True]  # what was put before it has arrived
+        return True
+
+    config = ListenConfig(wait_s=30.0)
+    session = SessionConfig(listen=(endpoint,))
+    shown = hear_paths({TRACKER: "right"}, renames={}, session=session, config=config, stopped=stopped)
+    assert len(shown.paths["right"].times_s) == len(poses)
+
+
+def test_who_is_lost_and_back_is_said(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    peer = SessionConfig(listen=(endpoint,))
+    with ExitStack() as stack:
+        with open_session(peer):
+            options = ("demonstrate", "live", "--out", "live.mcap", "--connect", endpoint)
+            process = stack.enter_context(start(*options, cwd=tmp_path))
+            wait_for_line(process, "listens to")
+        wait_for_line(process, f"lost {endpoint} at 20")
+        with open_session(peer):
+            wait_for_line(process, f"back {endpoint} at 20")
+        process.kill()
 
 
 def test_silence_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: Path) -> None:

@@ -23,7 +23,7 @@ from pipeline.training import train
 from pipeline.verbs.options import session_config
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.node_keys import node_key
-from recorders.wire.node_status import NodeStatus
+from recorders.wire.node_status import NodeSource, NodeStatus, declared_node
 from recorders.wire.session import SessionConfig, open_session
 from replay.schedule import Schedule
 
@@ -139,6 +139,24 @@ def test_a_watch_goes_on_until_ctrl_c_and_listens_nowhere(lab: Lab, tmp_path: Pa
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=30)
     assert (process.returncode, said) == (0, "")
+
+
+def test_a_watch_begins_before_anybody_is_there(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with start("status", "--watch", "--json", "--connect", endpoint, cwd=tmp_path) as process:
+        assert process.stdout is not None
+        assert json.loads(process.stdout.readline()) == {"nodes": []}
+        robot = NodeSource("robot", "r", state=lambda: "real time", counts=dict)
+        with (
+            open_session(SessionConfig(listen=(endpoint,))) as session,
+            declared_node(session, robot, namespace="reenact"),
+        ):
+            while not (found := json.loads(process.stdout.readline())["nodes"]):
+                pass
+        assert [(node["kind"], node["name"]) for node in found] == [("robot", "r")]
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert process.returncode == 0
 
 
 def test_whoever_is_connected_says_that_the_robot_is_lost_and_back(lab: Lab) -> None:
