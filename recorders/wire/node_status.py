@@ -1,7 +1,6 @@
 """What a long-running node says of itself: one liveliness token, one status for whoever asks, and metrics."""
 
 import json
-import math
 import threading
 import time
 from collections import deque
@@ -14,6 +13,7 @@ import zenoh
 
 from recorders.errors import WireError
 from recorders.wire.node_keys import NodeId, node_key
+from recorders.wording import value_text
 
 MAX_STATUS = 1 << 16
 """Larger answers are not read [bytes]; those of ours take less than 2 kB."""
@@ -98,8 +98,8 @@ class NodeStatus:
         _check(found["since_s"], _is_time, "since_s")
         for name, fits in (
             ("counts", _is_count),
-            ("rates_hz", _is_time),
-            ("latency_us", _is_time),
+            ("rates_hz", _is_number),
+            ("latency_us", _is_number_or_none),
             ("digests", _is_text),
         ):
             _check(found[name], lambda value: isinstance(value, dict) and len(value) <= _MAX_ENTRIES, name)
@@ -217,7 +217,7 @@ def _object(data: bytes) -> dict[str, Any]:
 
 def _check(value: object, fits: Callable[[Any], bool], name: str) -> None:
     if not fits(value):
-        raise WireError(f"{name}: found {value!r:.40}")
+        raise WireError(f"{name}: found {value_text(value, limit=40)}")
 
 
 def _is_text(value: Any) -> bool:
@@ -228,5 +228,13 @@ def _is_count(value: Any) -> bool:
     return type(value) is int and 0 <= value <= _MAX_COUNT
 
 
+def _is_number(value: Any) -> bool:
+    return type(value) in (int, float) and abs(value) <= _MAX_COUNT  # which no NaN is
+
+
+def _is_number_or_none(value: Any) -> bool:
+    return value is None or _is_number(value)
+
+
 def _is_time(value: Any) -> bool:
-    return value is None or (type(value) in (int, float) and abs(value) <= _MAX_COUNT and math.isfinite(value))
+    return value is None or (_is_number(value) and value >= 0.0)

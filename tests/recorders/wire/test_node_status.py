@@ -50,6 +50,9 @@ def test_a_status_reads_back_as_it_was_written() -> None:
         {"state": "x" * 201},
         {"since_s": "long"},
         {"since_s": True},
+        {"since_s": -1.0},
+        {"since_s": float("nan")},
+        {"rates_hz": {"ticks": None}},
         {"counts": [1]},
         {"counts": {"ticks": -1}},
         {"counts": {"ticks": 1.5}},
@@ -170,6 +173,12 @@ def test_more_answers_than_there_can_be_nodes_are_not_read(sessions: tuple[zenoh
 
     with near.declare_queryable(node_key("many", *ANNA, "status"), answer):
         assert len(find_nodes(far, namespace="many")) == 1000
+
+
+def test_what_is_wrong_is_said_in_words() -> None:
+    text = json.dumps(GOOD.to_dict() | {"counts": {"ticks": True}})
+    with pytest.raises(WireError, match=r"counts: found true$"):
+        NodeStatus.from_json(ANNA, text.encode())
 
 
 @pytest.mark.parametrize(
