@@ -25,7 +25,7 @@ from pipeline.learner_config import LearnerConfig
 from pipeline.network import check_size, check_state, state_shapes
 from recorders.errors import ConfigError, ControllerError
 from recorders.regular import begins_with, refuse_irregular
-from recorders.wording import kind_text, names_text, value_text
+from recorders.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
 VERSION = 1
@@ -225,7 +225,7 @@ def _parse_header(file: npz.Npz) -> dict[str, Any]:
     try:
         header = json.loads(text)
     except (ValueError, RecursionError) as error:
-        raise ControllerError(f"its header is not JSON: {error}") from error
+        raise ControllerError(f"its header is not JSON: {json_fault_text(error)}") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
         raise ControllerError(f"its header does not say {FORMAT}")
     if type(header.get("version")) is not int or header["version"] != VERSION:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.kinematics import Kinematics
+from recorders.errors import ConfigError
 
 Floats = NDArray[np.float64]
 
@@ -44,7 +45,14 @@ class HandErrors:
 
     @classmethod
     def of(cls, errors: Floats) -> "HandErrors":
-        """Summarise errors [m], shape (T, 2), left then right."""
+        """Summarise errors [m], shape (T, 2), left then right.
+
+        Raises
+        ------
+        ConfigError
+            If they are no finite numbers: whatever was learned has diverged.
+        """
+        check_errors(errors)
         left, right = (errors.mean(axis=0) * _CM_PER_M).tolist()
         left_max, right_max = (errors.max(axis=0) * _CM_PER_M).tolist()
         return cls(
@@ -56,6 +64,12 @@ class HandErrors:
             right_max_cm=right_max,
             samples=len(errors),
         )
+
+
+def check_errors(errors: Floats) -> None:
+    """Raise ConfigError if errors [m] are no finite numbers, as those of postures without measure are."""
+    if not np.isfinite(errors).all():
+        raise ConfigError("learning diverged: the hands' errors are no longer finite; lower the rates and ranges")
 
 
 def hand_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> Floats:
@@ -73,10 +87,11 @@ def hand_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> Floa
     Returns
     -------
     ndarray, shape (T, 2)
-        ||F(q(t)) - x(t)|| [m], left then right: the terms of eq. (10).
+        ||F(q(t)) - x(t)|| [m], left then right: the terms of eq. (10); infinite where that is beyond all numbers.
     """
     reached = kinematics.hands_along(joints)  # (T, 2, 3)
-    return np.asarray(np.linalg.norm(reached - targets.reshape(-1, 2, 3), axis=2))
+    with np.errstate(over="ignore", invalid="ignore"):
+        return np.asarray(np.linalg.norm(reached - targets.reshape(-1, 2, 3), axis=2))
 
 
 def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) -> Floats:

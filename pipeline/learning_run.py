@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.controller import Controller
-from pipeline.evaluation import hand_errors
+from pipeline.evaluation import check_errors, hand_errors
 from pipeline.kinematics import Kinematics
 from pipeline.learner import Learner, state_digest
 from pipeline.learner_config import LearnerConfig
@@ -313,7 +313,9 @@ class LearningRun:
         learning = phase == LEARN
         outputs = self.learner.step(u, d, learning=learning)
         if phase == EVALUATE:
-            self.counts.scored_m += hand_errors(self._kinematics, outputs[:, HANDS:], u).tolist()
+            errors = hand_errors(self._kinematics, outputs[:, HANDS:], u)
+            check_errors(errors)
+            self.counts.scored_m += errors.tolist()
         if self._on_steps is not None:
             self._on_steps(Steps(stamps_ns, u, outputs))
         self.counts.steps += len(u)

@@ -90,7 +90,7 @@ class MotionRows:
         JointError
             If a posture lacks a joint of the robot.
         MotionError
-            If the time is further from the first than a time line reaches.
+            If the time is further from the first than a time line reaches, or a joint of the robot is not finite.
         """
         if self._start_ns is None:
             self._start_ns = time_ns
@@ -133,4 +133,11 @@ class MotionRows:
         left, right = (hand.aimed_at(joints.stamp_ns, commanded=commanded) for hand in self._hands)
         if left is not None and right is not None:  # before the first targets there is nothing to compare with
             scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in self._hands)
-            self._rows.append((since_ns, self._joints.positions(joints), np.stack([left, right]), scored))
+            posture = self._joints.positions(joints)
+            if not np.isfinite(posture).all():
+                place = int(np.flatnonzero(~np.isfinite(posture))[0])
+                raise MotionError(
+                    f"{self._topic}: expected a finite position for joint {self._joints.names[place]}, "
+                    f"found {posture[place]}"
+                )
+            self._rows.append((since_ns, posture, np.stack([left, right]), scored))

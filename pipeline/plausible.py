@@ -22,7 +22,8 @@ MAX_DISTANCE_M = 10.0
 _LEAST_DISTANCE_M = 1.0
 _LENGTHS = 3.0  # of a robot's chain: no target lies farther off
 _MAX_PASSED = 8192  # values remembered to have passed: training takes the same ones hundreds of times
-_LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2))
+_LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
+_FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they are no degrees
 
 
 class Implausible(MessageError):
@@ -124,6 +125,8 @@ class Plausible:
         """Say in which unit all joints of the kind of one would be within their limits; nothing if in none."""
         slides = self._types.get(name) == SLIDING
         alike = [other for other in self._limits if (self._types.get(other) == SLIDING) == slides]
+        if not slides and all(abs(found[other]) <= _FULL_TURN for other in alike):
+            return ""
         for unit, scale in _LENGTH_UNITS if slides else (("degrees", math.pi / 180.0),):
             if all(self._is_within(other, scale * found[other]) for other in alike):
                 return f": looks like {unit}"

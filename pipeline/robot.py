@@ -27,6 +27,9 @@ URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"
 IMPORT_FILE = "import.toml"
 
+MAX_CENTRE_M = 10.0
+"""No pattern lies farther than this from the middle of the world, along each axis [m]: beyond it are other units."""
+
 _KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
 _JOINT_KEYS = frozenset({"name", "weight", "comfort"})
 _PATTERN_KEYS = frozenset({"left_centre", "right_centre", "lateral", "up"})
@@ -215,6 +218,10 @@ def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
 def _pattern(value: object) -> dict[str, Floats]:
     table = as_table(value, _PATTERN_KEYS, "[pattern]")
     vectors = {key: as_vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
+    for key in ("left_centre", "right_centre"):
+        if (farthest := float(np.abs(vectors[key]).max())) > MAX_CENTRE_M:
+            expected = f"expected numbers within {MAX_CENTRE_M:g} m of zero"
+            raise RobotError(f"[pattern] {key} of the robot config: {expected}, found {farthest:g}")
     for key in ("lateral", "up"):
         length = math.hypot(*vectors[key])
         if not math.isclose(length, 1.0, abs_tol=1e-9):

@@ -13,6 +13,7 @@ from recorders.wording import names_text
 
 Floats = NDArray[np.float64]
 
+MIN_RANGE = 1e-6  # [rad or m], between the limits of a joint: what moves less does not move
 MAX_POSITION = 25.0  # [rad or m], of a limit: four turns; beyond it are no limits, or another unit
 
 
@@ -78,6 +79,8 @@ def _range(where: str, joint: Element) -> tuple[float, float]:
     if not values["lower"] < values["upper"]:
         found = f"found {values['lower']:g} and {values['upper']:g}"
         raise RobotError(f"{where}: expected <limit lower=...> below <limit upper=...>, {found}")
+    if (moves := values["upper"] - values["lower"]) < MIN_RANGE:
+        raise RobotError(f"{where}: expected limits at least {MIN_RANGE:g} apart, found {moves:g}; make it a fixed one")
     if not values["effort"] > 0.0:
         raise RobotError(f"{where}: expected <limit effort=...> above 0, found {values['effort']:g}")
     for key, value in (("velocity", values["velocity"]), *_damping(joint)):

@@ -18,6 +18,9 @@ TIMELINE = "time"
 MAX_TIME_NS = 2**63 - 1
 """The latest time, and with the other sign the earliest, that a timeline of Rerun's holds [ns]."""
 
+MAX_NUMBER = 1e9
+"""No joint [rad or m] and no hand [m] is shown farther from 0; single precision tells nothing apart out there."""
+
 _CM_PER_M = 100.0
 
 
@@ -50,7 +53,8 @@ class Track:
         JointError
             `joints` has another shape than `joint_count` and the times ask for.
         MotionError
-            Times or positions are of the wrong shape, or a number is not finite, or a time is no whole number or beyond
+            Times or positions are of the wrong shape, or a number is not finite or beyond
+            `MAX_NUMBER`, or a time is no whole number or beyond
             `MAX_TIME_NS`.
         """
         arrays = [np.array(array, dtype=np.float64) for array in (joints, targets, reached)]
@@ -64,8 +68,8 @@ class Track:
             if getattr(track, name).shape != (samples, 2, 3):
                 raise MotionError(f"expected {name} of shape {(samples, 2, 3)}, found {getattr(track, name).shape}")
         for name in ("joints", "targets", "reached"):
-            if not np.isfinite(getattr(track, name)).all():
-                raise MotionError(f"expected finite numbers in {name}, found NaN or infinity")
+            if not (np.abs(getattr(track, name)) <= MAX_NUMBER).all():  # nor is NaN
+                raise MotionError(f"expected finite numbers within {MAX_NUMBER:g} of zero in {name}, found others")
         return track
 
     @property

@@ -1,5 +1,6 @@
 """Ticks: the three messages of one sample, joined exactly on the stamp of their headers."""
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from functools import lru_cache
 from math import isfinite
@@ -159,7 +160,9 @@ def join_ticks(records: Iterable[Stamped], check: Check = pass_all) -> Iterator[
 
 
 class JointMap:
-    """Picks joints out of messages by name, in a fixed order; a message may hold more joints than are asked for.
+    """Picks joints out of messages by name, in a fixed order; a message may hold other joints too.
+
+    What those are called is not looked at.
 
     Parameters
     ----------
@@ -175,7 +178,7 @@ class JointMap:
     def __init__(self, names: Iterable[str]) -> None:
         self.names = tuple(names)
         self._places: dict[tuple[str, ...], np.ndarray[tuple[int], np.dtype[np.intp]]] = {}
-        _refuse_repeated(self.names, "the joints asked for")
+        _refuse_repeated(self.names, self.names, "the joints asked for")
 
     def positions(self, joints: JointState) -> FloatArray:
         """Return the joint positions [rad or m] in the order of `names`, shape (n,), read-only.
@@ -183,7 +186,7 @@ class JointMap:
         Raises
         ------
         JointError
-            If a joint is missing or occurs twice in the message, or the message holds no positions.
+            If a joint that is asked for is missing or occurs twice in the message, or the message holds no positions.
         """
         places = self._places.get(joints.name)
         if places is None:
@@ -193,20 +196,22 @@ class JointMap:
         return read_only(joints.position[places])
 
     def _find(self, found: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
-        _refuse_repeated(found, "the joints of the message")
-        missing = [name for name in self.names if name not in found]
+        _refuse_repeated(self.names, found, "the joints of the message")
+        at = {name: place for place, name in enumerate(found)}
+        missing = [name for name in self.names if name not in at]
         if missing:
             raise JointError(f"no joint {names_text(missing)} in the message; there are: {names_text(found) or 'none'}")
         if len(self._places) >= _MAX_LAYOUTS:
             self._places.clear()
-        places = self._places[found] = np.array([found.index(name) for name in self.names], dtype=np.intp)
+        places = self._places[found] = np.array([at[name] for name in self.names], dtype=np.intp)
         return places
 
 
-def _refuse_repeated(names: tuple[str, ...], what: str) -> None:
-    repeated = sorted({name for name in names if names.count(name) > 1})
+def _refuse_repeated(wanted: tuple[str, ...], found: tuple[str, ...], what: str) -> None:
+    counts = Counter(found)
+    repeated = sorted({name for name in wanted if counts[name] > 1})
     if repeated:
-        raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(names)}")
+        raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(found)}")
 
 
 def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:

@@ -1,5 +1,7 @@
 """Words of error lines: values and kinds of value as whoever wrote a file knows them, with nothing of Python's."""
 
+import datetime
+import json
 from collections.abc import Iterable
 
 _KINDS = {
@@ -21,12 +23,14 @@ def kind_text(kind: type) -> str:
 def value_text(value: object, *, limit: int = 80) -> str:
     """Return a value for an error line, cut to `limit` characters: `nothing`, `true`, 'text', numbers as they are.
 
-    Bytes read as text, with whatever is no ASCII spelt out.
+    Dates and times are written as in ISO 8601. Bytes read as text, with whatever is no ASCII spelt out.
     """
     if value is None:
         return "nothing"
     if isinstance(value, bool):
         return str(value).lower()
+    if isinstance(value, datetime.date | datetime.time):
+        return value.isoformat()
     if isinstance(value, dict | list):
         return f"{kind_text(type(value))} of {len(value)}"
     try:
@@ -53,6 +57,15 @@ def names_text(names: Iterable[str], *, limit: int = 600) -> str:
         shown.append(cut)
     more = len(every) - len(shown)
     return ", ".join(shown) + (f" and {more} more" if more else "")
+
+
+def json_fault_text(error: Exception) -> str:
+    """Return what is wrong with a text that could not be read as JSON, from what the reader raised."""
+    if isinstance(error, json.JSONDecodeError):
+        return str(error)
+    if isinstance(error, UnicodeDecodeError):
+        return "found bytes that are no UTF-8"
+    return "nested too deeply" if isinstance(error, RecursionError) else "found a whole number of too many digits"
 
 
 def line_text(text: str, *, limit: int = 3000) -> str:

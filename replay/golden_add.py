@@ -1,13 +1,13 @@
 """Making a golden case: its logs cut down, run once, and kept with everything that the run came to."""
 
 import json
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
 
-from recorders.errors import ConfigError
+from recorders.errors import ConfigError, ReenactError
 from recorders.manifest import environment
 from recorders.wording import names_text
 from replay.engine import Replay
@@ -73,10 +73,20 @@ def add_case(
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
         made = Path(temporary, folder.name)
         made.mkdir()
-        _check(_make(made, recipe, runner, before=before, reason=reason, progress=progress), runner)
+        try:
+            _check(_make(made, recipe, runner, before=before, reason=reason, progress=progress), runner)
+        except ReenactError as error:
+            raise type(error)(_as_given(str(error), made, recipe.logs)) from error
         put(made, folder)
     progress(1.0)
     return load_case(folder)
+
+
+def _as_given(line: str, made: Path, logs: Sequence[Path]) -> str:
+    """Return an error line with the logs as they were given, in place of their copies, which are gone by then."""
+    for log in logs:
+        line = line.replace(str(made / log.name), str(log))
+    return line
 
 
 def _before(folder: Path, reason: str | None) -> Case | None:

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
-from recorders.wording import names_text, value_text
+from recorders.wording import json_fault_text, names_text, value_text
 from replay.golden_folder import CASE_FILE
 from replay.golden_log import LogEntry, file_sha256
 from replay.golden_recipe import Recipe
@@ -172,7 +172,7 @@ def _read(path: Path) -> object:
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
     except (ValueError, RecursionError) as error:
-        raise ConfigError(f"{path}: expected JSON: {error}") from error
+        raise ConfigError(f"{path}: expected JSON: {json_fault_text(error)}") from error
 
 
 def check_name(name: str) -> str:

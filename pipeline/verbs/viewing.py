@@ -67,6 +67,7 @@ def view(
     from pipeline.controller import is_controller
     from pipeline.view import view_controller, view_log
     from recorders.parts import is_log, one_session
+    from recorders.regular import refuse_irregular
     from recorders.rerun_recorder import Destination, check_place
     from recorders.rerun_viewer import check_url, open_viewer
 
@@ -81,6 +82,7 @@ def view(
         raise ConfigError("--motion is for controllers: a log shows the motion that it holds")
     log = one_session(shown, console.say)
     if isinstance(log, Path) and not log.is_file():
+        refuse_irregular(log, expected="a log or a controller (.npz)", error=ConfigError)
         raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
     url = None
     if save is not None:

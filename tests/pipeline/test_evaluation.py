@@ -6,6 +6,7 @@ import pytest
 from pipeline.evaluation import HandErrors, hand_errors, linear_joints, predicted_joints
 from pipeline.kinematics import Kinematics
 from pipeline.robot import load_robot
+from recorders.errors import ConfigError
 
 
 def test_errors_are_distances_of_each_hand() -> None:
@@ -30,6 +31,14 @@ def test_each_hands_error_is_the_mean_over_time() -> None:
     assert (summary.left_max_cm, summary.right_max_cm) == pytest.approx((9.0, 6.0))
     skewed = HandErrors.of(np.array([[0.0, 0.03], [0.0, 0.02], [0.06, 0.02]]))
     assert (skewed.left_cm, skewed.right_cm) == pytest.approx((2.0, 7.0 / 3.0))
+
+
+def test_errors_beyond_all_numbers_mean_that_learning_diverged() -> None:
+    robot = load_robot("asimo")
+    far = np.where(np.array(robot.joints) == "hip_height", 1e200, robot.comfort)[None]
+    errors = hand_errors(Kinematics(robot), far, np.zeros((1, 6)))
+    with pytest.raises(ConfigError, match="learning diverged: the hands' errors are no longer finite"):
+        HandErrors.of(errors)
 
 
 def test_the_first_target_is_held_for_ten_steps_and_outputs_are_joints() -> None:

@@ -2,6 +2,7 @@
 
 import json
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,6 +10,7 @@ from episodes import write_episode
 from processes import complaint, reenact
 
 from pipeline import cli
+from recorders.messages import JointState, Message
 
 SETTINGS = "reservoir = 30\nseed = 4\n"
 
@@ -41,6 +43,21 @@ def test_a_case_that_does_not_hold(work: Path, tmp_path: Path) -> None:
     passed, failed = run.stdout.splitlines()
     assert passed == "passed  a"
     assert failed.startswith("failed  b  log: log log.mcap: file: expected an undamaged log, found ")
+
+
+def test_a_log_that_makes_no_case_is_named_as_it_was_given(
+    work: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def late(tick: int, topic: str, message: Message) -> list[tuple[str, Message]]:
+        return [
+            (topic, replace(message, stamp_ns=message.stamp_ns + 7) if isinstance(message, JointState) else message)
+        ]
+
+    monkeypatch.chdir(work)
+    write_episode(work / "late.mcap", samples=3, change=late)
+    line = run_verb(capsys, "add", "late.mcap", "--config", "learner.toml", "--name", "late")[1]
+    assert line.startswith("reenact: late.mcap: the tick at 0 ns lacks /sample/joint_states"), line
+    assert not list((work / "golden").glob("*late*"))
 
 
 def test_a_case_that_cannot_be_read_fails_alone(work: Path, tmp_path: Path) -> None:

@@ -59,8 +59,13 @@ def hip_in(scale: float) -> Callable[[np.ndarray], np.ndarray]:
 LOGS = {
     "millimetres": (scaled(1e3), "/hand/left/target #0: .*: looks like millimetres$"),
     "centimetres": (scaled(1e2), "/hand/left/target #0: .*: looks like centimetres$"),
+    "inches": (scaled(1.0 / 0.0254), "/hand/left/target #0: .*: looks like inches$"),
     "far": (scaled(1e7), r"/hand/left/target #0: expected a target within 4\.6 m of the patterns, found .* m$"),
     "degrees": (joints_changed(np.rad2deg), r"/sample/joint_states #0: expected \w+ near its .*: looks like degrees$"),
+    "out_of_order": (
+        joints_changed(lambda q: q, [*ASIMO.joints[5:], *ASIMO.joints[:5]]),
+        r"/sample/joint_states #0: expected \w+ near its limits \S+ and \S+, found \S+[^s]$",
+    ),
     "hip_in_mm": (joints_changed(hip_in(1e3)), r"expected hip_height near its .*: looks like millimetres$"),
     "no_number": (
         joints_changed(lambda q: np.where(np.arange(len(q)) == 4, np.nan, q), since=3),

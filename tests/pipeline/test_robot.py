@@ -108,6 +108,7 @@ def test_a_cut_off_file_is_refused_with_its_folder(
         ("weight = 0.1,", "weight = 0.0,", "weight of hip_height .* above 0"),
         ("weight = 0.1,", "weight = nan,", "weight of hip_height .* finite number"),
         ("weight = 0.1,", "weight = true,", "weight of hip_height .* finite number"),
+        ("left_centre = [0.32,", "left_centre = [32,", r"\[pattern\] left_centre .* within 10 m of zero, found 32"),
         ("comfort = -0.3", "comfort = 9.0", "comfort of left_shoulder_pitch: expected between"),
         ('name = "hip_yaw"', 'name = "hip_roll"', "hip_roll given more than once"),
         ('name = "hip_yaw"', 'name = "knee"', r"joints knee of the robot config are not movable joints of the URDF"),

@@ -175,6 +175,11 @@ def test_an_inertia_at_the_edge_of_what_a_body_has_is_drakes_too(mass: float, mo
         ('lower="-0.8"', 'lower="-1e16"', r"joint hip_yaw .* lower=...> within 25 rad of zero, found -1e\+16"),
         ('upper="0.05"', 'upper="26"', "joint hip_height .* upper=...> within 25 m of zero, found 26"),
         ('upper="0.05"', 'upper="-0.08"', "joint hip_height .* lower=...> below <limit upper=...>, found -0.08 and -0"),
+        (
+            'lower="-0.08" upper="0.05"',
+            'lower="0" upper="1e-9"',
+            "joint hip_height .* 1e-06 apart, found 1e-09",
+        ),
         ('upper="0.05"', 'upper="-1"', "joint hip_height .* lower=...> below <limit upper=...>, found -0.08 and -1"),
         ('upper="0.05"', 'upper="nan"', "joint 'hip_height' .* 1 finite number, found 'nan'"),
         ('upper="0.05"', "", "joint hip_height of the URDF: expected <limit upper=...>, found none"),

@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -26,11 +27,11 @@ from pipeline.trials import try_motion
 from pipeline.verbs import viewing
 from pipeline.view import view_controller, view_log
 from recorders.cdr import decode
-from recorders.errors import ConfigError, LogError, ReenactError, WireError
-from recorders.messages import Float64MultiArray, JointState, PoseStamped
+from recorders.errors import ConfigError, LogError, MotionError, ReenactError, WireError
+from recorders.messages import Float64MultiArray, JointState, Message, PoseStamped
 from recorders.reader import LogReader
 from recorders.rerun_recorder import Destination
-from recorders.topics import JOINT_COMMANDS, LEARNER_ERROR, LEFT_TARGET, RIGHT_TARGET
+from recorders.topics import JOINT_COMMANDS, LEARNER_ERROR, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.wire.loopback import free_endpoint
 from recorders.writer import LogWriter
 from replay.engine import Replay
@@ -243,6 +244,27 @@ def test_bad_input_is_one_line(
         view(*given, *(["--save", "y.rrd"] if len(given) == 1 else []))
     assert "\n" not in str(raised.value)
     assert not list(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("topic", "changed", "complaint"),
+    [
+        (SAMPLE_JOINTS, np.nan, "/sample/joint_states: expected a finite position for joint hip_height, found nan"),
+        (LEFT_TARGET, 1e300, "expected finite numbers within 1e\\+09 of zero in targets"),
+    ],
+)
+def test_numbers_that_cannot_be_drawn_are_one_line(
+    tmp_path: Path, topic: str, changed: float, complaint: str, recwarn: pytest.WarningsRecorder
+) -> None:
+    def change(tick: int, of: str, message: Message) -> list[tuple[str, Message]]:
+        if of == topic and isinstance(message, JointState | PoseStamped):
+            message = replace(message, position=np.array([changed, *message.position[1:]]))
+        return [(of, message)]
+
+    with pytest.raises(MotionError, match=complaint):
+        view(write_episode(tmp_path / "log.mcap", samples=3, change=change), "--save", tmp_path / "x.rrd")
+    assert not recwarn.list
+    assert not (tmp_path / "x.rrd").exists()
 
 
 def test_without_a_display_the_way_out_is_named(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -165,8 +165,9 @@ def with_nan(array: np.ndarray) -> np.ndarray:
         (changed("times_ns", lambda a: [*a[1:], -(2**63)]), MotionError, "whole nanoseconds"),
         (changed("targets", lambda a: a.reshape(-1, 6)), MotionError, r"targets of shape \(40, 2, 3\), found"),
         (changed("reached", lambda a: a[:, :1]), MotionError, r"reached of shape \(40, 2, 3\), found \(40, 1, 3\)"),
-        (changed("joints", with_nan), MotionError, "finite numbers in joints"),
-        (changed("reached", with_nan), MotionError, "finite numbers in reached"),
+        (changed("joints", with_nan), MotionError, "finite numbers within 1e\\+09 of zero in joints"),
+        (changed("targets", lambda a: a + 1e300), MotionError, "finite numbers within 1e\\+09 of zero in targets"),
+        (changed("reached", with_nan), MotionError, "finite numbers within 1e\\+09 of zero in reached"),
     ],
 )
 def test_unusable_input_is_one_line_and_leaves_no_file(

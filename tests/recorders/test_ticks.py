@@ -171,6 +171,12 @@ def test_joints_are_mapped_by_name_never_by_place(order):
     assert not joint_map.positions(message).flags.writeable
 
 
+def test_joints_that_nobody_asks_for_may_be_many_and_have_one_name():
+    strangers = ("", "", *("mimic",) * 100_000)
+    message = JointState(0, (*strangers, *NAMES), np.array([*[np.nan] * len(strangers), 1.0, 2.0, 3.0]))
+    assert JointMap(NAMES).positions(message).tolist() == [1.0, 2.0, 3.0]
+
+
 def test_missing_and_repeated_joints_are_named_with_those_that_exist():
     with pytest.raises(JointError, match="no joint wrist in the message; there are: elbow, hip"):
         JointMap(NAMES).positions(JointState(0, ("elbow", "hip"), np.zeros(2)))

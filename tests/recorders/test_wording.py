@@ -1,8 +1,11 @@
 """Values in error lines read as in the file that they come from, whatever they are called in Python."""
 
+import datetime
+import json
+
 import pytest
 
-from recorders.wording import line_text, names_text, value_text
+from recorders.wording import json_fault_text, line_text, names_text, value_text
 
 
 @pytest.mark.parametrize(
@@ -15,11 +18,29 @@ from recorders.wording import line_text, names_text, value_text
         (b"PK\x03\xff", r"'PK\x03\xff'"),
         ({"a": {}}, "a table of 1"),
         (["a", "b"], "a list of 2"),
+        (datetime.date(1979, 5, 27), "1979-05-27"),
+        (datetime.datetime(1979, 5, 27, 7, 32, tzinfo=datetime.UTC), "1979-05-27T07:32:00+00:00"),
+        (datetime.time(7, 32), "07:32:00"),
         ("x" * 100, "'" + "x" * 78 + "…"),
     ],
 )
 def test_a_value_is_shown_without_pythons_words(value: object, text: str) -> None:
     assert value_text(value) == text
+
+
+@pytest.mark.parametrize(
+    ("data", "text"),
+    [
+        (b"{", "Expecting property name enclosed in double quotes: line 1 column 2 (char 1)"),
+        (b"[" * 100_000, "nested too deeply"),
+        (b"9" * 5000, "found a whole number of too many digits"),
+        (b"\xff\xfe\xff", "found bytes that are no UTF-8"),
+    ],
+)
+def test_what_is_no_json_is_told_without_pythons_words(data: bytes, text: str) -> None:
+    with pytest.raises((ValueError, RecursionError)) as raised:
+        json.loads(data.decode())
+    assert json_fault_text(raised.value) == text
 
 
 def test_a_number_of_thousands_of_digits_is_not_written_out() -> None:
