@@ -141,7 +141,9 @@ def poses_sha256(tracks: Mapping[str, PoseTrack]) -> str:
 def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[str]]:
     """Return the three columns of each hand that is to be read."""
     by_name = {side: [f"{side[0]}{axis}" for axis in "xyz"] for side in HANDS if hand in (None, side)}
-    found = {side: columns for side, columns in by_name.items() if set(columns) <= set(header)}
+    found = {side: columns for side, columns in by_name.items() if set(columns) & set(header)}
+    if missing := [column for columns in found.values() for column in columns if column not in header]:
+        raise MotionError(f"the header lacks {names_text(missing)}: expected all three columns of a hand, or none")
     if "t" in header and found:
         return found
     if {"t", "x", "y", "z"} <= set(header):

@@ -2,10 +2,11 @@
 
 import csv
 import math
+from array import array
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from decimal import Decimal
-from itertools import count, islice, pairwise
+from itertools import count, pairwise
 from pathlib import Path
 from typing import TextIO, TypeAlias
 
@@ -54,18 +55,25 @@ def read_table(path: Path, *, choose: Choice, max_coordinate: float = MAX_COORDI
     ------
     MotionError
         The file cannot be read, lacks a column or has two of one name, has a row longer or shorter than its header,
-        holds something else than finite numbers of a plausible size, has fewer than two rows or more than `MAX_ROWS`,
+        holds something else than finite numbers of a plausible size, has fewer than two rows or more than `MAX_ROWS`
+        (twice as many lines),
         or its times do not increase or leave a gap above `MAX_GAP_S`; the message names line and column.
     """
-    rows = list(islice(_read_rows(path, choose, max_coordinate), MAX_ROWS + 1))
-    if len(rows) > MAX_ROWS:
-        raise MotionError(f"motion '{path}', line {rows[-1][0]}: expected at most {MAX_ROWS} rows of numbers")
-    if len(rows) < 2:
-        raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(rows)}")
-    table = np.array([values for _, _, values in rows])
+    lines, since_first_s, numbers = array("q"), array("d"), array("d")  # a list would take ten times as much
+    first: Decimal | None = None
+    for line, time, values in _read_rows(path, choose, max_coordinate):
+        if len(lines) == MAX_ROWS:
+            raise MotionError(f"motion '{path}', line {line}: expected at most {MAX_ROWS} rows of numbers")
+        first = time if first is None else first
+        lines.append(line)
+        since_first_s.append(float(time - first))  # subtracted exactly, before a float holds it
+        numbers.extend(values)
+    if len(lines) < 2:
+        raise MotionError(f"motion '{path}': expected at least two rows of numbers, found {len(lines)}")
+    table = np.array(numbers).reshape(len(lines), -1)
     if np.abs(table[:, 0]).max() > MAX_TIME_S:
-        table[:, 0] = [float(time - rows[0][1]) for _, time, _ in rows]  # subtracted exactly, before a float holds it
-    for (line, _, _), (before, after) in zip(rows[1:], pairwise(table[:, 0].tolist()), strict=True):
+        table[:, 0] = since_first_s
+    for line, (before, after) in zip(lines[1:], pairwise(table[:, 0].tolist()), strict=True):
         _check_step(f"motion '{path}', line {line}, column t", before, after)
     return table
 
@@ -114,6 +122,8 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
     for number in count(1):
         if not (line := file.readline(_MAX_LINE + 1)):
             return
+        if number > 2 * MAX_ROWS:
+            raise MotionError(f"motion '{path}', line {number}: expected at most {2 * MAX_ROWS} lines")
         if len(line) > _MAX_LINE:
             raise MotionError(f"motion '{path}', line {number}: expected at most {_MAX_LINE} characters")
         yield line

@@ -50,6 +50,12 @@ def test_a_csv_shows_the_hands_whose_columns_it_has(
     [
         ("t,x,y,z", None, "expected a hand for the columns x,y,z, as with --hand right, found t,x,y,z"),
         ("t,rx,ry,rz", "left", "the header lacks columns"),
+        (
+            "t,LX,ly,lz,rx,ry,rz",
+            None,
+            "the header lacks lx: expected all three columns of a hand, or none, found t,LX,",
+        ),
+        ("t,lx,rx,ry,rz", None, "the header lacks ly, lz: expected all three"),
         ("x,y,z", "right", "the header lacks columns: expected t and lx,ly,lz, rx,ry,rz, both, or x,y,z with a hand"),
     ],
 )

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from peak_memory import peak_memory_mb
 
 from pipeline import motion_csv
 from pipeline.free_hand import EXTENT_M, free_hand, write_motion_csv
@@ -226,6 +227,17 @@ def test_a_file_without_an_end_is_refused_where_it_is_too_long(tmp_path: Path, m
     with pytest.raises(MotionError, match=r"n.csv', line 4: expected at most 2 rows of numbers"):
         read_motion_csv(path)
     assert len(read_motion_csv(write(tmp_path / "n.csv", HEADER, *ROWS))) == 2
+    with pytest.raises(MotionError, match=r"n.csv', line 5: expected at most 4 lines"):
+        read_motion_csv(write(tmp_path / "n.csv", HEADER, "", "", "", ""))
+
+
+def test_a_long_table_takes_no_more_memory_than_its_numbers(tmp_path: Path) -> None:
+    with (tmp_path / "m.csv").open("w") as file:
+        file.write(f"{HEADER}\n")
+        file.writelines(f"{place / 100:.2f},0.3,0.2,0.7,0.3,-0.2,0.7\n" for place in range(200_000))
+    code = "from pathlib import Path; from pipeline.motion_csv import read_table; {}"
+    call = f"read_table(Path({str(tmp_path / 'm.csv')!r}), choose=lambda header: header)"
+    assert peak_memory_mb(code.format(call)) - peak_memory_mb(code.format("")) < 60.0
 
 
 def test_a_file_without_a_byte_is_said_to_be_empty(tmp_path: Path) -> None:
