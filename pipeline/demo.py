@@ -13,30 +13,30 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pipeline import console
-from pipeline.controller import Controller
-from pipeline.exploration import explore
-from pipeline.learner_config import LearnerConfig
-from pipeline.live_view import LiveView
-from pipeline.motion_names import PATTERNS
-from pipeline.motion_view import MotionView
-from pipeline.motions import load_motion
-from pipeline.nodes import replay
-from pipeline.report import MotionTest, draw_report
-from pipeline.robot import RobotConfig, load_robot
-from pipeline.training import train
-from pipeline.trials import Trial, robot_of, try_motion
-from pipeline.view import view_controller
+from pipeline.evaluation.trials import Trial, robot_of, try_motion
+from pipeline.exploration.explore import explore
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.learner_node.node import replay
+from pipeline.motions.motion import load_motion
+from pipeline.motions.names import PATTERNS
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.terminal import console
+from pipeline.training.trainer import train
+from pipeline.views.figures import MotionTest, draw_report
+from pipeline.views.live import LiveView
+from pipeline.views.motion import MotionView
+from pipeline.views.view import view_controller
 from recorders.errors import CheckFailed, ConfigError, WireError
-from recorders.nameless import write_whole
-from recorders.rerun_hands import FrontalPlane
-from recorders.rerun_recorder import Destination, record_motion
-from recorders.topics import JOINT_STATES
+from recorders.files.anonymous_file import write_whole
+from recorders.messages.topics import JOINT_STATES
+from recorders.rerun_scene.hands import FrontalPlane
+from recorders.rerun_scene.recording import Destination, record_motion
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig
-from replay.engine import Replay
-from replay.schedule import Schedule
-from replay.sender_config import SenderConfig
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
+from replay.transports.sender_config import SenderConfig
 
 DRAWING = "right_hand_drawing"
 """Stands for the user's demonstration; generated, see its file."""

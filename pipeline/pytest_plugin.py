@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import pytest
 
 from recorders.errors import ConfigError
-from replay.golden_folder import find_cases  # nothing heavy of ours is imported before a case is run
+from replay.golden.folder import find_cases  # nothing heavy of ours is imported before a case is run
 
 if TYPE_CHECKING:
     from _pytest._code.code import TerminalRepr
 
-    from replay.golden_finding import Finding
+    from replay.golden.finding import Finding
 
 
 class GoldenCases:
@@ -81,8 +81,8 @@ class GoldenItem(pytest.Item):
 
     def runtest(self) -> None:
         """Check the case; raises GoldenFailure, which holds the first divergence."""
-        from pipeline.golden_runner import GoldenRunner  # noqa: PLC0415  # costs nothing where no case is run
-        from replay.golden import check_case  # noqa: PLC0415
+        from pipeline.golden.runner import GoldenRunner  # noqa: PLC0415  # costs nothing where no case is run
+        from replay.golden.check import check_case  # noqa: PLC0415
 
         finding = check_case(self.path, GoldenRunner()).finding
         if finding is not None:

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 import pipeline
-from pipeline import cli
+from pipeline.cli import app as cli
 
 ROOT = Path(pipeline.__file__).parent.parent
 README = (ROOT / "README.md").read_text()

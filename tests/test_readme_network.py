@@ -22,10 +22,10 @@ from short_motion import write_short_motion
 from waiting import wait_for_arrival
 
 import pipeline
-from pipeline import cli
-from recorders.messages import JointState, PoseStamped, String
-from recorders.reader import LogReader
-from recorders.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEARNER_TOPICS
+from pipeline.cli import app as cli
+from recorders.messages.message_types import JointState, PoseStamped, String
+from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEARNER_TOPICS
+from recorders.reading.reader import LogReader
 from recorders.wire.frames import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, open_session

@@ -3,10 +3,11 @@
 import sys
 from pathlib import Path
 
-from recorders.cdr import decode
-from recorders.messages import JointState
 from recorders.reader import LogReader
 from recorders.writer import RESERVED, LogWriter
+
+from recorders.cdr import decode
+from recorders.messages import JointState
 
 source = LogReader(Path(sys.argv[1]))
 files = {name: source.attachment(name) for name in source.attachments}

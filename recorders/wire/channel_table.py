@@ -13,8 +13,8 @@ from typing import Any, Self, TypeAlias, TypeVar
 
 import zenoh
 
-from recorders.declared import Declared
 from recorders.errors import WireError
+from recorders.mcap_format.channels import Declared
 
 TABLE_VERSION = 1
 MAX_TABLE = 4 << 20

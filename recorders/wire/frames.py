@@ -8,9 +8,9 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from recorders.errors import MessageError, WireError
-from recorders.records import Stamped
-from recorders.stream import PROTOCOL_VERSION
-from recorders.topics import type_of
+from recorders.messages.record import Stamped
+from recorders.messages.topics import type_of
+from recorders.wire.stream import PROTOCOL_VERSION
 
 DEFAULT_NAMESPACE = "reenact"
 

@@ -13,9 +13,9 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import zenoh
 
 from recorders.errors import MessageError, ReenactError, WireError
-from recorders.records import Stamped
-from recorders.stream import MAX_MESSAGE, WINDOW_BYTES, Consumer, Offer, Progress
-from recorders.topics import type_of
+from recorders.messages.record import Stamped
+from recorders.messages.topics import type_of
+from recorders.wire.bounded_queue import Inbox
 from recorders.wire.channel_table import ChannelTables
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
@@ -29,9 +29,9 @@ from recorders.wire.frames import (
     message_key,
     unpack,
 )
-from recorders.wire.inbox import Inbox
-from recorders.wire.kept import Kept
+from recorders.wire.history import Kept
 from recorders.wire.session import publishing
+from recorders.wire.stream import MAX_MESSAGE, WINDOW_BYTES, Consumer, Offer, Progress
 
 MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
 """Larger payloads are refused unread [bytes]: a message, and what a batch says of it."""

@@ -14,9 +14,9 @@ from typing import Any, Self
 
 import zenoh
 
-from recorders.descriptors import need_descriptors
 from recorders.errors import UnreachedError, WireError
-from recorders.wire.config_file import endpoints, read_config, reason, said
+from recorders.files.descriptors import need_descriptors
+from recorders.wire.zenoh_config import endpoints, read_config, reason, said
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""

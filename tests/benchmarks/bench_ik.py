@@ -31,17 +31,17 @@ from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import JacobianWrtVariable
 
-from pipeline.controller import Controller
-from pipeline.evaluation import WASHOUT_STEPS
-from pipeline.exploration import explore
-from pipeline.kinematics import Kinematics
-from pipeline.learner_config import LearnerConfig
-from pipeline.motions import circles
-from pipeline.robot import RobotConfig, load_robot
-from pipeline.teacher import Teacher
-from pipeline.training import train
-from pipeline.urdf import canonical_urdf
-from replay.schedule import Schedule
+from pipeline.evaluation.errors import WASHOUT_STEPS
+from pipeline.exploration.explore import explore
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.motions.motion import circles
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.kinematics import Kinematics
+from pipeline.teacher.teacher import Teacher
+from pipeline.training.trainer import train
+from pipeline.urdf.description import canonical_urdf
+from replay.sources.schedule import Schedule
 
 HOLD_S = 0.2
 STEP_S = 0.005

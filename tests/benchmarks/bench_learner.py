@@ -15,8 +15,8 @@ import numba
 import numpy as np
 from reservoirpy.nodes import LMS, IPReservoir
 
-from pipeline.learner import Learner
-from pipeline.learner_config import LearnerConfig
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.learner import Learner
 
 CONFIG = LearnerConfig()
 STEPS = 256

@@ -16,10 +16,10 @@ from pathlib import Path
 import numpy as np
 from mcap.writer import CompressionType, Writer
 
-from recorders.cdr import encode
-from recorders.messages import PoseStamped
-from recorders.ros import schema_text
-from recorders.topics import LEFT_TARGET
+from recorders.cdr.codec import encode
+from recorders.cdr.rosbags_types import schema_text
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.topics import LEFT_TARGET
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

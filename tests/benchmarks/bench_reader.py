@@ -16,10 +16,10 @@ import numpy as np
 from bench_memory import write_log
 from mcap.reader import NonSeekingReader, make_reader
 
-from recorders.cdr import encode
-from recorders.messages import PoseStamped
-from recorders.reader import LogReader
-from recorders.writer import LogWriter
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import PoseStamped
+from recorders.reading.reader import LogReader
+from recorders.writing.writer import LogWriter
 
 ROUNDS = 5
 

@@ -24,15 +24,15 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from pipeline.controller import Controller
-from pipeline.learner import Learner
-from pipeline.learner_config import LearnerConfig
-from pipeline.motions import circles
-from pipeline.robot import load_robot
-from recorders.cdr import encode, stamp_ns
-from recorders.messages import JointState, PoseStamped
-from recorders.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
-from recorders.wire.direct import direct
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.learner.learner import Learner
+from pipeline.motions.motion import circles
+from pipeline.robot.config import load_robot
+from recorders.cdr.codec import encode, stamp_ns
+from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
+from recorders.wire.callbacks import direct
 from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, read_as_it_comes

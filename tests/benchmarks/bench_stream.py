@@ -18,14 +18,14 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from episodes import write_episode
 
-from pipeline.learner_config import LearnerConfig
-from pipeline.training import Trainer, train, train_on
+from pipeline.learner.config import LearnerConfig
+from pipeline.training.trainer import Trainer, train, train_on
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver
 from recorders.wire.session import SessionConfig, open_session
-from replay import engine
-from replay.schedule import Schedule
-from replay.zenoh_transport import ZenohTransport
+from replay.sources import scheduled
+from replay.sources.schedule import Schedule
+from replay.transports.zenoh import ZenohTransport
 
 SAMPLES = 256
 
@@ -46,7 +46,7 @@ class Streamed:
     """Feeds the learner in the other process, until the stack is closed."""
 
     def __init__(self, log: Path, schedule: Schedule, stack: ExitStack) -> None:
-        self._source = engine.Replay([log], schedule)
+        self._source = scheduled.Replay([log], schedule)
         endpoint = free_endpoint()
         arguments = [sys.executable, __file__, "--learn", endpoint, str(log)]
         self._learner = stack.enter_context(
@@ -78,9 +78,9 @@ class FromFile:
     """Trains in this process and reads the log again for every presentation."""
 
     def __init__(self, log: Path, schedule: Schedule) -> None:
-        kept, engine.CACHE_BYTES = engine.CACHE_BYTES, 0
-        self._source = engine.Replay([log], schedule)
-        engine.CACHE_BYTES = kept
+        kept, scheduled.CACHE_BYTES = scheduled.CACHE_BYTES, 0
+        self._source = scheduled.Replay([log], schedule)
+        scheduled.CACHE_BYTES = kept
 
     def run(self) -> tuple[float, str]:
         """Return seconds and state digest of one training."""

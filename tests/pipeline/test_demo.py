@@ -16,12 +16,13 @@ from episodes import write_episode
 from processes import reenact
 
 import pipeline
-from pipeline import cli, demo
-from pipeline.controller import Controller
-from pipeline.learner_config import LearnerConfig
-from pipeline.training import train
-from recorders.reader import LogReader
-from replay.schedule import Schedule
+from pipeline import demo
+from pipeline.cli import app
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.training.trainer import train
+from recorders.reading.reader import LogReader
+from replay.sources.schedule import Schedule
 
 ROOT = Path(pipeline.__file__).parent.parent
 KEYS = {
@@ -186,7 +187,7 @@ def test_a_learner_that_parts_from_the_file_is_a_failed_check_and_leaves_everyth
     monkeypatch.setattr(demo, "_explore_both", explored)
     monkeypatch.setattr(demo, "_learn_over_zenoh", train_for(1, seed_offset=1))
     with pytest.raises(SystemExit) as end:
-        cli.main(["demo", "--out", str(tmp_path), "--epochs", "1"])
+        app.main(["demo", "--out", str(tmp_path), "--epochs", "1"])
     assert end.value.code == 1
     (line,) = capsys.readouterr().err.splitlines()
     assert line.startswith("reenact: expected one state, found ")

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from recorders.cdr import encode
-from recorders.messages import (
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import (
     Clock,
     Dimension,
     Float64MultiArray,
@@ -18,9 +18,9 @@ from recorders.messages import (
     TFMessage,
     TransformStamped,
 )
-from recorders.records import Stamped
-from recorders.topics import CLOCK, LEARNER_OUTPUT, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TF
-from recorders.writer import LogWriter
+from recorders.messages.record import Stamped
+from recorders.messages.topics import CLOCK, LEARNER_OUTPUT, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TF
+from recorders.writing.writer import LogWriter
 
 NAMES = tuple(f"joint_{index:02d}" for index in range(15))
 TICK_NS = 50_000_000

@@ -10,11 +10,11 @@ from pathlib import Path
 
 from run_events import holding
 
-from pipeline.executors import dask_cluster
-from pipeline.learner_config import LearnerConfig
-from pipeline.many_runs import Run, compute_all
+from pipeline.learner.config import LearnerConfig
+from pipeline.training.batch import Run, compute_all
+from pipeline.training.executors import dask_cluster
 from recorders.errors import ReenactError
-from replay.schedule import Schedule
+from replay.sources.schedule import Schedule
 
 
 def main(address: str, wait_s: str, log: str, count: str, epochs: str) -> None:

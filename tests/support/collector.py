@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from recorders.errors import MessageError
-from recorders.records import Stamped
-from recorders.stream import Offer
+from recorders.messages.record import Stamped
+from recorders.wire.stream import Offer
 
 
 class Collector:

@@ -5,13 +5,13 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.kinematics import Kinematics
-from pipeline.motions import circles
-from pipeline.robot import RobotConfig, load_robot
-from pipeline.teacher import Teacher
-from recorders.messages import JointState, Message, PoseStamped
-from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
-from recorders.writer import LogWriter
+from pipeline.motions.motion import circles
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.kinematics import Kinematics
+from pipeline.teacher.teacher import Teacher
+from recorders.messages.message_types import JointState, Message, PoseStamped
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.writing.writer import LogWriter
 
 PERIOD_NS = 200_000_000
 STEPS_PER_TICK = 40

@@ -27,9 +27,9 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from recorders.manifest import FORMAT_VERSION, METADATA_NAME, to_metadata
-from recorders.mcap_records import MAGIC
-from recorders.records import Stamped
+from recorders.mcap_format.manifest import FORMAT_VERSION, METADATA_NAME, to_metadata
+from recorders.mcap_format.records import MAGIC
+from recorders.messages.record import Stamped
 
 COMPRESSIONS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}
 MANIFEST = {"format_version": FORMAT_VERSION, "robot": "none", "seed": 7}

@@ -34,8 +34,8 @@ from mcap.records import (
     SummaryOffset,
 )
 
-from recorders.mcap_records import MAGIC
-from recorders.records import Stamped
+from recorders.mcap_format.records import MAGIC
+from recorders.messages.record import Stamped
 
 FLAGS = ("ch", "mx", "chx", "ax", "mdx", "rch", "rsh", "st", "sum", "pad")
 PADDING = b"\x01\xff\xff"

@@ -37,9 +37,9 @@ def controls() -> dict[str, str]:
 
 def main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    from pipeline.learner_config import LearnerConfig
-    from pipeline.training import train
-    from replay.schedule import Schedule
+    from pipeline.learner.config import LearnerConfig
+    from pipeline.training.trainer import train
+    from replay.sources.schedule import Schedule
 
     result = train([Path(sys.argv[1])], schedule=Schedule(epochs=2), config=LearnerConfig(seed=0)).result()
     print(json.dumps({"digests": [result["digest"], result["stream_digest"]], "controls": controls()}))

@@ -13,16 +13,21 @@ import numpy as np
 import pytest
 from numba.core.registry import CPUDispatcher
 
-from pipeline import evaluation, golden_simulation, kernels, learner, learning_run, network, samples, trials
-from pipeline.robot import RobotConfig
-from recorders.messages import JointState
-from recorders.reader import LogReader
-from recorders.records import Stamped
-from recorders.ticks import JointMap
-from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
-from recorders.writer import RESERVED, LogWriter
-from replay.engine import Replay
-from replay.schedule import Schedule
+from pipeline.evaluation import errors as evaluation
+from pipeline.evaluation import trials
+from pipeline.exploration import reproduce
+from pipeline.learner import kernels, learner, network
+from pipeline.robot.config import RobotConfig
+from pipeline.samples import pairs
+from pipeline.training import run as learning_run
+from recorders.messages.message_types import JointState
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.reading.reader import LogReader
+from recorders.ticks.joiner import JointMap
+from recorders.writing.writer import RESERVED, LogWriter
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
 
 Patch = pytest.MonkeyPatch
 
@@ -146,7 +151,7 @@ def wrong_centring(patch: Patch, folder: Path) -> None:
 
 
 def swapped_hands(patch: Patch, folder: Path) -> None:
-    rewrite(patch, samples.CommandedPairs, "fill", "tick.left", "tick.right.copy()")
+    rewrite(patch, pairs.CommandedPairs, "fill", "tick.left", "tick.right.copy()")
 
 
 def permuted_joints(patch: Patch, folder: Path) -> None:
@@ -168,7 +173,7 @@ def washout_before_trials_skipped(patch: Patch, folder: Path) -> None:
 
 
 def pending_forgotten_by_checkpoints(patch: Patch, folder: Path) -> None:
-    patch.setattr(samples.CommandedPairs, "resume", lambda self, pending: None)
+    patch.setattr(pairs.CommandedPairs, "resume", lambda self, pending: None)
 
 
 def maximum_for_mean(patch: Patch, folder: Path) -> None:
@@ -218,7 +223,7 @@ def message_changed(patch: Patch, folder: Path) -> None:
 
 
 def changed_link(patch: Patch, folder: Path) -> None:
-    right = golden_simulation.load_robot
+    right = reproduce.load_robot
 
     def longer(name: str) -> RobotConfig:
         robot = right(name)
@@ -227,23 +232,21 @@ def changed_link(patch: Patch, folder: Path) -> None:
         lines[place] = lines[place].replace("-0.21", "-0.2101")
         return replace(robot, urdf_text="\n".join(lines))
 
-    patch.setattr(golden_simulation, "load_robot", longer)
+    patch.setattr(reproduce, "load_robot", longer)
 
 
 def no_gravity_feed_forward(patch: Patch, folder: Path) -> None:
-    rewrite(patch, golden_simulation.Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
+    rewrite(patch, reproduce.Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
 
 
 def another_start_posture(patch: Patch, folder: Path) -> None:
-    right = golden_simulation.start_posture
-    patch.setattr(
-        golden_simulation, "start_posture", lambda robot, *, seed, spread: right(robot, seed=9, spread=spread)
-    )
+    right = reproduce.start_posture
+    patch.setattr(reproduce, "start_posture", lambda robot, *, seed, spread: right(robot, seed=9, spread=spread))
 
 
 def _simulating(patch: Patch, kept: int) -> None:
-    right = golden_simulation.Episode.cycle
-    patch.setattr(golden_simulation.Episode, "cycle", lambda self, led: islice(right(self, led), kept))
+    right = reproduce.Episode.cycle
+    patch.setattr(reproduce.Episode, "cycle", lambda self, led: islice(right(self, led), kept))
 
 
 def simulation_makes_nothing(patch: Patch, folder: Path) -> None:
@@ -255,17 +258,17 @@ def simulation_stops_early(patch: Patch, folder: Path) -> None:
 
 
 def simulation_without_positions(patch: Patch, folder: Path) -> None:
-    right = golden_simulation.simulate
+    right = reproduce.simulate
 
     def simulate(log: Path, *, ticks: int) -> Iterator[Any]:
         for topic, message in right(log, ticks=ticks):
             yield topic, replace(message, position=[]) if isinstance(message, JointState) else message
 
-    patch.setattr(golden_simulation, "simulate", simulate)
+    patch.setattr(reproduce, "simulate", simulate)
 
 
 def simulation_crashes(patch: Patch, folder: Path) -> None:
-    rewrite(patch, golden_simulation.Simulation, "_demand", "self._joints", "None")
+    rewrite(patch, reproduce.Simulation, "_demand", "self._joints", "None")
 
 
 # In the case.

@@ -5,9 +5,11 @@ from typing import Any, NamedTuple
 
 from faults import Patch, rewrite
 
-from pipeline import evaluation, kernels, learner, learning_run
+from pipeline.evaluation import errors
+from pipeline.learner import kernels, learner
 from pipeline.resources import data_path
-from recorders.ticks import JointMap
+from pipeline.training import run as learning_run
+from recorders.ticks.joiner import JointMap
 
 
 class ContentFault(NamedTuple):
@@ -29,11 +31,11 @@ def feedback_error_of_another_sign(patch: Patch) -> None:
 
 
 def a_step_less_of_washout(patch: Patch) -> None:
-    patch.setattr(evaluation, "WASHOUT_STEPS", evaluation.WASHOUT_STEPS - 1)
+    patch.setattr(errors, "WASHOUT_STEPS", errors.WASHOUT_STEPS - 1)
 
 
 def a_step_more_of_washout(patch: Patch) -> None:
-    patch.setattr(evaluation, "WASHOUT_STEPS", evaluation.WASHOUT_STEPS + 1)
+    patch.setattr(errors, "WASHOUT_STEPS", errors.WASHOUT_STEPS + 1)
 
 
 def another_seed_of_the_washout(patch: Patch) -> None:
@@ -45,8 +47,8 @@ def joints_by_place(patch: Patch) -> None:
 
 
 def hands_swapped_in_trials(patch: Patch) -> None:
-    right = evaluation.hand_errors
-    patch.setattr("pipeline.trials.hand_errors", lambda *arguments: right(*arguments)[:, ::-1])
+    right = errors.hand_errors
+    patch.setattr("pipeline.evaluation.trials.hand_errors", lambda *arguments: right(*arguments)[:, ::-1])
 
 
 def hands_swapped_in_cycles(patch: Patch) -> None:

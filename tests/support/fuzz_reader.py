@@ -14,9 +14,9 @@ import atheris
 sys.path.insert(0, str(Path(__file__).parents[2]))
 
 with atheris.instrument_imports(include=["recorders", "mcap"]):
-    from recorders import mcap_records
     from recorders.errors import LogError
-    from recorders.reader import LogReader
+    from recorders.mcap_format import records as mcap_records
+    from recorders.reading.reader import LogReader
 
 
 def ask_everything(path: Path) -> None:

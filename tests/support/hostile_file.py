@@ -13,7 +13,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from pipeline import cli
+from pipeline.cli import app
 
 
 def run(line: str) -> tuple[int, str, float]:
@@ -21,7 +21,7 @@ def run(line: str) -> tuple[int, str, float]:
     printed, said, status = io.StringIO(), io.StringIO(), -1
     with contextlib.redirect_stdout(printed), contextlib.redirect_stderr(said):
         try:
-            cli.main(shlex.split(line))
+            app.main(shlex.split(line))
         except SystemExit as end:
             status = int(end.code or 0)
     return status, said.getvalue() + printed.getvalue(), peak_mb()

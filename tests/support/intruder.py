@@ -12,12 +12,11 @@ from dataclasses import asdict
 import numpy as np
 import zenoh
 
-from recorders.cdr import encode
+from recorders.cdr.codec import encode
 from recorders.errors import MessageError
-from recorders.messages import Float64MultiArray, JointState, PoseStamped
-from recorders.records import Stamped
-from recorders.stream import Progress
-from recorders.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
+from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
 from recorders.wire.frames import (
     NO_RUN,
     Frame,
@@ -30,6 +29,7 @@ from recorders.wire.frames import (
     unpack,
 )
 from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.stream import Progress
 
 NAMESPACE = "reenact"
 HUGE = 100 << 20

@@ -41,10 +41,10 @@ def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM
 
 
 def run_robot_node(*, listen: list[str], **config: Any) -> NoReturn:
-    from pipeline import console
-    from pipeline.follower import FollowerConfig
-    from pipeline.robot import load_robot
-    from pipeline.robot_node import run_robot
+    from pipeline.robot.config import load_robot
+    from pipeline.robot_node.follower import FollowerConfig
+    from pipeline.robot_node.node import run_robot
+    from pipeline.terminal import console
     from recorders.wire.session import SessionConfig
 
     run_robot(
@@ -67,11 +67,11 @@ def run_exploration(
 ) -> None:
     from dataclasses import asdict
 
-    from pipeline.episode import ExplorationConfig
-    from pipeline.live_exploration import explore_live
+    from pipeline.exploration.episode import ExplorationConfig
+    from pipeline.exploration.live import explore_live
     from recorders.wire.session import SessionConfig
-    from replay.schedule import Schedule
-    from replay.sender_config import SenderConfig
+    from replay.sources.schedule import Schedule
+    from replay.transports.sender_config import SenderConfig
 
     schedule = Schedule.from_dict({"epochs": 1, "phases": phases})
     sender = SenderConfig(consumers=tuple(consumers), wait_s=wait_s)

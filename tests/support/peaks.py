@@ -8,9 +8,9 @@ import traceback
 from pathlib import Path
 
 from recorders.errors import ReenactError
-from recorders.reader import LogReader
-from recorders.recover import recover
-from recorders.summary import summarise
+from recorders.reading.reader import LogReader
+from recorders.recovery.log_info import summarise
+from recorders.recovery.recover import recover
 
 
 def read(path: str) -> object:

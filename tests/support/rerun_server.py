@@ -11,7 +11,7 @@ from typing import Any
 
 from rerun.chunk import RrdReader
 
-from recorders.rerun_viewer import is_reachable, viewer_command, viewer_environment
+from recorders.rerun_scene.viewer import is_reachable, viewer_command, viewer_environment
 from recorders.wire.loopback import free_endpoint
 
 

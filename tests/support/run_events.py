@@ -10,8 +10,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any, TypeAlias
 
-from pipeline.many_runs import Executors, Outcome, Run
-from pipeline.training import train
+from pipeline.training.batch import Executors, Outcome, Run
+from pipeline.training.trainer import train
 
 Compute: TypeAlias = Callable[[Run], Outcome]
 

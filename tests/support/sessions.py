@@ -5,11 +5,11 @@ from pathlib import Path
 
 from mcap.writer import Writer
 
-from recorders.parts import PART, part_path
-from recorders.reader import LogReader
-from recorders.records import Stamped
-from recorders.ros import schema_text
-from recorders.writer import RESERVED, LogWriter
+from recorders.cdr.rosbags_types import schema_text
+from recorders.messages.record import Stamped
+from recorders.reading.parts import PART, part_path
+from recorders.reading.reader import LogReader
+from recorders.writing.writer import RESERVED, LogWriter
 
 SESSION = "0123456789abcdef0123456789abcdef"
 

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.robot import load_robot
+from pipeline.robot.config import load_robot
 
 
 def write_short_motion(path: Path) -> Path:

@@ -4,12 +4,12 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.hand_paths import Shown
-from pipeline.motions import Motion
-from pipeline.pose_track import HandPath
-from pipeline.robot import load_robot
-from recorders.messages import PoseStamped, String
-from recorders.writer import LogWriter
+from pipeline.exploration.hand_paths import Shown
+from pipeline.exploration.pose_track import HandPath
+from pipeline.motions.motion import Motion
+from pipeline.robot.config import load_robot
+from recorders.messages.message_types import PoseStamped, String
+from recorders.writing.writer import LogWriter
 
 ROBOT = load_robot("asimo")
 LEFT, RIGHT = ROBOT.left_centre, ROBOT.right_centre

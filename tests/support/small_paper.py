@@ -5,15 +5,15 @@ from pathlib import Path
 import numpy as np
 from episodes import write_episode
 
-from pipeline.command_costs import command_costs
-from pipeline.deployment import Deployment, Driven
-from pipeline.evaluation import HandErrors
-from pipeline.learner_config import LearnerConfig
-from pipeline.many_runs import Outcome, Run, compute
-from pipeline.paper_results import PATTERN_1, PATTERN_2, Networks, Paper
-from pipeline.samples import Samples, read_samples
-from pipeline.trials import try_samples
-from replay.schedule import Schedule
+from pipeline.deployment.deploy import Deployment, Driven
+from pipeline.evaluation.errors import HandErrors
+from pipeline.evaluation.trials import try_samples
+from pipeline.learner.config import LearnerConfig
+from pipeline.paper.command_costs import command_costs
+from pipeline.paper.results import PATTERN_1, PATTERN_2, Networks, Paper
+from pipeline.samples.pairs import Samples, read_samples
+from pipeline.training.batch import Outcome, Run, compute
+from replay.sources.schedule import Schedule
 
 DRAWINGS = ("first_drawing", "second_<drawing>")
 SEEDS = (4, 5)

@@ -15,13 +15,13 @@ import zenoh
 from collector import Collector
 
 from recorders.errors import ReenactError
-from recorders.records import Stamped
-from recorders.stream import Offer
-from recorders.topics import LEARNER_TOPICS
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
-from replay.sender_config import SenderConfig
-from replay.zenoh_transport import ZenohTransport
+from recorders.wire.stream import Offer
+from replay.transports.sender_config import SenderConfig
+from replay.transports.zenoh import ZenohTransport
 
 COUNT = 200
 COMMANDS = "reenact/joint_commands"

@@ -10,16 +10,16 @@ from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import Writer
 
-from recorders.declared import Declared
 from recorders.errors import WireError
-from recorders.live import LiveRecorder
+from recorders.mcap_format.channels import Declared
+from recorders.recording.live_recorder import LiveRecorder
 from recorders.wire.channel_table import MAX_TABLE, ChannelTables, from_json, table_key, telling, to_json
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
-from replay.playback import Playback, PlaybackConfig
-from replay.sender_config import SenderConfig
-from replay.zenoh_transport import ZenohTransport
+from replay.sources.playback import Playback, PlaybackConfig
+from replay.transports.sender_config import SenderConfig
+from replay.transports.zenoh import ZenohTransport
 
 SENDER = "0123456789abcdef" * 2
 TEXT = b"\0\1\0\0\1\0\0\0\0"

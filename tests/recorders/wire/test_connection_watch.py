@@ -8,9 +8,9 @@ from contextlib import ExitStack
 import pytest
 from visitor import await_ready, visitor
 
-from recorders.wire.connection_watch import watching_connections
+from recorders.nodes.connection_watch import watching_connections
+from recorders.nodes.keys import NodeId, node_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.node_keys import NodeId, node_key
 from recorders.wire.session import SessionConfig, open_session
 
 OWN = NodeId("recorder", "recorder")

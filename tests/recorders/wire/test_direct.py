@@ -5,7 +5,7 @@ import threading
 
 from waiting import wait_until
 
-from recorders.wire.direct import direct
+from recorders.wire.callbacks import direct
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

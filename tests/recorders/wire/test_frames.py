@@ -7,10 +7,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recorders.errors import MessageError, WireError
-from recorders.records import Stamped
-from recorders.stream import Offer, Progress
-from recorders.topics import TOPICS
+from recorders.messages.record import Stamped
+from recorders.messages.topics import TOPICS
 from recorders.wire.frames import NO_RUN, Frame, Kind, live_attachment, message_key, pack, unpack
+from recorders.wire.stream import Offer, Progress
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 

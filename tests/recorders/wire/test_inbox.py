@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from recorders.wire.inbox import Inbox
+from recorders.wire.bounded_queue import Inbox
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 0.2, 0.7])

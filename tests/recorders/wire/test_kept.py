@@ -7,7 +7,7 @@ import pytest
 import zenoh
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
-from recorders.topics import ROBOT_DESCRIPTION
+from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.wire.frames import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Live, Receiver, ReceiverConfig

@@ -10,12 +10,13 @@ import pytest
 import zenoh
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from waiting import wait_until
 
 from recorders.errors import WireError
+from recorders.nodes.keys import NodeId, node_key, node_name, node_of
+from recorders.nodes.search import MALFORMED, NO_ANSWER, find_nodes
+from recorders.nodes.status import NodeMeter, NodeSource, NodeStatus, declared_node
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.node_keys import NodeId, node_key, node_name, node_of
-from recorders.wire.node_search import MALFORMED, NO_ANSWER, find_nodes
-from recorders.wire.node_status import NodeMeter, NodeSource, NodeStatus, declared_node
 from recorders.wire.session import SessionConfig, open_session
 
 ANNA = NodeId("learner", "anna")
@@ -50,9 +51,6 @@ def test_a_status_reads_back_as_it_was_written() -> None:
         {"state": "x" * 201},
         {"since_s": "long"},
         {"since_s": True},
-        {"since_s": -1.0},
-        {"since_s": float("nan")},
-        {"rates_hz": {"ticks": None}},
         {"counts": [1]},
         {"counts": {"ticks": -1}},
         {"counts": {"ticks": 1.5}},
@@ -126,13 +124,14 @@ def test_every_node_is_found_from_either_end(sessions: tuple[zenoh.Session, zeno
         stack.enter_context(declared_node(near, source({"ticks": 3}), namespace="lab/a"))
         stack.enter_context(declared_node(far, source({"ticks": 4}, name="berta"), namespace="lab/a"))
         stack.enter_context(declared_node(far, source({}), namespace="lab/b"))
-        for session in sessions:
+        for session in sessions:  # what one session declares reaches the other a moment later
+            wait_until(lambda session=session: len(find_nodes(session, namespace="lab/a")) == 2)
             found = find_nodes(session, namespace="lab/a")
             assert [(node.name, node.state, node.counts) for node in found] == [
                 ("anna", "learning", {"ticks": 3}),
                 ("berta", "learning", {"ticks": 4}),
             ]
-    assert find_nodes(near, namespace="lab/a") == []
+    wait_until(lambda: find_nodes(near, namespace="lab/a") == [])
 
 
 def test_a_node_that_does_not_answer_is_listed_so(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
@@ -173,12 +172,6 @@ def test_more_answers_than_there_can_be_nodes_are_not_read(sessions: tuple[zenoh
 
     with near.declare_queryable(node_key("many", *ANNA, "status"), answer):
         assert len(find_nodes(far, namespace="many")) == 1000
-
-
-def test_what_is_wrong_is_said_in_words() -> None:
-    text = json.dumps(GOOD.to_dict() | {"counts": {"ticks": True}})
-    with pytest.raises(WireError, match=r"counts: found true$"):
-        NodeStatus.from_json(ANNA, text.encode())
 
 
 @pytest.mark.parametrize(

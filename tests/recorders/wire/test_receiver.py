@@ -12,11 +12,11 @@ from visitor import OFFER, await_ready, outcome, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
-from recorders.stream import Offer, Progress
 from recorders.wire.frames import Frame, Kind, batch_key, control_key, pack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.stream import Offer, Progress
 
 
 @contextmanager

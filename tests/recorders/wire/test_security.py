@@ -12,9 +12,9 @@ from certificates import write_certificates
 from collector import Collector
 from visitor import await_ready, outcome, refusal, stream_from, visitor
 
+from recorders.nodes.search import find_nodes
+from recorders.nodes.status import NodeSource, declared_node
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.node_search import find_nodes
-from recorders.wire.node_status import NodeSource, declared_node
 from recorders.wire.session import SessionConfig, open_session
 
 EXAMPLES = Path(__file__).parents[3] / "data" / "zenoh"

@@ -1,0 +1,126 @@
+"""Golden-log regression: make a case, check cases."""
+
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.options import Json, help_without_verb
+from pipeline.cli.usage import Verbs
+from pipeline.resources import data_path
+from pipeline.terminal import console
+from recorders.errors import CheckFailed, ConfigError
+
+app = Verbs(name="golden", help="Golden-log regression: make cases, check them.", rich_markup_mode=None)
+
+
+@app.callback(invoke_without_command=True)
+def _golden(ctx: typer.Context) -> None:
+    help_without_verb(ctx)
+
+
+@app.command(epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --dir golden --physics")
+def add(
+    name: Annotated[str, typer.Option(help="Name of the case.", metavar="NAME")],
+    logs: Annotated[
+        list[Path] | None, typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Settings of the learner, seed included (TOML).", metavar="FILE")
+    ] = None,
+    dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.", metavar="DIR")] = Path("golden"),
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1, metavar="N")
+    ] = None,
+    as_recorded: Annotated[
+        bool | None,
+        typer.Option("--as-recorded/--not-as-recorded", help="Follow the phase markers of a recorded session."),
+    ] = None,
+    resume_after: Annotated[
+        int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1, metavar="N")
+    ] = None,
+    physics: Annotated[
+        bool | None, typer.Option("--physics/--no-physics", help="Check teacher and simulation, too.")
+    ] = None,
+    reason: Annotated[
+        str | None, typer.Option(help="Why an existing case changes; kept in its history.", metavar="TEXT")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Make a golden case of logs and a learner, or accept a change.
+
+    An existing case keeps whatever is not said anew: its logs, settings, epochs, tolerances and what is checked.
+    """
+    from pipeline.golden.runner import GoldenRunner, recipe
+    from replay.golden.add import add_case
+    from replay.golden.case import check_name, load_case
+    from replay.golden.folder import restore
+
+    folder = dir_ / check_name(name)
+    for path in (dir_, folder):
+        if path.exists() and not path.is_dir():
+            raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
+    restore(folder)
+    old = load_case(folder).recipe if folder.exists() else None
+    asked = {"epochs": epochs, "resume_after": resume_after}
+    with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
+        files = _as_files(logs or [], Path(temporary), session=bool(as_recorded))
+        made = recipe(files, config, old=old, as_recorded=as_recorded, physics=physics, **asked)
+        case = add_case(folder, made, GoldenRunner(), reason=reason, progress=advance)
+    size = sum(path.stat().st_size for path in case.folder.iterdir())
+    result = {"case": str(case.folder), "bytes": size, "digest": case.expected["digest"]}
+    console.show({**result, "errors_cm": case.expected["errors_cm"]}, as_json=as_json)
+
+
+def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
+    """Return the recordings as one log each; sessions in parts are joined in a folder, as a case needs them."""
+    from recorders.reading.parts import Parts, one_session, recordings
+    from replay.golden.log_tier import slim
+
+    found = [one_session(logs, console.say)] if session and logs else recordings(logs, console.say)
+    files: list[Path] = []
+    for place, log in enumerate(found):
+        if isinstance(log, Parts):
+            joined = folder / str(place) / log.name
+            joined.parent.mkdir()
+            slim(log, joined, physics=True, file_order=session)
+            files.append(joined)
+        else:
+            files.append(log)
+    return files
+
+
+@app.command(epilog="Example: reenact golden check golden --json")
+def check(
+    folder: Annotated[
+        Path | None, typer.Argument(help="Folder of cases, or of one; by default those of the program.", metavar="DIR")
+    ] = None,
+    config: Annotated[
+        Path | None, typer.Option(help="Settings of your learner (TOML), to be those of every case.", metavar="FILE")
+    ] = None,
+    robot: Annotated[
+        str | None, typer.Option(help="Your robot, to be that of every case's logs: its folder.", metavar="DIR")
+    ] = None,
+    as_json: Json = False,
+) -> None:
+    """Check golden cases against the present program.
+
+    A case has copies of learner settings and robot, which it is checked with; with --config and --robot they must be
+    what you use today. Exit status 1 if a case does not hold.
+    """
+    from pipeline.golden.own_settings import Own
+    from pipeline.golden.runner import GoldenRunner
+    from replay.golden.check import check_all, summary
+
+    own = Own(config=config, robot=robot)
+    with console.progress("golden check") as advance:
+        cases = folder or data_path("golden")
+        verdicts = list(check_all(cases, GoldenRunner(), changed=own.difference, progress=advance))
+    if as_json:
+        console.show(summary(verdicts), as_json=True)
+    else:
+        for verdict in verdicts:
+            console.line(f"{verdict.status}  {verdict.name}" + (f"  {verdict.finding}" if verdict.finding else ""))
+    if any(verdict.finding for verdict in verdicts):
+        raise typer.Exit(CheckFailed.exit_status)

@@ -1,0 +1,67 @@
+"""The verbs that look after logs: info, recover."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.options import Json, Overwrite
+from pipeline.terminal import console
+from recorders.errors import CheckFailed, ConfigError
+from recorders.text.wording import names_text
+
+
+def info(
+    logs: Annotated[
+        list[Path], typer.Argument(help="A log, finished or not, or the parts of a session.", metavar="LOG.mcap")
+    ],
+    as_json: Json = False,
+) -> None:
+    """Say what is in a log, and whether it is whole.
+
+    Exit status 1 if it is damaged or cut off.
+    """
+    from pipeline.terminal.log_tables import damage_lines, overview, topic_lines
+    from recorders.reading.parts import Parts, one_session
+    from recorders.recovery.session_info import summarise_log
+
+    log = one_session(logs, console.say)
+    with console.progress("info") as advance:
+        summary = summarise_log(log, on_progress=advance)
+    parts = {"parts": [str(path) for path in log.paths]} if isinstance(log, Parts) else {}
+    if as_json:
+        console.show(summary.to_dict() | parts, as_json=True)
+    else:
+        shown = {name: names_text(Path(path).name for path in paths) for name, paths in parts.items()}
+        console.entries(overview(summary) | shown)
+        console.block("\n".join(topic_lines(summary, console.width())))
+        if summary.survey.damage:
+            console.block("\n".join(damage_lines(summary.survey.damage, console.width())))
+            console.line("`reenact recover` writes a sound log with what is whole.")
+    if not summary.sound:
+        raise typer.Exit(CheckFailed.exit_status)
+
+
+def recover(
+    damaged: Annotated[Path, typer.Argument(help="A damaged or cut-off log; only read.", metavar="DAMAGED")],
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Write what is whole in a damaged log to another one.
+
+    The log may be damaged or cut off; what was kept and what was lost is said.
+    """
+    from pipeline.terminal.log_tables import damage_lines, recovered
+    from recorders.recovery.recover import recover as run
+
+    if damaged.is_dir():
+        raise ConfigError(f"{damaged}: expected a log, found a folder; the parts of a session are recovered one by one")
+    with console.progress("recover") as advance:
+        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance, say=console.say)
+    if as_json:
+        console.show(recovery.to_dict(), as_json=True)
+        return
+    console.entries(recovered(recovery))
+    if recovery.damage:
+        console.block("\n".join(damage_lines(recovery.damage, console.width())))

@@ -1,0 +1,109 @@
+"""The verb `serve`."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from pipeline.cli.interrupts import words
+from pipeline.cli.options import (
+    ConnectInstead,
+    Controller,
+    Json,
+    ListenFirst,
+    Namespace,
+    Overwrite,
+    Prometheus,
+    ZenohConfig,
+    session_config,
+)
+from pipeline.cli.view import View, Viewer, answers_shown
+from pipeline.terminal import console
+from recorders.errors import LearningError
+
+if TYPE_CHECKING:
+    from pipeline.learner.controller import Controller as Learned
+
+
+def serve(
+    controller: Controller,
+    name: Annotated[
+        str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")
+    ] = "controller",
+    learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(help="Controller to write at the end, as it is then.", metavar="CONTROLLER.npz")
+    ] = None,
+    record: Annotated[
+        Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
+    ] = None,
+    beside_others: Annotated[
+        bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
+    ] = False,
+    listen: ListenFirst = None,
+    connect: ConnectInstead = None,
+    zenoh_config: ZenohConfig = None,
+    namespace: Namespace = "reenact",
+    prometheus: Prometheus = None,
+    overwrite: Overwrite = False,
+    view: View = False,
+    viewer: Viewer = None,
+    as_json: Json = False,
+) -> None:
+    """Answer hand targets with joint commands over Zenoh.
+
+    Ctrl-C or SIGTERM ends it; then the last status is printed.
+    """
+    from pipeline.learner.controller import Controller as Learned
+    from pipeline.learner.controller import check_writable
+    from pipeline.serving.config import ServingConfig
+    from pipeline.serving.node import serve as run
+    from pipeline.serving.node_config import ServeConfig
+    from recorders.nodes.metrics import check_metrics
+    from recorders.wire.session import read_as_it_comes
+
+    last: dict[str, Any] = {}
+
+    def end(status: dict[str, Any], served: "Learned") -> None:
+        if out is not None and (status["learned_steps"] or not learn):
+            served.save(out)
+        console.show(status, as_json=as_json)
+        last.update(status)
+
+    check_metrics(prometheus)
+    if out is not None:
+        check_writable(out, overwrite=overwrite)
+    config = ServeConfig(
+        name=name,
+        namespace=namespace,
+        serving=ServingConfig(learn=learn),
+        record=record,
+        overwrite=overwrite,
+        beside_others=beside_others,
+        metrics_port=prometheus,
+    )
+    session = session_config(listen, connect, zenoh_config, listens=True)
+    if not session.listen:
+        read_as_it_comes()
+    loaded = Learned.load(controller)
+    try:
+        with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
+            run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
+    except (KeyboardInterrupt, SystemExit) as stop:
+        if not last:
+            raise
+        if learn:
+            _check_learned(last)
+        raise typer.Exit(words(stop)[1]) from stop  # its status says it all
+
+
+def _check_learned(status: dict[str, Any]) -> None:
+    """Raise LearningError if a controller that was to go on learning did not: what it was stays where it is."""
+    if status["learned_steps"]:
+        return
+    refused = f", refused {sum(status['refused'].values())}" if status["refused"] else ""
+    last = f"; the last: {status['last_refusal']}" if status["last_refusal"] else ""
+    raise LearningError(
+        "nothing was learned, and no controller written: --learn: expected targets and joints of one stamp, tick after "
+        f"tick, found {status['accepted']} ticks answered{refused}{last}"
+    )

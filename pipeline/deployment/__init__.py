@@ -1,0 +1,1 @@
+"""A served controller and a simulated robot in processes of their own, measured."""

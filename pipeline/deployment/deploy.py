@@ -1,0 +1,275 @@
+"""Deployment: a learned controller drives the simulated robot over Zenoh at 10 Hz, beside the teacher (figure 6)."""
+
+import queue
+import time
+from collections.abc import Callable, Sequence
+from contextlib import ExitStack
+from dataclasses import dataclass
+
+import numpy as np
+import zenoh
+from numpy.typing import NDArray
+
+from pipeline.deployment.processes import served_robot
+from pipeline.evaluation.errors import HandErrors, hand_errors
+from pipeline.exploration.episode import Episode, Hold, Plan
+from pipeline.learner.controller import Controller
+from pipeline.motions.motion import Motion
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot_node.client import RemoteRobot
+from pipeline.teacher.teacher import Teacher
+from recorders.cdr.codec import decode_as
+from recorders.errors import ConfigError, WireError
+from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.ticks.joiner import JointMap
+from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
+from recorders.wire.publisher import Producer
+
+Floats = NDArray[np.float64]
+
+_ANSWER_S = 10.0  # a served controller answers within a millisecond; a machine may be very busy
+
+
+@dataclass(frozen=True)
+class DeploymentConfig:
+    """How a controller is deployed.
+
+    Parameters
+    ----------
+    period_ns : int
+        How long each target and the command that answers it are held, in the robot's time [ns]: the paper's 10 Hz.
+    settle_steps : int
+        So many periods the first target is held before anything is measured.
+    wait_s : float
+        How long robot and controller may take to start [s]; a cold start compiles the kernels.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of range.
+    """
+
+    period_ns: int = 100_000_000
+    settle_steps: int = 20
+    wait_s: float = 60.0
+
+    def __post_init__(self) -> None:
+        if self.period_ns <= 0 or self.settle_steps < 0 or self.wait_s < 0:
+            raise ConfigError(
+                "deployment: expected period_ns above 0, settle_steps and wait_s from 0, "
+                f"found {self.period_ns}, {self.settle_steps} and {self.wait_s:g}"
+            )
+
+
+@dataclass(frozen=True, eq=False)
+class Driven:
+    """Where the robot went.
+
+    Attributes
+    ----------
+    joints : joints measured at the end of the hold of each target [rad or m], shape (T, n)
+    reached : where the hands physically were then [m], left then right, shape (T, 2, 3)
+    errors : their distances from that target
+    """
+
+    joints: Floats
+    reached: Floats
+    errors: HandErrors
+
+
+@dataclass(frozen=True, eq=False)
+class Deployment:
+    """A motion done by the robot under the learned controller, and under the teacher.
+
+    Attributes
+    ----------
+    motion : name of the motion
+    period_s : how long each target was held [s]
+    targets : hand positions asked for [m], left then right, shape (T, 6)
+    learned, teacher : where the robot went
+    """
+
+    motion: str
+    period_s: float
+    targets: Floats
+    learned: Driven
+    teacher: Driven
+
+    @property
+    def learned_cm(self) -> float:
+        """Mean distance of the physical hands from their targets under the learned controller [cm]."""
+        return self.learned.errors.mean_cm
+
+    @property
+    def teacher_cm(self) -> float:
+        """The same under the teacher [cm]."""
+        return self.teacher.errors.mean_cm
+
+    def summary(self) -> dict[str, float]:
+        """Return both errors as plain JSON."""
+        return {"learned_cm": self.learned_cm, "teacher_cm": self.teacher_cm}
+
+
+def deploy(
+    controller: Controller,
+    motion: Motion,
+    *,
+    config: DeploymentConfig | None = None,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Deployment:
+    """Let a controller, and then the teacher, lead the robot through a motion.
+
+    `reenact robot` and `reenact serve` run in processes of their own, connected over loopback; this process says the
+    targets, one sample of the motion each period whatever the motion's own times, as the paper does. The robot is in
+    lockstep: `serve` commands it directly, this process holds each command for the rest of the period, and the robot's
+    time stands still until the next. So the result is the same to the last bit however busy the machine is. What makes
+    steps at 10 Hz into a motion is the lag of the robot's own servos.
+
+    Parameters
+    ----------
+    controller : Controller
+        What was learned; the robot is the one that it carries.
+    motion : Motion
+        What is asked for.
+    config : DeploymentConfig
+        Rate, settling, patience.
+    progress : callable
+        Called with the fraction done, 0 to 1.
+
+    Raises
+    ------
+    WireError
+        If robot or controller do not start, or stop answering.
+    ControllerError, RobotError
+        If the controller cannot be served.
+    """
+    config = config or DeploymentConfig()
+    targets = motion.targets
+    done = _Progress(progress, total=2 * (len(targets) + config.settle_steps))
+    with served_robot(controller, wait_s=config.wait_s) as (session, robot):
+        learned = drive_learned(session, robot, targets, config=config, on_hold=done.step)
+        taught = drive_taught(robot, targets, config=config, on_hold=done.step)
+        kinematics = Kinematics(robot.robot)
+    flat = targets.reshape(-1, 6)
+    runs = [
+        Driven(joints, kinematics.hands_along(joints), HandErrors.of(hand_errors(kinematics, joints, flat)))
+        for joints in (learned, taught)
+    ]
+    return Deployment(motion.name, config.period_ns / 1e9, flat, *runs)
+
+
+def drive_learned(
+    session: zenoh.Session,
+    robot: RemoteRobot,
+    targets: Floats,
+    *,
+    config: DeploymentConfig,
+    namespace: str = DEFAULT_NAMESPACE,
+    on_hold: Callable[[], None] = lambda: None,
+) -> Floats:
+    """Say targets to the controller that serves there, and let the robot follow its commands, from the comfort posture.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        Reaches controller and robot.
+    robot : RemoteRobot
+        The robot, in lockstep.
+    targets : array, shape (T, 2, 3)
+        Hand targets [m].
+    config : DeploymentConfig
+        Rate and settling.
+    namespace : str
+        First part of every key.
+    on_hold : callable
+        Called after each hold.
+
+    Returns
+    -------
+    ndarray, shape (T, n)
+        Joints measured at the end of the hold of each target [rad or m].
+
+    Raises
+    ------
+    WireError
+        If a target is not answered, or the robot stops answering.
+    """
+    robot.reset(robot.robot.comfort)
+    joints = []
+    with Producer(session, namespace=namespace) as producer, _Commands(session, robot, namespace) as commands:
+        for target in _settled(targets, config):
+            stamp_ns = robot.time_ns
+            for topic, hand in zip((LEFT_TARGET, RIGHT_TARGET), target, strict=True):
+                producer.publish(topic, PoseStamped(stamp_ns, hand), log_time_ns=stamp_ns)
+            robot.advance(commands.answer(stamp_ns), config.period_ns)
+            joints.append(robot.positions)
+            on_hold()
+    return np.array(joints[config.settle_steps :])
+
+
+def drive_taught(
+    robot: RemoteRobot, targets: Floats, *, config: DeploymentConfig, on_hold: Callable[[], None] = lambda: None
+) -> Floats:
+    """Let the teacher lead the robot along the same targets at the same pace; as `drive_learned`."""
+    start = robot.robot.comfort
+    robot.reset(start)
+    teacher = Teacher(Kinematics(robot.robot))
+    episode = Episode(robot, teacher, start=start, on_hold=lambda time_ns: on_hold())
+    holds = [Hold(target, config.period_ns) for target in _settled(targets, config)]
+    led = Plan(holds[: config.settle_steps], holds[config.settle_steps :], targets[-1])
+    for _ in episode.settle(led):
+        pass
+    ticks = [message for topic, message in episode.cycle(led) if topic == SAMPLE_JOINTS]
+    return np.array([message.position for message in ticks[1:] if isinstance(message, JointState)])
+
+
+class _Commands:
+    """The commands that controllers send, in the order of the robot's joints."""
+
+    def __init__(self, session: zenoh.Session, robot: RemoteRobot, namespace: str) -> None:
+        self._session = session
+        self._key = message_key(namespace, JOINT_COMMANDS)
+        self._joints = JointMap(robot.robot.joints)
+        self._heard: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._stack = ExitStack()
+
+    def __enter__(self) -> "_Commands":
+        self._stack.enter_context(self._session.declare_subscriber(self._key, self._on_sample))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def answer(self, stamp_ns: int) -> Floats:
+        """Return the posture (n,) commanded under a stamp [ns]."""
+        deadline_s = time.monotonic() + _ANSWER_S
+        while (left_s := deadline_s - time.monotonic()) > 0.0:
+            try:
+                command = decode_as(JointState, self._heard.get(timeout=left_s))
+            except queue.Empty:
+                break
+            if command.stamp_ns == stamp_ns:
+                return self._joints.positions(command)
+        raise WireError(
+            f"the targets at {stamp_ns} ns were not answered within {_ANSWER_S:g} s; did the controller refuse them, "
+            "or was it stopped?"
+        )
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        self._heard.put(sample.payload.to_bytes())
+
+
+class _Progress:
+    """Counts holds."""
+
+    def __init__(self, tell: Callable[[float], None], *, total: int) -> None:
+        self._tell, self._total, self._done = tell, total, 0
+
+    def step(self) -> None:
+        self._done += 1
+        self._tell(self._done / self._total)
+
+
+def _settled(targets: Floats, config: DeploymentConfig) -> Sequence[Floats]:
+    return [*[targets[0]] * config.settle_steps, *targets]

@@ -1,0 +1,108 @@
+"""A robot and the controller that serves it, both started here, each in a process of its own, over loopback."""
+
+import subprocess
+import sys
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import zenoh
+
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import TOML_FILE, URDF_FILE
+from pipeline.robot_node.client import RemoteRobot
+from recorders.errors import WireError
+from recorders.nodes.keys import controller_key
+from recorders.wire.frames import DEFAULT_NAMESPACE
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+_NAME = "controller"  # by which `serve` is known unless told otherwise
+_POLL_S = 0.1
+
+
+@contextmanager
+def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zenoh.Session, RemoteRobot]]:
+    """Run `reenact robot`, in lockstep, and `reenact serve` while the block runs.
+
+    Parameters
+    ----------
+    controller : Controller
+        Served; the robot is the one that it carries.
+    wait_s : float
+        How long the two may take to start [s].
+
+    Yields
+    ------
+    A session that reaches both, and the robot.
+
+    Raises
+    ------
+    WireError
+        If one of them does not start, also, with what it said last, if it ends while the block runs and is missed.
+    """
+    endpoint = free_endpoint()
+    with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
+        folder = Path(name)
+        controller.save(folder / "controller.npz")
+        (folder / TOML_FILE).write_text(controller.robot_toml, encoding="utf-8")
+        (folder / URDF_FILE).write_text(controller.robot_urdf, encoding="utf-8")
+        processes = [
+            stack.enter_context(_running(folder, "robot", "--robot", folder, "--listen", endpoint)),
+            stack.enter_context(_running(folder, "serve", folder / "controller.npz", "--connect", endpoint)),
+        ]
+        try:
+            session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=wait_s)))
+            robot = RemoteRobot(session, wait_s=wait_s)
+            _await_controller(session, processes, wait_s=wait_s)
+            yield session, robot
+        except WireError as error:
+            # What ended a process says more than that it does not answer.
+            raise WireError(next(filter(None, map(_Process.complaint, processes)), str(error))) from error
+
+
+class _Process:
+    """A verb of ours in a process of its own."""
+
+    def __init__(self, process: subprocess.Popen[bytes], said: Path) -> None:
+        self._process = process
+        self._said = said
+
+    def complaint(self) -> str:
+        """Return why the process has ended, or nothing if it has not."""
+        status = self._process.poll()
+        if status is None:
+            return ""
+        lines = self._said.read_text(encoding="utf-8", errors="replace").splitlines()
+        last = lines[-1] if lines else ""
+        prefix = "reenact: "
+        return (
+            last.removeprefix(prefix) if last.startswith(prefix) else f"`{self._said.stem}` ended with status {status}"
+        )
+
+
+@contextmanager
+def _running(folder: Path, verb: str, *arguments: object) -> Iterator[_Process]:
+    command = [sys.executable, "-m", "pipeline", verb, *map(str, arguments)]
+    said = folder / f"{verb}.txt"  # a file, not a pipe, which would fill up
+    with (
+        said.open("wb") as errors,
+        subprocess.Popen(  # noqa: S603  # our own program, no shell
+            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
+        ) as process,
+    ):
+        try:
+            yield _Process(process, said)
+        finally:
+            process.terminate()
+
+
+def _await_controller(session: zenoh.Session, processes: Sequence[_Process], *, wait_s: float) -> None:
+    key = controller_key(DEFAULT_NAMESPACE, _NAME, "alive")
+    deadline_s = time.monotonic() + wait_s
+    while not any(reply.ok is not None for reply in session.liveliness().get(key, timeout=1.0)):
+        if time.monotonic() > deadline_s or any(process.complaint() for process in processes):
+            raise WireError(f"the controller did not begin to serve within {wait_s:g} s")
+        time.sleep(_POLL_S)

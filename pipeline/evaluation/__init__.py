@@ -1,0 +1,1 @@
+"""Errors of a controller on motions and recordings [cm]."""

@@ -1,0 +1,150 @@
+"""A controller tried on a motion, beside the teacher and the linear baseline."""
+
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints, predicted_joints
+from pipeline.learner.controller import Controller
+from pipeline.motions.motion import is_recorded, load_motion
+from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.kinematics import Kinematics
+from pipeline.samples.pairs import HANDS, Samples, read_samples
+from recorders.errors import ControllerError
+from recorders.reading.parts import one_session
+from recorders.text.wording import names_text
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Trial:
+    """What a controller made of a motion.
+
+    Attributes
+    ----------
+    name : str
+    targets : hand positions asked for [m], left then right, shape (T, 6)
+    joints : postures answered [rad or m], shape (T, n)
+    reached : hand positions of these postures [m], shape (T, 2, 3)
+    errors : eq. (10) and its parts
+    teacher : the same for the teacher's own postures; None where the motion was not recorded
+    linear : the same for linear least squares, fitted to this motion as recorded, or to the recording that was named;
+        None where there is neither
+    """
+
+    name: str
+    targets: Floats
+    joints: Floats
+    reached: Floats
+    errors: HandErrors
+    teacher: HandErrors | None = None
+    linear: HandErrors | None = None
+
+    def summary(self) -> dict[str, Any]:
+        """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
+        result = asdict(self.errors)
+        for name, errors in (("teacher", self.teacher), ("linear", self.linear)):
+            if errors is not None:
+                result[f"{name}_cm"] = errors.mean_cm
+                result |= {f"{name}_left_cm": errors.left_cm, f"{name}_right_cm": errors.right_cm}
+        return result
+
+
+def robot_of(controller: Controller) -> RobotConfig:
+    """Return the robot that a controller was made for; the controller carries it.
+
+    Raises
+    ------
+    ControllerError
+        If the controller does not take two hand targets, or is not for the joints of its own robot, in their order.
+    RobotError
+        If the robot cannot be used.
+    """
+    robot = parse_robot(controller.robot_toml, controller.robot_urdf, origin="the robot of the controller")
+    if robot.joints != controller.joints or controller.config.inputs != HANDS:
+        raise ControllerError(
+            f"expected a controller of two hands and the joints of {robot.name}, {names_text(robot.joints)}; "
+            f"found {controller.config.inputs} inputs and joints {names_text(controller.joints)}"
+        )
+    return robot
+
+
+def try_motion(
+    controller: Controller,
+    motion: str | Path,
+    *,
+    linear_from: Path | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Trial:
+    """Try a controller on a recording, a CSV file or a motion known by name.
+
+    Parameters
+    ----------
+    controller : Controller
+        What was learned.
+    motion : str or Path
+        What is asked for.
+    linear_from : Path, optional
+        The log that the linear baseline is fitted to; by default the motion's own, where it is one.
+    say : callable
+        Told of a part of a session that is named alone.
+
+    Raises
+    ------
+    ReenactError
+        If a log or the motion cannot be read, or was recorded with a robot of other joints.
+    """
+    robot = robot_of(controller)
+    fitted = None if linear_from is None else read_samples(one_session([linear_from], say), robot=robot)
+    if fitted is not None:
+        _check_joints(controller, fitted, name=str(linear_from))
+    if is_recorded(motion):
+        log = one_session([Path(motion)], say)
+        return try_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
+    loaded = load_motion(motion, robot)
+    return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)
+
+
+def try_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:
+    """Try a controller on recorded samples, beside the teacher and the linear baseline, `fitted` to these or others.
+
+    Raises
+    ------
+    ControllerError
+        If the samples were recorded with a robot of other joints.
+    """
+    _check_joints(controller, samples, name=name)
+    return _try(controller, samples.targets, name=name, taught=samples.joints, fitted=fitted or samples)
+
+
+def _check_joints(controller: Controller, samples: Samples, *, name: str) -> None:
+    if samples.robot.joints != controller.joints:
+        raise ControllerError(
+            f"the controller moves {names_text(controller.joints)}; {name} was recorded with {samples.robot.name}, "
+            f"which has {names_text(samples.robot.joints)}"
+        )
+
+
+def _try(
+    controller: Controller, targets: Floats, *, name: str, taught: Floats | None = None, fitted: Samples | None = None
+) -> Trial:
+    kinematics = Kinematics(robot_of(controller))
+    joints = predicted_joints(controller.learner(), targets, len(controller.joints))
+
+    def errors(postures: Floats) -> HandErrors:
+        return HandErrors.of(hand_errors(kinematics, postures, targets))
+
+    return Trial(
+        name=name,
+        targets=targets,
+        joints=joints,
+        reached=kinematics.hands_along(joints),
+        errors=errors(joints),
+        teacher=None if taught is None else errors(taught),
+        linear=None if fitted is None else errors(linear_joints(fitted.targets, fitted.joints, asked=targets)),
+    )

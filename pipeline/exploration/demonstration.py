@@ -1,0 +1,245 @@
+"""Demonstrations: what a person showed, placed before the robot, and followed by it like any other motion."""
+
+import math
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.exploration.explore import explore
+from pipeline.exploration.hand_paths import Shown
+from pipeline.exploration.pose_track import HandPath
+from pipeline.motions.motion import Motion, check_targets
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.range_check import plausible
+from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
+from pipeline.teacher.teacher import Teacher
+from recorders.errors import ConfigError, MessageError, MotionError
+
+Floats = NDArray[np.float64]
+
+MAX_SAMPLES = 100_000
+"""Most samples of a demonstration, close to three hours at 10 Hz: a wrong stamp must not fill the memory."""
+
+PLACES = ("centre", "as-is")
+
+_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
+
+
+@dataclass(frozen=True)
+class DemonstrationConfig:
+    """How what was shown becomes targets.
+
+    Parameters
+    ----------
+    hz : float
+        Samples a second, interpolated linearly between what was shown.
+    place : str
+        Where the middle of each hand's path goes: to the `centre` of the hand's pattern, or nowhere, `as-is`.
+    scale : float
+        Enlarges each path about its middle; brings it to metres if it is in another unit.
+    plane : tuple of str, optional
+        The axes of the source, such as ("-x", "y"), that point to the robot's left and up, as its configuration calls
+        the plane in which it draws (`lateral` and `up`). Left out: the source has the axes of the robot's world.
+    flat : bool
+        Whether the paths are flattened into that plane.
+    unreachable : str
+        What becomes of samples out of reach, one of `pipeline.teacher.reach.CHOICES`.
+
+    Raises
+    ------
+    ConfigError
+        If a value is none of those.
+    """
+
+    hz: float = 10.0
+    place: str = "centre"
+    scale: float = 1.0
+    plane: tuple[str, str] | None = None
+    flat: bool = False
+    unreachable: str = "refuse"
+
+    def __post_init__(self) -> None:
+        for name in ("hz", "scale"):
+            if not 0.0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"{name}: expected above 0, found {getattr(self, name):g}")
+        for name, choices in (("place", PLACES), ("unreachable", CHOICES)):
+            if getattr(self, name) not in choices:
+                raise ConfigError(f"{name}: expected one of {', '.join(choices)}, found '{getattr(self, name):.40}'")
+        if self.plane is not None:
+            source_axes(self.plane)
+
+
+@dataclass(frozen=True)
+class Demonstrated:
+    """What a demonstration became.
+
+    Attributes
+    ----------
+    path : the log
+    ticks : number of ticks in it
+    duration_s : how long the motion takes [s]
+    peak_m_s : the highest speed of a hand's target [m/s]
+    longest_gap_s : the longest time between two poses shown, across which was interpolated [s]
+    out_of_reach : what of it was, and what became of that
+    source : where it came from, as the manifest says
+    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
+    content_sha256 : the log's content hash
+    """
+
+    path: Path
+    ticks: int
+    duration_s: float
+    peak_m_s: float
+    longest_gap_s: float
+    out_of_reach: OutOfReach
+    source: dict[str, Any]
+    teacher_error_cm: float
+    content_sha256: str
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return it as JSON has it."""
+        return asdict(self) | {"path": str(self.path)}
+
+
+def demonstrate(
+    robot: RobotConfig,
+    shown: Shown,
+    *,
+    config: DemonstrationConfig,
+    seed: int,
+    out: str | Path,
+    overwrite: bool = False,
+    progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Demonstrated:
+    """Make an episode of what was shown: teacher and simulated robot follow it, as in `exploration.explore`.
+
+    Parameters
+    ----------
+    robot : who follows
+    shown : paths of one hand or both; a hand that is not shown is held still in the centre of its pattern
+    config : how the paths become targets
+    seed : names the start posture
+    out : path of the log
+    overwrite : whether a log at `out` may be replaced
+    progress : called with the fraction done, 0 to 1
+    say : told, in one line, of a log that a crash left at `out`, and that is set aside
+
+    Raises
+    ------
+    MotionError
+        The paths do not make a motion, or leave the robot's reach.
+    ConfigError, RobotError, LogError
+        As `explore` does.
+    """
+    placed = to_motion(robot, shown, config=config)
+    check_targets(placed, robot)
+    motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.unreachable)
+    notes = {"demonstration": {**shown.source, **asdict(config), "out_of_reach": asdict(found)}}
+    made = explore(
+        robot,
+        motion,
+        seed=seed,
+        out=out,
+        notes=notes,
+        must_reach=False,
+        overwrite=overwrite,
+        progress=progress,
+        say=say,
+    )
+    speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
+    return Demonstrated(
+        path=made.path,
+        ticks=made.ticks,
+        duration_s=float(motion.times_s[-1] - motion.times_s[0]),
+        peak_m_s=float(speeds.max()),
+        longest_gap_s=max(float(np.diff(path.times_s).max()) for path in shown.paths.values()),
+        out_of_reach=found,
+        source=dict(shown.source),
+        teacher_error_cm=made.teacher_error_cm,
+        content_sha256=made.content_sha256,
+    )
+
+
+def to_motion(robot: RobotConfig, shown: Shown, *, config: DemonstrationConfig) -> Motion:
+    """Resample, turn, scale and place what was shown.
+
+    Samples are taken while every hand shown has poses on both sides of them. Targets are rounded to the nanometre.
+
+    Raises
+    ------
+    MotionError
+        There is less than one sample's time in which all hands are shown, more than `MAX_SAMPLES` of them, or a path
+        ends up beyond all reach.
+    """
+    times_s = _sample_times(shown, config.hz)
+    hands = []
+    for side, centre in (("left", robot.left_centre), ("right", robot.right_centre)):
+        path = shown.paths.get(side)
+        if path is None:
+            hands.append(np.broadcast_to(centre, (len(times_s), 3)))
+        else:
+            placed = _place(_resample(path, times_s), robot, centre, config)
+            _check_extent(shown.name, placed, robot)
+            hands.append(np.round(placed, 9))
+    # To the nanosecond: k / hz is not a number of them for every rate.
+    return Motion(shown.name, np.round(times_s - times_s[0], 9), hands[0], hands[1], closed=False)
+
+
+def source_axes(plane: tuple[str, str]) -> Floats:
+    """Return the source's axes that are the robot's left, up, and their normal, by row, shape (3, 3).
+
+    Raises
+    ------
+    ConfigError
+        The two are not different axes, each x, y or z with or without a minus sign.
+    """
+    names = [axis.removeprefix("-") for axis in plane]
+    if len(set(names)) != 2 or not set(names) <= set(_AXES):
+        raise ConfigError(f"plane: expected two different axes, such as -x and y, found {','.join(plane):.40}")
+    left, up = (np.array(_AXES[name]) * (1 - 2 * (axis != name)) for axis, name in zip(plane, names, strict=True))
+    return np.stack([left, up, np.cross(left, up)])
+
+
+def _check_extent(name: str, points: Floats, robot: RobotConfig) -> None:
+    """Check that a path, shape (T, 3), can be one of the robot's hands in metres."""
+    try:
+        plausible(robot).check_extent(float((points.max(axis=0) - points.min(axis=0)).max()) / 2.0)
+    except MessageError as error:
+        raise MotionError(f"{name}: {error}; bring it to metres with --scale") from None
+
+
+def _sample_times(shown: Shown, hz: float) -> Floats:
+    begin_s = max(float(path.times_s[0]) for path in shown.paths.values())
+    end_s = min(float(path.times_s[-1]) for path in shown.paths.values())
+    steps = (end_s - begin_s) * hz
+    if steps < 1.0 - 1e-6:
+        both = " in which both hands are shown" if len(shown.paths) > 1 else ""
+        raise MotionError(f"{shown.name}: expected at least {1 / hz:g} s{both}, found {max(0.0, end_s - begin_s):g} s")
+    if steps >= MAX_SAMPLES:
+        raise MotionError(
+            f"{shown.name}: expected at most {MAX_SAMPLES} samples at {hz:g} Hz, "
+            f"found a first and last time {end_s - begin_s:g} s apart"
+        )
+    return begin_s + np.arange(int(steps + 1e-6) + 1) / hz
+
+
+def _resample(path: HandPath, times_s: Floats) -> Floats:
+    return np.stack([np.interp(times_s, path.times_s, path.points[:, axis]) for axis in range(3)], axis=1)
+
+
+def _place(points: Floats, robot: RobotConfig, centre: Floats, config: DemonstrationConfig) -> Floats:
+    """Turn, flatten, scale and move a path, shape (T, 3)."""
+    plane = np.stack([robot.lateral, robot.up, np.cross(robot.lateral, robot.up)])  # by row
+    turned = points if config.plane is None else points @ source_axes(config.plane).T @ plane
+    middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
+    offsets = turned - middle
+    if config.flat:
+        offsets = offsets - np.outer(offsets @ plane[2], plane[2])
+    placed: Floats = (centre if config.place == "centre" else middle) + config.scale * offsets
+    return placed

@@ -1,0 +1,188 @@
+"""An episode: the teacher leads a robot, in this process or across a network, through a motion, tick by tick."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.motions.motion import Motion
+from pipeline.robot.backend import PlaceableRobot, RobotBackend
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.telemetry import Addressed, command_message, tick_messages
+from pipeline.seeding import uniforms
+from pipeline.teacher.teacher import Teacher
+from recorders.errors import ConfigError, MotionError
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ExplorationConfig:
+    """How a robot is explored.
+
+    Attributes
+    ----------
+    state_period_ns : period of the robot's own messages [ns]; the default is 50 Hz
+    settle_ns : how long the first target of an open motion is held before the recording [ns]; a closed motion settles
+        during one unrecorded cycle, for the last part of which, this long, a robot that can be placed takes part
+    start_spread : the start posture is drawn this far about the comfort posture, in parts of each joint's range
+    """
+
+    state_period_ns: int = 20_000_000
+    settle_ns: int = 2_000_000_000
+    start_spread: float = 0.05
+
+    def __post_init__(self) -> None:
+        if self.state_period_ns <= 0 or self.settle_ns < 0:
+            raise ConfigError("exploration: expected state_period_ns above 0 and settle_ns at least 0")
+        if not 0.0 <= self.start_spread <= 0.5:
+            raise ConfigError(f"exploration start_spread: expected 0 to 0.5, found {self.start_spread}")
+
+
+class Hold(NamedTuple):
+    """A target (2, 3) [m] that is held for a while."""
+
+    target: Floats
+    duration_ns: int
+
+
+@dataclass(frozen=True, eq=False)
+class Plan:
+    """A motion as it is led: what is held to settle, what is held for the record, and the last tick's target.
+
+    Attributes
+    ----------
+    settling, holds : sequence of Hold
+    closing : target of the last tick [m], shape (2, 3): the first one of a closed motion, the last one of an open one
+    """
+
+    settling: Sequence[Hold]
+    holds: Sequence[Hold]
+    closing: Floats
+
+    @property
+    def settling_ns(self) -> int:
+        """Duration of the settling [ns]."""
+        return sum(hold.duration_ns for hold in self.settling)
+
+    @property
+    def cycle_ns(self) -> int:
+        """Duration of one presentation [ns]."""
+        return sum(hold.duration_ns for hold in self.holds)
+
+
+def plan(motion: Motion, *, period_ns: int, settle_ns: int) -> Plan:
+    """Hold each sample of a motion until the next, in whole periods of the teacher.
+
+    The last sample is held as long as the one before. A closed motion settles during one cycle, an open one while its
+    first target is held for `settle_ns`.
+
+    Raises
+    ------
+    MotionError
+        The motion is sampled faster than the teacher works.
+    """
+    steps = np.rint((motion.times_s - motion.times_s[0]) * 1e9 / period_ns).astype(np.int64)
+    durations = np.diff(steps) * period_ns
+    if durations.min() <= 0:
+        sample = int(np.argmin(durations)) + 1
+        raise MotionError(
+            f"motion '{motion.name}': samples {sample - 1} and {sample} are closer than the teacher's period of "
+            f"{period_ns / 1e6:g} ms"
+        )
+    holds = [Hold(target, int(d)) for target, d in zip(motion.targets, [*durations, durations[-1]], strict=True)]
+    settling = holds if motion.closed else [Hold(motion.targets[0], settle_ns)]
+    return Plan(settling, holds, motion.targets[0 if motion.closed else -1])
+
+
+def start_posture(robot: RobotConfig, *, seed: int, spread: float) -> Floats:
+    """Draw the posture (n,) that `seed` names, near the comfort posture and within the limits."""
+    span = robot.upper - robot.lower
+    drawn = uniforms(seed, "start posture", count=len(robot.joints))
+    posture = robot.comfort + spread * span * (2.0 * drawn - 1.0)
+    return np.clip(posture, robot.lower + 0.01 * span, robot.upper - 0.01 * span)
+
+
+class Episode:
+    """One run of a robot under the teacher. Its messages come as they are asked for, and drive the robot on.
+
+    Parameters
+    ----------
+    backend : RobotBackend
+        The robot; it stands at `start`.
+    teacher : Teacher
+        Leads it.
+    start : array, shape (n,)
+        The posture from which the teacher begins [rad or m].
+    on_hold : callable
+        Told the robot's time [ns] after every hold.
+    """
+
+    def __init__(
+        self,
+        backend: RobotBackend,
+        teacher: Teacher,
+        *,
+        start: Floats,
+        on_hold: Callable[[int], None] = lambda time_ns: None,
+    ) -> None:
+        self._backend = backend
+        self._teacher = teacher
+        self._command = start
+        self._on_hold = on_hold
+        self._errors_m: list[float] = []
+
+    @property
+    def teacher_error_cm(self) -> float:
+        """Distance of the hands from u(k) at the end of its hold [cm], mean over all samples so far and both hands."""
+        return 100.0 * sum(self._errors_m) / len(self._errors_m)
+
+    def settle(self, led: Plan) -> Iterator[Addressed]:
+        """Yield the commands of the settling, each before it takes effect."""
+        for hold in led.settling:
+            yield from self._lead(hold)
+
+    def settle_placed(self, led: Plan, robot: PlaceableRobot, *, driven_ns: int) -> None:
+        """Settle as `settle` does, in less time: the teacher goes ahead alone, and the robot joins it for the end.
+
+        What the teacher commands does not depend on the robot, and the robot forgets where it was put: of the 10 mrad
+        that the servos lag behind at first, less than 1e-11 rad are left after 2 s.
+
+        Parameters
+        ----------
+        led : Plan
+            What is settled for.
+        robot : PlaceableRobot
+            The robot of this episode.
+        driven_ns : int
+            How long it is driven [ns]; at most, all of the settling.
+        """
+        period_ns = self._teacher.config.period_ns
+        targets = [hold.target for hold in led.settling for _ in range(hold.duration_ns // period_ns)]
+        alone = max(0, len(targets) - driven_ns // period_ns)
+        for target in targets[:alone]:
+            self._command = self._teacher.step(self._command, target)
+        robot.reset(self._command, time_ns=alone * period_ns)
+        for target in targets[alone:]:
+            self._command = self._teacher.step(self._command, target)
+            robot.advance(self._command, period_ns)
+        self._on_hold(robot.time_ns)
+
+    def cycle(self, led: Plan) -> Iterator[Addressed]:
+        """Yield one presentation: a tick at the start of every hold and one at the end, T + 1 in all, and commands."""
+        for hold in led.holds:
+            yield from tick_messages(self._backend, hold.target)
+            yield from self._lead(hold)
+            self._errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
+        yield from tick_messages(self._backend, led.closing)
+
+    def _lead(self, hold: Hold) -> Iterator[Addressed]:
+        """Drive the robot towards a target while it is held, and yield each command before it takes effect."""
+        period_ns = self._teacher.config.period_ns
+        for _ in range(hold.duration_ns // period_ns):
+            self._command = self._teacher.step(self._command, hold.target)
+            yield command_message(self._backend, self._command)
+            self._backend.advance(self._command, period_ns)
+        self._on_hold(self._backend.time_ns)

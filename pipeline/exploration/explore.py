@@ -1,0 +1,154 @@
+"""Exploration: the teacher drives the simulated robot through a motion, and the episode goes to a log."""
+
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import Any
+
+from pipeline.exploration.episode import Episode, ExplorationConfig, plan, start_posture
+from pipeline.motions.motion import Motion
+from pipeline.robot.backend import VisibleRobot
+from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.telemetry import Addressed, hand_messages, state_messages
+from pipeline.simulation.simulation import Simulation, SimulationConfig
+from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach
+from recorders.messages.message_types import Message, String
+from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION, SAMPLE_JOINTS
+from recorders.reading.reader import LogReader
+from recorders.writing.writer import LogWriter
+
+_TEACHER, _SIMULATION, _EXPLORATION = TeacherConfig(), SimulationConfig(), ExplorationConfig()
+_NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Exploration:
+    """What an exploration left behind.
+
+    Attributes
+    ----------
+    path : the log
+    ticks : number of ticks in it, one more than the motion has samples
+    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
+    content_sha256 : the log's content hash
+    """
+
+    path: Path
+    ticks: int
+    teacher_error_cm: float
+    content_sha256: str
+
+
+def explore(
+    robot: RobotConfig,
+    motion: Motion,
+    *,
+    seed: int,
+    out: str | Path,
+    teacher: TeacherConfig = _TEACHER,
+    simulation: SimulationConfig = _SIMULATION,
+    config: ExplorationConfig = _EXPLORATION,
+    notes: Mapping[str, Any] = _NOTHING,
+    must_reach: bool = True,
+    overwrite: bool = False,
+    progress: Callable[[float], None] = lambda fraction: None,
+    on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> Exploration:
+    """Let the teacher follow a motion on the simulated robot and write the episode to a log.
+
+    A closed motion goes round once to settle and once for the record; of an open one the first target is held to
+    settle. The robot takes part in the last `config.settle_ns` of it alone, see `Episode.settle_placed`. A tick is
+    written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed motion carries
+    its first target again, that of an open motion its last.
+
+    Parameters
+    ----------
+    robot, motion : what moves, and how
+    seed : names the start posture
+    out : path of the log
+    teacher, simulation, config : parameters, all of them written to the manifest
+    notes : what else the manifest is to say, such as where the motion came from
+    must_reach : whether a motion that leaves the robot's reach is refused
+    overwrite : whether a log at `out` may be replaced
+    progress : called with the fraction done, 0 to 1
+    on_message : told of what is written: topic, message, time [ns]
+    say : told, in one line, of a log that a crash left at `out`, and that is set aside
+
+    Raises
+    ------
+    MotionError
+        The motion leaves the robot's reach, or is sampled faster than the teacher works.
+    ConfigError, RobotError, LogError
+        The parameters do not fit together, the robot cannot be simulated, or the log cannot be written.
+    """
+    guide = Teacher(Kinematics(robot), teacher)
+    led = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
+    if must_reach:
+        check_reach(guide, motion)
+    backend = Simulation(robot, simulation)
+    start = start_posture(robot, seed=seed, spread=config.start_spread)
+    manifest = {
+        **notes,
+        "kind": "exploration",
+        "robot": robot.name,
+        "motion": {"name": motion.name, "sha256": motion.sha256, "samples": len(motion), "closed": motion.closed},
+        "seed": seed,
+        "start_posture": start.tolist(),
+        "teacher": asdict(teacher),
+        "simulation": asdict(simulation),
+        "exploration": asdict(config),
+    }
+    with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite, say=say) as writer:
+        total_ns = led.settling_ns + led.cycle_ns
+        episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
+        episode.settle_placed(led, backend, driven_ns=config.settle_ns)  # not for the record
+        _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(led))
+    return Exploration(
+        Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])
+    )
+
+
+def _attachments(robot: RobotConfig) -> dict[str, bytes]:
+    return {URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()}
+
+
+class _Record:
+    """Writes a cycle, and beside it what the robot says: hands at every tick, its state at its own rate."""
+
+    def __init__(
+        self,
+        writer: LogWriter,
+        backend: VisibleRobot,
+        state_period_ns: int,
+        on_message: Callable[[str, Message, int], None],
+    ) -> None:
+        self._writer = writer
+        self._backend = backend
+        self._period_ns = state_period_ns
+        self._on_message = on_message
+
+    def write(self, cycle: Iterator[Addressed]) -> None:
+        """Write the whole cycle; commands, which come far more often, at the rate of the state."""
+        due_ns = self._backend.time_ns
+        self._write(ROBOT_DESCRIPTION, String(self._backend.robot.urdf_text))
+        for topic, message in cycle:
+            if topic == JOINT_COMMANDS:
+                if self._backend.time_ns < due_ns:
+                    continue
+                self._write_all(state_messages(self._backend))
+                due_ns += self._period_ns
+            self._write(topic, message)
+            if topic == SAMPLE_JOINTS:
+                self._write_all(hand_messages(self._backend))
+        self._write_all(state_messages(self._backend))
+
+    def _write_all(self, messages: Iterable[Addressed]) -> None:
+        for topic, message in messages:
+            self._write(topic, message)
+
+    def _write(self, topic: str, message: Message) -> None:
+        self._writer.write(topic, message, log_time_ns=self._backend.time_ns)
+        self._on_message(topic, message, self._backend.time_ns)

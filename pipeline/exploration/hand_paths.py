@@ -1,0 +1,162 @@
+"""Paths of hands as somebody showed them: from a CSV file, from poses in a log, or pose by pose as they come in."""
+
+import hashlib
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
+from pipeline.motions.csv_file import read_table
+from recorders.errors import LogError, MotionError
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET
+from recorders.reading.parts import Log, Parts
+from recorders.reading.session_reader import open_log
+from recorders.text.wording import names_text
+from replay.sources.scheduled import naming, renamed
+
+HANDS = ("left", "right")
+_TOPICS = {LEFT_TARGET: "left", RIGHT_TARGET: "right"}
+_NO_RENAMES: Mapping[str, str] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class Shown:
+    """What somebody showed.
+
+    Attributes
+    ----------
+    name : str
+        Of the source.
+    paths : mapping of str to HandPath
+        By hand, "left" or "right"; at least one.
+    source : mapping
+        What the manifest says of where it came from.
+    """
+
+    name: str
+    paths: Mapping[str, HandPath]
+    source: Mapping[str, Any]
+
+
+def read_csv_paths(path: Path, *, hand: str | None = None) -> Shown:
+    """Read hands from a CSV file with the columns t and lx,ly,lz, rx,ry,rz or both, or with t,x,y,z.
+
+    Parameters
+    ----------
+    path : Path
+        The file; times in seconds.
+    hand : str, optional
+        The only hand to take; the one that x,y,z belong to.
+
+    Raises
+    ------
+    MotionError
+        As `pipeline.motions.csv_file.read_table` does, and if the columns are others.
+    """
+    sides: list[str] = []
+
+    def choose(header: Sequence[str]) -> Sequence[str]:
+        columns = _columns_by_hand(header, hand)
+        sides.extend(columns)
+        return ["t", *(column for triple in columns.values() for column in triple)]
+
+    table = read_table(path, choose=choose, max_coordinate=MAX_COORDINATE)
+    paths = {side: HandPath(table[:, 0], table[:, 1 + 3 * k : 4 + 3 * k]) for k, side in enumerate(sides)}
+    return Shown(path.stem, paths, {"kind": "csv", "name": path.name, "sha256": _file_sha256(path), "hands": sides})
+
+
+def pose_topics(topic: str | None, *, hand: str | None) -> dict[str, str]:
+    """Return the hand that each pose topic shows: `topic` one hand, by default the right; else the targets' topics."""
+    if topic is not None:
+        return {topic: hand or "right"}
+    return {name: side for name, side in _TOPICS.items() if hand in (None, side)}
+
+
+def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str, str] = _NO_RENAMES) -> Shown:
+    """Read hands from the poses of a log, timed by their stamps.
+
+    Parameters
+    ----------
+    path : Path or Parts
+        A log of any writer, or a session in parts, with CDR messages.
+    topics : mapping of str to str
+        Hand by topic.
+    renames : mapping of str to str
+        Our topic names for those of the log.
+
+    Raises
+    ------
+    LogError
+        The log cannot be read, or has no message on any of the topics; the line names its pose topics.
+    MessageError
+        A message on one of the topics is no PoseStamped.
+    MotionError
+        A hand has fewer than two usable poses.
+    """
+    reader = open_log(path)
+    path = reader.path
+    tracks = {side: PoseTrack() for side in topics.values()}
+    with naming(path):
+        for record in renamed(reader, renames, topics):
+            tracks[topics[record.topic]].take(record)
+    if not any(track.seen for track in tracks.values()):
+        poses = [name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE]
+        found = names_text(name for name in poses if name not in renames) or "none"
+        raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
+    source = {"kind": "log", "name": path.name, "sha256": _file_sha256(path)}
+    return shown(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
+
+
+def shown(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, Any]) -> Shown:
+    """Return what the tracks of one or both hands show; a hand without any pose is not shown.
+
+    Raises
+    ------
+    MotionError
+        A hand has fewer than two poses of use.
+    """
+    used = {side: track for side, track in tracks.items() if len(track)}
+    for side, track in used.items() or tracks.items():
+        if len(track) < 2:
+            reasons = names_text(f"{count} with {reason}" for reason, count in track.left_out.items())
+            but = f"; left out: {reasons}" if reasons else ""
+            raise MotionError(f"{name}: expected at least two poses of the {side} hand, found {len(track)}{but}")
+    origin_ns = min(track.first_ns for track in used.values())
+    left_out = {side: dict(track.left_out) for side, track in used.items() if track.left_out}
+    paths = {side: track.path(from_ns=origin_ns) for side, track in used.items()}
+    return Shown(name, paths, {**source, "hands": list(used), "left_out": left_out})
+
+
+def poses_sha256(tracks: Mapping[str, PoseTrack]) -> str:
+    """SHA-256 over stamps and positions of all hands, in the order of `HANDS`."""
+    digest = hashlib.sha256()
+    for side in HANDS:
+        if side in tracks:
+            tracks[side].digest_into(digest)
+    return digest.hexdigest()
+
+
+def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[str]]:
+    """Return the three columns of each hand that is to be read."""
+    by_name = {side: [f"{side[0]}{axis}" for axis in "xyz"] for side in HANDS if hand in (None, side)}
+    found = {side: columns for side, columns in by_name.items() if set(columns) & set(header)}
+    if missing := [column for columns in found.values() for column in columns if column not in header]:
+        raise MotionError(f"the header lacks {names_text(missing)}: expected all three columns of a hand, or none")
+    if "t" in header and found:
+        return found
+    if {"t", "x", "y", "z"} <= set(header):
+        if hand is None:
+            raise MotionError("expected a hand for the columns x,y,z, as with --hand right")
+        return {hand: ["x", "y", "z"]}
+    raise MotionError("the header lacks columns: expected t and lx,ly,lz, rx,ry,rz, both, or x,y,z with a hand")
+
+
+def _file_sha256(log: Log) -> str:
+    """Return the SHA-256 of a file, or of several one after the other."""
+    digest = hashlib.sha256()
+    for path in log.paths if isinstance(log, Parts) else (log,):
+        with path.open("rb") as file:
+            hashlib.file_digest(file, lambda: digest)
+    return digest.hexdigest()

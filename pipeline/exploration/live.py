@@ -1,0 +1,242 @@
+"""Live exploration: the teacher drives a robot node, and the session streams to learner and recorder as it happens."""
+
+import hashlib
+import json
+from collections import Counter
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass, replace
+from itertools import count
+from typing import Any
+
+from pipeline.exploration.episode import Episode, ExplorationConfig, plan, start_posture
+from pipeline.motions.motion import Motion, load_motion
+from pipeline.robot.backend import RobotBackend
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.telemetry import Addressed
+from pipeline.robot_node.client import RemoteRobot
+from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach
+from recorders.cdr.codec import encode
+from recorders.errors import WireError
+from recorders.messages.phase import Phase
+from recorders.messages.record import Stamped
+from recorders.messages.topics import SESSION_PHASE
+from recorders.nodes.keys import node_name
+from recorders.nodes.node import running_node
+from recorders.nodes.status import NodeSource
+from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.stream import Offer
+from replay.sources.schedule import Schedule
+from replay.transports.sender_config import SenderConfig
+from replay.transports.zenoh import ZenohTransport
+
+_TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
+
+
+class LiveSession:
+    """A motion presented again and again to a robot, as one stream of messages that exists only once.
+
+    Each presentation is a phase marker, T + 1 ticks (targets and joints under one stamp) and every command of the
+    teacher. A closed motion goes round without a pause, so that the last tick of a presentation and the first of the
+    next share their instant; an open one settles before each. Asking for the next message drives the robot on; in
+    lockstep the stream is a function of robot, motion, seed and parameters alone.
+
+    Parameters
+    ----------
+    backend : RobotBackend
+        The robot.
+    motion : Motion
+        What it is to follow.
+    seed : int
+        Names the start posture.
+    schedule : Schedule
+        Epochs and phases.
+    teacher, config : TeacherConfig, ExplorationConfig
+        Parameters.
+    progress : callable
+        Called with the fraction done, 0 to 1.
+
+    Raises
+    ------
+    MotionError
+        The motion leaves the robot's reach, or is sampled faster than the teacher works.
+    """
+
+    def __init__(
+        self,
+        backend: RobotBackend,
+        motion: Motion,
+        *,
+        seed: int,
+        schedule: Schedule,
+        teacher: TeacherConfig = _TEACHER,
+        config: ExplorationConfig = _EXPLORATION,
+        progress: Callable[[float], None] = lambda fraction: None,
+    ) -> None:
+        self._backend = backend
+        self._motion = motion
+        self._schedule = schedule
+        self._parameters = {"seed": seed, "teacher": asdict(teacher), "exploration": asdict(config)}
+        guide = Teacher(Kinematics(backend.robot), teacher)
+        self._plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
+        check_reach(guide, motion)
+        self._start = start_posture(backend.robot, seed=seed, spread=config.start_spread)
+        total_ns = self._duration_ns()
+        self._episode = Episode(
+            backend, guide, start=self._start, on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns))
+        )
+        self._numbered: Counter[str] = Counter()
+
+    @property
+    def ticks(self) -> int:
+        """Ticks of the whole session."""
+        return self._presentations * (len(self._motion) + 1)
+
+    @property
+    def messages(self) -> int:
+        """Messages streamed so far."""
+        return self._numbered.total()
+
+    @property
+    def teacher_error_cm(self) -> float:
+        """Distance of the hands from u(k) at the end of its hold [cm], mean over what has been streamed."""
+        return self._episode.teacher_error_cm
+
+    def settle(self) -> None:
+        """Bring the robot to the start of the motion; nothing of it is streamed."""
+        self._backend.reset(self._start)
+        for _ in self._episode.settle(self._plan):
+            pass
+
+    def offer(self) -> Offer:
+        """Return what the consumers are told before the first message."""
+        robot = {"toml": self._backend.robot.toml_text, "urdf": self._backend.robot.urdf_text}
+        schedule = self._schedule.to_dict()
+        identity = ["live", self._motion.sha256, robot, schedule, self._parameters]
+        run = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:32]
+        return Offer(run=run, schedule=schedule, logs=[], robot=robot)
+
+    def stream_from(self, start: int) -> Iterator[Stamped]:
+        """Return the stream, to be pulled once; raises WireError unless it is asked for from its first message."""
+        if start or self._numbered:
+            raise WireError(
+                f"a live session cannot go back: expected consumers that begin with message 0, found one that wants "
+                f"{start}; replay the session's recording to it"
+            )
+        return self._stream()
+
+    def _stream(self) -> Iterator[Stamped]:
+        for topic, message in self._session():
+            number = self._numbered[topic]
+            self._numbered[topic] += 1
+            yield Stamped(topic, message.TYPE, encode(message), number, self._backend.time_ns)
+
+    def _session(self) -> Iterator[Addressed]:
+        run = self.offer().run
+        presented = count()
+        for epoch in range(self._schedule.epochs):
+            for cycle, phase in self._schedule.epoch():
+                if next(presented) and not self._motion.closed:
+                    yield from self._episode.settle(self._plan)
+                yield SESSION_PHASE, Phase(run, epoch, cycle, phase, log="").to_message()
+                yield from self._episode.cycle(self._plan)
+
+    @property
+    def _presentations(self) -> int:
+        return self._schedule.epochs * self._schedule.cycles
+
+    def _duration_ns(self) -> int:
+        settlings = 1 if self._motion.closed else self._presentations
+        return settlings * self._plan.settling_ns + self._presentations * self._plan.cycle_ns
+
+
+@dataclass(frozen=True)
+class LiveExploration:
+    """What a live exploration came to.
+
+    Attributes
+    ----------
+    run : names the session
+    robot, motion : their names
+    real_time : whether the robot's time ran with the clock on the wall; such a session cannot be repeated to the bit
+    ticks, messages : how many were streamed
+    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
+    consumers : what each awaited consumer made of the stream, by name
+    """
+
+    run: str
+    robot: str
+    motion: str
+    real_time: bool
+    ticks: int
+    messages: int
+    teacher_error_cm: float
+    consumers: dict[str, dict[str, Any]]
+
+
+def explore_live(
+    motion: str,
+    *,
+    seed: int,
+    schedule: Schedule,
+    session: SessionConfig,
+    sender: SenderConfig,
+    teacher: TeacherConfig = _TEACHER,
+    config: ExplorationConfig = _EXPLORATION,
+    progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> LiveExploration:
+    """Let the teacher lead a robot node through a motion, and stream the session to the consumers that are awaited.
+
+    The robot settles first. Then the consumers are awaited, while the robot's time, in lockstep, stands still.
+
+    Parameters
+    ----------
+    motion : str
+        Name of a pattern or drawing, or path of a CSV file.
+    seed : int
+        Names the start posture.
+    schedule : Schedule
+        Epochs and phases.
+    session, sender : SessionConfig, SenderConfig
+        Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch` says.
+    teacher, config : TeacherConfig, ExplorationConfig
+        Parameters.
+    progress : callable
+        Called with the fraction done, 0 to 1.
+    say : callable
+        Told, a line each, what it loses sight of.
+
+    Raises
+    ------
+    WireError
+        If no robot answers, or a consumer is not there, refuses, or stops answering.
+    MotionError, RobotError, ConfigError
+        If motion, robot and parameters do not fit together.
+    """
+    with open_session(session) as opened:
+        robot = RemoteRobot(opened, namespace=sender.namespace, wait_s=sender.wait_s)
+        presented = load_motion(motion, robot.robot)
+        live = LiveSession(
+            robot, presented, seed=seed, schedule=schedule, teacher=teacher, config=config, progress=progress
+        )
+        live.settle()
+        robot.wait()
+        node = NodeSource(
+            "explorer",
+            node_name(presented.name),
+            state=lambda: "exploring" if live.messages else "waiting",
+            counts=lambda: {"messages": live.messages},
+        )
+        with running_node(opened, node, config=session, namespace=sender.namespace, report=say):
+            transport = ZenohTransport(opened, config=replace(sender, batch=1))
+            consumers = transport.deliver(live.offer(), live.stream_from)
+    return LiveExploration(
+        run=live.offer().run,
+        robot=robot.robot.name,
+        motion=presented.name,
+        real_time=robot.status.real_time,
+        ticks=live.ticks,
+        messages=live.messages,
+        teacher_error_cm=live.teacher_error_cm,
+        consumers=consumers,
+    )

@@ -1,0 +1,185 @@
+"""Paths of hands from a live pose topic: whoever publishes PoseStamped shows the motion, until it is over."""
+
+import time
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+from pipeline.exploration.hand_paths import Shown, poses_sha256, shown
+from pipeline.exploration.pose_track import PoseTrack
+from recorders.errors import ConfigError, MessageError, MotionError, WireError
+from recorders.messages.record import Stamped
+from recorders.nodes.connection_watch import watching_connections
+from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.receiver import Event, Live, Offered, Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+
+DEFAULT_SILENCE_S = 2.0
+"""So long a tracker may lose sight of the hand."""
+
+DEFAULT_WAIT_S = 60.0
+"""So long somebody may take to start a tracker, and to stand before it."""
+
+_NAME = "demonstration"
+_POLL_S = 0.05
+
+
+@dataclass(frozen=True)
+class ListenConfig:
+    """How long a live pose topic is listened to.
+
+    Parameters
+    ----------
+    duration_s : float
+        The demonstration is over when the stamps have come this far [s].
+    silence_s : float
+        It is over when no pose has come for this long after the first [s].
+    wait_s : float
+        How long the first pose may take to come [s].
+    namespace : str
+        First part of every key.
+
+    Raises
+    ------
+    ConfigError
+        If a time is not above 0.
+    WireError
+        If the namespace cannot be part of a key.
+    """
+
+    duration_s: float = float("inf")
+    silence_s: float = DEFAULT_SILENCE_S
+    wait_s: float = DEFAULT_WAIT_S
+    namespace: str = DEFAULT_NAMESPACE
+
+    def __post_init__(self) -> None:
+        for name in ("duration_s", "silence_s", "wait_s"):
+            if not getattr(self, name) > 0.0:
+                raise ConfigError(f"{name}: expected above 0 s, found {getattr(self, name):g}")
+        check_namespace(self.namespace)
+
+
+def hear_paths(
+    topics: Mapping[str, str],
+    *,
+    renames: Mapping[str, str],
+    session: SessionConfig,
+    config: ListenConfig,
+    stopped: Callable[[], bool] = lambda: False,
+    say: Callable[[str], None] = lambda line: None,
+) -> Shown:
+    """Listen to pose topics until the demonstration is over, or somebody stops it.
+
+    Poses may come with an attachment of ours or with none. What is no pose is left out with a line, what is a useless
+    one (no number, stamped before the last) is left out and counted.
+
+    Parameters
+    ----------
+    topics : mapping of str to str
+        Hand by topic.
+    renames : mapping of str to str
+        Our topic names for those that are published.
+    session, config : SessionConfig, ListenConfig
+        Where, and for how long.
+    stopped : callable
+        Whether somebody has stopped it.
+    say : callable
+        Told, a line each, that it listens, of the first pose, and of the first message refused for each reason.
+
+    Raises
+    ------
+    WireError
+        If no session can be opened, or no pose comes within `config.wait_s`.
+    MotionError
+        A hand has fewer than two usable poses.
+    """
+    # A stamp that leaps farther than the silence that ends a demonstration is not of this one.
+    tracks = {side: PoseTrack(max_gap_s=config.silence_s) for side in topics.values()}
+    receiving = ReceiverConfig(name=_NAME, namespace=config.namespace, live=True)
+    with (
+        open_session(session) as opened,
+        Receiver(opened, config=receiving, say=say) as receiver,
+        watching_connections(opened, session, own=None, namespace=config.namespace, report=say),
+    ):
+        where = ", ".join(session.listen or session.connect)
+        say(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
+        _Listening(topics, renames, tracks, config, say).run(receiver, stopped)
+    if not any(track.seen for track in tracks.values()):
+        raise MotionError(f"live: no pose came on {' or '.join(_published(topics, renames))}")
+    source = {"kind": "live", "name": "live", "sha256": poses_sha256(tracks)}
+    return shown("live", tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
+
+
+class _Listening:
+    """Takes poses in until a demonstration is over."""
+
+    def __init__(
+        self,
+        topics: Mapping[str, str],
+        renames: Mapping[str, str],
+        tracks: Mapping[str, PoseTrack],
+        config: ListenConfig,
+        say: Callable[[str], None],
+    ) -> None:
+        self._topics, self._renames, self._tracks = topics, renames, tracks
+        self._config = config
+        self._say = say
+        self._began_s = time.monotonic()
+        self._last_s: float | None = None  # when the last pose came
+        self._refused: set[str] = set()
+
+    def run(self, receiver: Receiver, stopped: Callable[[], bool]) -> None:
+        while not (stopped() or self._is_over()):
+            self._take_event(receiver, receiver.next_event(_POLL_S))
+        receiver.stop_hearing()
+        while not self._is_long_enough() and (event := receiver.next_event(0.0)) is not None:
+            self._take_event(receiver, event)  # it had arrived before it was over
+
+    def _take_event(self, receiver: Receiver, event: Event | None) -> None:
+        if isinstance(event, Offered):
+            receiver.refuse(event, f"{_NAME} takes what is played on the topics themselves, see replay --play")
+        elif isinstance(event, Live):
+            self._take(event.record)
+
+    def _take(self, record: Stamped) -> None:
+        side = self._topics.get(self._renames.get(record.topic, record.topic))
+        if side is None:
+            return
+        try:
+            used = self._tracks[side].take(record)
+        except MessageError as error:
+            self._refuse(record.topic, str(error))
+            return
+        if used:
+            if self._last_s is None:
+                self._say(f"the first pose has come, on {record.topic}")
+            self._last_s = time.monotonic()
+
+    def _refuse(self, topic: str, line: str) -> None:
+        if topic not in self._refused:
+            self._refused.add(topic)
+            self._say(f"refused on {topic}: {line}")
+
+    def _is_over(self) -> bool:
+        if self._last_s is None:
+            self._check_wait()
+            return False
+        return self._is_long_enough() or time.monotonic() - self._last_s > self._config.silence_s
+
+    def _is_long_enough(self) -> bool:
+        return max(track.span_s for track in self._tracks.values()) >= self._config.duration_s
+
+    def _check_wait(self) -> None:
+        """Raise WireError if the first pose takes too long."""
+        if time.monotonic() - self._began_s > self._config.wait_s:
+            keys = [message_key(self._config.namespace, topic) for topic in _published(self._topics, self._renames)]
+            raise WireError(
+                f"expected a pose on {' or '.join(keys)} within {self._config.wait_s:g} s, found none that "
+                "can be used: does anybody publish there, and may this session read it? "
+                "See --topic, --namespace and --wait"
+            )
+
+
+def _published(topics: Mapping[str, str], renames: Mapping[str, str]) -> list[str]:
+    """Names under which the topics are published."""
+    foreign = [name for name, ours in renames.items() if ours in topics]
+    return foreign + [name for name in topics if name not in renames.values()]

@@ -1,0 +1,129 @@
+"""An exploration made again from its log: teacher and simulation of today follow the targets that were logged."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.exploration.episode import Episode, ExplorationConfig, Hold, Plan, start_posture
+from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.telemetry import Addressed, hand_messages
+from pipeline.simulation.simulation import Simulation, SimulationConfig
+from pipeline.teacher.teacher import Teacher, TeacherConfig
+from recorders.errors import ConfigError, LogError
+from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS
+from recorders.reading.reader import LogReader
+from recorders.text.wording import value_text
+from recorders.ticks.joiner import join_ticks
+from replay.diff.fields import texts
+from replay.sources.scheduled import naming, read_robot
+
+Floats = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class _Exploration:
+    """What a log says of how it was made."""
+
+    teacher: TeacherConfig
+    simulation: SimulationConfig
+    config: ExplorationConfig
+    seed: int
+    closed: bool
+
+
+def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
+    """Yield targets, joints and hands of the first ticks of an exploration, made anew.
+
+    The robot is the one of that name that comes with the program, so that a change to it shows, else the log's.
+
+    Parameters
+    ----------
+    log : Path
+        Written by `explore`; its targets, seed and parameters are taken over.
+    ticks : int
+        At most this many ticks are made; what the robot does to settle before the first comes on top.
+
+    Raises
+    ------
+    LogError
+        If the log is not one of an exploration, or cannot be read.
+    ReenactError
+        If its parameters are not usable.
+    """
+    made = _exploration(log)
+    robot = _present(log)
+    led = _plan(log, made, ticks=ticks)
+    backend = Simulation(robot, made.simulation)
+    start = start_posture(robot, seed=made.seed, spread=made.config.start_spread)
+    episode = Episode(backend, Teacher(Kinematics(robot), made.teacher), start=start)
+    episode.settle_placed(led, backend, driven_ns=made.config.settle_ns)
+    for topic, message in episode.cycle(led):
+        if topic != JOINT_COMMANDS:
+            yield topic, message
+        if topic == SAMPLE_JOINTS:
+            yield from hand_messages(backend)
+
+
+def changed_robot(log: Path) -> str:
+    """Say in which line the robot that comes with the program differs from the log's; the empty string if in none."""
+    logged, present = _logged(log), _present(log)
+    for name in ("robot.toml", "robot.urdf"):
+        field = f"{name.removeprefix('robot.')}_text"
+        lines = zip(getattr(logged, field).split("\n"), getattr(present, field).split("\n"), strict=False)
+        for number, (old, new) in enumerate(lines, 1):
+            if old != new:
+                expected, found = texts(old.strip(), new.strip())
+                return f"{name} line {number} is {expected} in the log, {found} now"
+    return ""
+
+
+def _present(log: Path) -> RobotConfig:
+    name = LogReader(log).manifest.get("robot")
+    return load_robot(name) if isinstance(name, str) and name in robot_names() else _logged(log)
+
+
+def _logged(log: Path) -> RobotConfig:
+    files = read_robot(LogReader(log))
+    if not files:
+        raise LogError(f"{log}: expected the robot's files among the attachments, found none")
+    return parse_robot(files["toml"], files["urdf"], origin=log)
+
+
+def _exploration(log: Path) -> _Exploration:
+    manifest = LogReader(log).manifest
+    if manifest.get("kind") != "exploration":
+        raise LogError(f"{log}: expected a log of explore, found one of kind {value_text(manifest.get('kind'))}")
+    try:
+        return _Exploration(
+            teacher=TeacherConfig(**manifest["teacher"]),
+            simulation=SimulationConfig(**manifest["simulation"]),
+            config=ExplorationConfig(**manifest["exploration"]),
+            seed=_whole(manifest["seed"]),
+            closed=bool(manifest["motion"]["closed"]),
+        )
+    except (KeyError, TypeError) as error:
+        raise LogError(f"{log}: the manifest does not say how the exploration was made: {error}") from error
+
+
+def _whole(value: Any) -> int:
+    if type(value) is not int or value < 0:
+        raise ConfigError(f"seed: expected a whole number from 0 up, found {str(value)[:40]}")
+    return value
+
+
+def _plan(log: Path, made: _Exploration, *, ticks: int) -> Plan:
+    """Hold each logged target until the next tick, as the exploration did."""
+    with naming(log):
+        logged = [(tick.stamp_ns, np.array([tick.left, tick.right])) for tick in join_ticks(LogReader(log))]
+    if len(logged) < 2:
+        raise LogError(f"{log}: expected at least two complete ticks, found {len(logged)}")
+    holds = [Hold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]
+    settling = holds if made.closed else [Hold(logged[0][1], made.config.settle_ns)]
+    kept = holds[: ticks - 1]  # and the tick after the last of them
+    return Plan(settling, kept, logged[len(kept)][1])

@@ -1,0 +1,1 @@
+"""The runner of golden cases for this learner and these robots."""

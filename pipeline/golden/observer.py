@@ -1,0 +1,147 @@
+"""A learning run under observation: after every tick, digests of what it took in, said and became."""
+
+import hashlib
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.learner.kernels import FloatArray
+from pipeline.learner.learner import Learner
+from pipeline.robot.config import parse_robot
+from pipeline.training.run import LearningRun
+from recorders.cdr.codec import stamp_ns
+from recorders.errors import ConfigError, JointError, MessageError
+from recorders.messages.record import Stamped
+from recorders.messages.topics import SESSION_PHASE
+from recorders.wire.stream import Offer
+from replay.golden.recipe import EpochEnd, Moment
+
+
+class _ObservedLearner(Learner):
+    """A learner that keeps the outputs of its latest steps."""
+
+    def __init__(self, learner: Learner) -> None:
+        super().__init__(learner.config, input_centre=learner.input_centre, output_centre=learner.output_centre)
+        self.load_state(learner.state())
+        self.outputs = b""
+
+    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
+        outputs = super().step(u, d, learning=learning)
+        self.outputs = np.ascontiguousarray(outputs, "<f8").tobytes()
+        return outputs
+
+
+class ObservedRun:
+    """A learning run that is looked at after every tick; the learner takes its steps one by one.
+
+    Parameters
+    ----------
+    config : LearnerConfig
+        The learner; its number of epochs is the stream's.
+    offer : Offer
+        What the stream says of itself, the robot included.
+    resume_after : int, optional
+        After so many ticks a new learner goes on from a checkpoint.
+
+    Raises
+    ------
+    ConfigError
+        If the stream carries no robot. From `run`: if the run is over before it is to be resumed.
+    """
+
+    def __init__(self, config: LearnerConfig, offer: Offer, resume_after: int | None) -> None:
+        self._config = replace(config, epochs=offer.schedule["epochs"])
+        self._offer = offer
+        self._resume_after = resume_after
+        self._names = {log.get("ticks_sha256", ""): str(log["name"]) for log in offer.logs}
+        self._run, self._learner = self._begin()
+        self._tick = 0
+
+    def run(self, messages: Iterator[Stamped]) -> Iterator[Moment | EpochEnd]:
+        """Feed the whole stream."""
+        for message in messages:
+            if message.topic == SESSION_PHASE:
+                yield from self._marker(message)
+            else:
+                with self._naming_the_log():
+                    yield from self._feed(message)
+        self._run.end()
+        if self._resume_after is not None:
+            raise ConfigError(
+                f"golden case: expected to resume after a tick of the run, found {self._resume_after} of "
+                f"{self._run.counts.ticks}"
+            )
+        if self._run.phase is not None:
+            yield EpochEnd(self._run.phase.epoch, self._learner.state())
+
+    @contextmanager
+    def _naming_the_log(self) -> Iterator[None]:
+        try:
+            yield
+        except (MessageError, JointError) as error:
+            raise type(error)(f"{self._log()}: {error}") from error
+
+    def _log(self) -> str:
+        """Name of the log that is presented; a session is one, whatever its markers name."""
+        return "" if self._run.phase is None else self._names.get(self._run.phase.log, next(iter(self._names.values())))
+
+    def _begin(self) -> tuple[LearningRun, _ObservedLearner]:
+        robot = self._offer.robot
+        if not robot:
+            raise ConfigError("golden case: expected logs that carry their robot, found none in them")
+        run = LearningRun(self._config, parse_robot(robot["toml"], robot["urdf"]), self._offer.run)
+        run.learner = learner = _ObservedLearner(run.learner)
+        return run, learner
+
+    def _marker(self, message: Stamped) -> Iterator[EpochEnd]:
+        before, state = self._run.phase, self._learner.state()
+        self._run.begin_presentation(message)
+        self._tick = 0
+        if before is not None and self._run.phase is not None and before.epoch != self._run.phase.epoch:
+            yield EpochEnd(before.epoch, state)
+
+    def _feed(self, message: Stamped) -> Iterator[Moment]:
+        ticks = self._run.counts.ticks
+        self._run.feed(message)
+        if self._run.counts.ticks == ticks:
+            return
+        yield self._moment(message)
+        self._tick += 1
+        if self._resume_after is not None and self._run.counts.ticks >= self._resume_after and self._run.between_ticks:
+            self._resume()
+
+    def _moment(self, message: Stamped) -> Moment:
+        self._learner.outputs = b""
+        state = bytes.fromhex(self._run.digest())  # hands the step to the kernel
+        phase = self._run.phase
+        if phase is None:
+            raise ConfigError(f"{message.topic} #{message.sequence}: expected a phase marker before it, found none")
+        return Moment(
+            epoch=phase.epoch,
+            cycle=phase.cycle,
+            phase=phase.phase,
+            log=self._names.get(phase.log, ""),
+            tick=self._tick,
+            stamp_ns=stamp_ns(message.type, message.data) or 0,
+            stream=bytes.fromhex(self._run.stream_digest),
+            outputs=hashlib.sha256(self._learner.outputs).digest(),
+            state=state,
+        )
+
+    def _resume(self) -> None:
+        """Go on with a new learner, from a checkpoint of the old one."""
+        with TemporaryDirectory() as folder:
+            path = Path(folder, "checkpoint.npz")
+            snapshot = self._run.snapshot()
+            self._run.controller({"checkpoint": snapshot}).save(path)
+            kept = Controller.load(path)
+        self._resume_after = None
+        self._run, self._learner = self._begin()
+        self._run.restore(kept, kept.provenance["checkpoint"])

@@ -1,0 +1,130 @@
+"""A team's own learner settings and robot beside those that a golden case has copies of."""
+
+import re
+from dataclasses import fields
+from itertools import zip_longest
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from pipeline.learner.config import LearnerConfig
+from pipeline.robot.config import RobotConfig, load_robot, parse_robot
+from pipeline.robot.toml_text import MAX_BYTES, parse_toml
+from pipeline.urdf.description import canonical_urdf
+from recorders.errors import ConfigError, LogError
+from recorders.files.regular_file import refuse_irregular
+from recorders.reading.reader import LogReader
+from replay.diff.fields import texts
+from replay.golden.recipe import Recipe
+from replay.sources.scheduled import read_robot
+
+_FOLLOWING = {"inputs": "the robot's hands", "outputs": "the robot's joints", "epochs": "--epochs, or the session"}
+"""Settings that a learner takes from elsewhere, and where from."""
+
+_PART = re.compile(r'<(link|joint) name="([^"]*)"')
+_TEXTS = ("urdf_text", "toml_text")
+
+
+def read_settings(path: Path) -> dict[str, Any]:
+    """Return all settings of a learner, of which the file (TOML) names some.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, or a setting is unknown, out of range, or not to be set.
+    """
+    values = _read_toml(path)
+    for name, source in _FOLLOWING.items():
+        if name in values:
+            raise ConfigError(f"{path}: expected no setting {name}, which follows from {source}; take it out")
+    try:
+        return LearnerConfig.from_dict(values).to_dict()
+    except ConfigError as error:
+        raise ConfigError(f"{path}: {error}") from error
+
+
+class Own:
+    """What a team uses today, to be compared with what a case was made with.
+
+    Parameters
+    ----------
+    config : Path, optional
+        Settings of the learner (TOML).
+    robot : str, optional
+        The robot: its folder, or its name.
+
+    Raises
+    ------
+    ConfigError, RobotError
+        If one of them cannot be used.
+    """
+
+    def __init__(self, *, config: Path | None = None, robot: str | None = None) -> None:
+        self._settings = None if config is None else read_settings(config)
+        self._robot = None if robot is None else load_robot(robot)
+
+    def difference(self, recipe: Recipe) -> tuple[str, str, str] | None:
+        """Name the first thing that is not as the case has it: what, in the case, today; None if nothing is.
+
+        Raises
+        ------
+        LogError
+            If a log of the case carries no robot.
+        """
+        changed = None if self._settings is None else _of_settings(recipe.learner, self._settings)
+        if changed is not None or self._robot is None:
+            return changed
+        found = (_of_robots(_logged(log), self._robot) for log in recipe.logs)
+        return next((difference for difference in found if difference is not None), None)
+
+
+def _of_settings(old: Any, new: dict[str, Any]) -> tuple[str, str, str] | None:
+    for name, value in new.items():
+        if name not in _FOLLOWING and old.get(name) != value:
+            return f"learner setting {name}", *texts(old.get(name), value)
+    return None
+
+
+def _of_robots(old: RobotConfig, new: RobotConfig) -> tuple[str, str, str] | None:
+    """Compare what robots are, not how their files are laid out."""
+    for field in fields(RobotConfig):
+        a, b = getattr(old, field.name), getattr(new, field.name)
+        if field.name not in _TEXTS and not np.array_equal(a, b):
+            return f"robot's {field.name}", *texts(_plain(a), _plain(b))
+    part = "the robot"
+    for a, b in zip_longest(_tags(old), _tags(new), fillvalue="nothing"):
+        if a != b:
+            return f"robot.urdf, {part}", *texts(a, b)
+        if (named := _PART.match(a)) is not None:
+            part = f"{named[1]} {named[2]}"
+    return None
+
+
+def _tags(robot: RobotConfig) -> list[str]:
+    """Return the tags of a URDF one by one, in canonical order and without comments."""
+    lines = canonical_urdf(robot.urdf_text).replace(">", ">\n").split("\n")
+    return [line.strip() for line in lines if line.strip()]
+
+
+def _plain(value: Any) -> Any:
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _logged(log: Path) -> RobotConfig:
+    files = read_robot(LogReader(log))
+    if not files:
+        raise LogError(f"{log}: expected the robot's files among the attachments, found none")
+    return parse_robot(files["toml"], files["urdf"])
+
+
+def _read_toml(path: Path) -> dict[str, Any]:
+    refuse_irregular(path, expected="a TOML file", error=ConfigError)
+    try:
+        with path.open(encoding="utf-8") as file:
+            text = file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
+    except OSError as error:
+        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except UnicodeDecodeError as error:
+        raise ConfigError(f"{path}: expected TOML in UTF-8") from error
+    return parse_toml(text, str(path), error=ConfigError)

@@ -1,0 +1,163 @@
+"""Runs golden cases: the learner step by step under observation, and as programs run it."""
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pipeline.evaluation.errors import HandErrors
+from pipeline.evaluation.trials import try_samples
+from pipeline.golden import states as golden_states
+from pipeline.golden.observer import ObservedRun
+from pipeline.golden.own_settings import read_settings
+from pipeline.learner.config import LearnerConfig
+from pipeline.learner.controller import Controller
+from pipeline.learner.network import state_numbers
+from pipeline.samples.pairs import read_samples
+from pipeline.training.checkpoints import CheckpointConfig
+from pipeline.training.run import CycleReport
+from pipeline.training.trainer import Trainer
+from recorders.errors import ConfigError
+from recorders.messages.message_types import Message
+from recorders.messages.record import Stamped
+from replay.golden.recipe import MAX_CASE_BYTES, EpochEnd, Moment, Recipe, State
+from replay.sources.schedule import Schedule
+from replay.sources.session import RecordedSession
+
+_EPOCHS = 2  # of a case, unless told otherwise
+
+
+class GoldenRunner:
+    """The runner of `replay.golden.check` for this learner and these robots.
+
+    A case is run twice. Once step by step, with a digest of stream, outputs and state after every tick; and once as
+    programs do it, in pieces, by the same `Trainer` that `train` and `learn` use.
+    """
+
+    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+        """Run step by step, and yield every tick and the end of every epoch."""
+        source = recipe.source()
+        yield from ObservedRun(_config(recipe), source.offer(), recipe.resume_after).run(source.stream())
+
+    def train(self, recipe: Recipe) -> dict[str, Any]:
+        """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
+        cycles: list[CycleReport] = []
+        trainer = _trained(recipe, on_cycle=cycles.append)
+        trainer.check_learned()
+        controller = trainer.controller()
+        trials = [] if recipe.as_recorded else [_trial(controller, path) for path in recipe.logs]
+        return {
+            **trainer.result(),
+            "errors_cm": trainer.errors_cm,
+            "hands_cm": [list(cycle.hands_cm) for cycle in cycles if cycle.hands_cm is not None],
+            "trials_cm": [errors.mean_cm for errors in trials],
+            "trials_hands_cm": [[errors.left_cm, errors.right_cm] for errors in trials],
+        }
+
+    def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
+        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""
+        from pipeline.exploration.reproduce import simulate  # noqa: PLC0415  # Drake: most cases do without
+
+        return simulate(log, ticks=ticks)
+
+    def changed_robot(self, log: Path) -> str:
+        """Say how the robot that comes with the program differs from the log's; the empty string if it does not."""
+        from pipeline.exploration.reproduce import changed_robot  # noqa: PLC0415
+
+        return changed_robot(log)
+
+    def pack(self, states: Sequence[State]) -> bytes:
+        """Return the states at the ends of the epochs as the bytes of an .npz."""
+        return golden_states.pack(states)
+
+    def difference(self, packed: bytes, end: EpochEnd) -> tuple[str, str, str] | None:
+        """Name the first element that differs from what was packed: name, expected, found."""
+        return golden_states.difference(packed, end)
+
+
+def _config(recipe: Recipe) -> LearnerConfig:
+    config = LearnerConfig.from_dict(recipe.learner)
+    size = 8 * state_numbers(config)
+    if size > MAX_CASE_BYTES:
+        raise ConfigError(
+            f"golden case: expected a learner whose state takes at most {MAX_CASE_BYTES} bytes, found {size}"
+        )
+    return config
+
+
+def _trained(recipe: Recipe, *, on_cycle: Callable[[CycleReport], None]) -> Trainer:
+    """Train, by way of a checkpoint if the case has one; cycles are reported from there on."""
+    source = recipe.source()
+    if recipe.resume_after is None:
+        trainer = Trainer(_config(recipe), on_cycle=on_cycle)
+        trainer.consume(source.stream(trainer.hello(source.offer())))
+        return trainer
+    with TemporaryDirectory() as folder:
+        checkpoint = CheckpointConfig(Path(folder, "checkpoint.npz"), recipe.resume_after)
+        stopped = Trainer(_config(recipe), checkpoint=checkpoint)
+        stopped.hello(source.offer())
+        stopped.take(_until_kept(source.stream(), checkpoint.path))
+        trainer = Trainer(_config(recipe), checkpoint=checkpoint, on_cycle=on_cycle)
+        trainer.consume(source.stream(trainer.hello(source.offer())))
+    return trainer
+
+
+def _until_kept(messages: Iterator[Stamped], path: Path) -> Iterator[Stamped]:
+    """Yield messages until there is a checkpoint."""
+    for message in messages:
+        yield message
+        if path.exists():
+            return
+
+
+def _trial(controller: Controller, log: Path) -> HandErrors:
+    """Try a controller on a log, after the washout that every test begins with."""
+    return try_samples(controller, read_samples(log), name=log.name).errors
+
+
+def recipe(
+    logs: Sequence[Path],
+    config: Path | None,
+    *,
+    old: Recipe | None = None,
+    epochs: int | None = None,
+    as_recorded: bool | None = None,
+    resume_after: int | None = None,
+    physics: bool | None = None,
+) -> Recipe:
+    """Return what a case is to run; whatever is not said is as the old recipe has it, so that nothing is lost unsaid.
+
+    Parameters
+    ----------
+    logs : sequence of Path
+        Logs; if there are none, those of the old recipe.
+    config : Path, optional
+        Settings of the learner (TOML).
+    old : Recipe, optional
+        What the case ran until now, if there is one.
+    epochs, as_recorded, resume_after, physics
+        As in `Recipe`.
+
+    Raises
+    ------
+    ConfigError
+        If there are no logs or settings, the file cannot be read, or a setting is bad.
+    LogError
+        If a recorded session does not say how many epochs it had.
+    """
+    if old is None:
+        if not logs or config is None:
+            raise ConfigError("expected logs and --config for a new case")
+        old = Recipe(tuple(logs), {}, Schedule(epochs=_EPOCHS))
+    made = replace(
+        old,
+        logs=tuple(logs) or old.logs,
+        learner=old.learner if config is None else read_settings(config),
+        as_recorded=old.as_recorded if as_recorded is None else as_recorded,
+        resume_after=resume_after or old.resume_after,
+        physics=old.physics if physics is None else physics,
+    )
+    if made.as_recorded and (logs or epochs or not old.as_recorded):
+        return replace(made, schedule=Schedule.from_dict(RecordedSession(made.logs[0], epochs=epochs).offer().schedule))
+    return made if epochs is None else replace(made, schedule=replace(made.schedule, epochs=epochs))

@@ -1,0 +1,1 @@
+"""The learning rule and its file: network, kernels, configuration, controller; knows no log, robot or network."""

@@ -1,0 +1,101 @@
+"""The first difference between two controllers: which setting or which element, and what either holds."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from itertools import zip_longest
+from typing import Any
+
+import numpy as np
+
+from pipeline.learner.controller import Controller
+from pipeline.learner.kernels import FloatArray
+from replay.diff.fields import ABSENT, texts
+
+
+@dataclass(frozen=True, slots=True)
+class ControllerDifference:
+    """What is not the same in two controllers A and B.
+
+    Parameters
+    ----------
+    name : str
+        `config.seed`, `joints[3]`, `robot_urdf line 12`, `reservoir_output_weights[17]`.
+    a, b : str
+        What either holds there; floats in full precision.
+    differing, size : int
+        How many elements of this array differ, and how many it has; 1 of 1 where it is no array.
+    """
+
+    name: str
+    a: str
+    b: str
+    differing: int = 1
+    size: int = 1
+
+    def __str__(self) -> str:
+        line = f"{self.name}: {self.a} in A, {self.b} in B"
+        return line if self.size == 1 else f"{line}; {self.differing} of its {self.size} elements differ"
+
+
+def first_difference(a: Controller, b: Controller) -> ControllerDifference | None:
+    """Return the first difference of two controllers, None if they are the same.
+
+    Configuration, constants, joints and robot come first, then the state in the order in which it is digested, then
+    the u that waits for its target. Where they came from does not count.
+    """
+    parts = (
+        _of_settings(a.config.to_dict(), b.config.to_dict()),
+        first_difference_of_arrays(_constants(a), _constants(b)),
+        _of_lists("joints[{}]", a.joints, b.joints),
+        _of_lists("robot_toml line {}", a.robot_toml.split("\n"), b.robot_toml.split("\n"), first=1),
+        _of_lists("robot_urdf line {}", a.robot_urdf.split("\n"), b.robot_urdf.split("\n"), first=1),
+        first_difference_of_arrays({**a.state, "pending": a.pending}, {**b.state, "pending": b.pending}),
+    )
+    return next((part for part in parts if part is not None), None)
+
+
+def first_difference_of_arrays(a: Mapping[str, FloatArray], b: Mapping[str, FloatArray]) -> ControllerDifference | None:
+    """Return the first element, in the order of the names of `a`, whose bits differ in two sets of float64 arrays."""
+    for name in {**a, **b}:
+        if name not in a or name not in b:
+            present = ["present" if name in arrays else ABSENT for arrays in (a, b)]
+            return ControllerDifference(name, present[0], present[1])
+        difference = _of_arrays(name, np.asarray(a[name]), np.asarray(b[name]))
+        if difference is not None:
+            return difference
+    return None
+
+
+def _constants(controller: Controller) -> dict[str, FloatArray]:
+    return {name: getattr(controller, name) for name in ("input_centre", "output_centre")}
+
+
+def _of_arrays(name: str, a: FloatArray, b: FloatArray) -> ControllerDifference | None:
+    if a.shape != b.shape:
+        return ControllerDifference(name, f"shape {a.shape}", f"shape {b.shape}")
+    flat_a, flat_b = np.ravel(a), np.ravel(b)
+    differing = np.flatnonzero(flat_a.view(np.uint64) != flat_b.view(np.uint64))
+    if not len(differing):
+        return None
+    first = differing[0]
+    place = ", ".join(str(index) for index in np.unravel_index(first, a.shape))
+    values = texts(float(flat_a[first]), float(flat_b[first]))
+    return ControllerDifference(f"{name}[{place}]", *values, differing=len(differing), size=a.size)
+
+
+def _of_settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> ControllerDifference | None:
+    for name, value in a.items():
+        if value != b[name]:
+            return ControllerDifference(f"config.{name}", *texts(value, b[name]))
+    return None
+
+
+def _of_lists(
+    name: str, a: tuple[str, ...] | list[str], b: tuple[str, ...] | list[str], *, first: int = 0
+) -> ControllerDifference | None:
+    for place, (x, y) in enumerate(zip_longest(a, b), first):
+        if x != y:
+            values = texts(x or "", y or "")
+            shown = [ABSENT if item is None else text for item, text in zip((x, y), values, strict=True)]
+            return ControllerDifference(name.format(place), shown[0], shown[1])
+    return None

@@ -1,0 +1,561 @@
+"""The learner's arithmetic, compiled: every floating-point operation in a fixed order, none of it from libm.
+
+Equation numbers are those of the paper (see `pipeline.learner.learner`). A sum runs over its slots one by one; what is
+vectorised runs across neurons or weights. Without fastmath the compiler may neither reorder nor fuse, so that
+every CPU gives the same bits. `error_model="numpy"` only drops the zero test from divisions, which would stop
+vectorisation.
+"""
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+from numba.np.numpy_support import carray
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+IndexArray = NDArray[np.uint32]
+SizeArray = NDArray[np.int64]
+ByteArray = NDArray[np.uint8]
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+_LOG2_E = 1.4426950408889634
+_LN2_HIGH = 6.93147180369123816490e-01  # ln 2 rounded to 33 bits: its product with |k| < 2**11 is exact
+_LN2_LOW = 1.90821492927058770002e-10  # the rest of ln 2
+_ROUND = 1.5 * 2.0**52  # adding it leaves the nearest integer in the low bits of the sum
+_EXP_MIN, _EXP_MAX = -708.0, 709.0  # beyond these exp leaves the normal float64 numbers
+_LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive float64
+
+OK, BAD_INPUT, BAD_TARGET, BAD_SHAPE, DIVERGED = 0, 1, 2, 3, 4
+UNUSUAL = -1
+STAMP_AT, STAMP_END = 4, 12  # of a header in CDR: s and ns, behind the encapsulation
+_SECOND = 10**9
+
+
+def _compiled(function: _Function) -> _Function:
+    return cast(_Function, _kept(numba.njit, function))
+
+
+def _kept(compiler: Callable[..., Callable[..., Any]], function: Callable[..., Any], *signature: str) -> Any:
+    """Compile, and keep the result for the next process. It is found by this file alone: all kernels live here."""
+    try:
+        return compiler(*signature, cache=True, error_model="numpy")(function)
+    except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
+        return compiler(*signature, error_model="numpy")(function)
+
+
+class Sizes(NamedTuple):
+    """Sizes of a network; a slot is the place of one connection at the neuron that it leads to."""
+
+    inputs: int
+    outputs: int
+    reservoir: int
+    reservoir_slots: int  # of each reservoir neuron
+    output_slots: int  # of each output
+    feedback_slot: int  # the slots of an output from here on come from outputs: the sum in eq. (7)
+    sources: int  # length of z
+
+
+class Views(NamedTuple):
+    """What a step reads and changes, as views into one block of memory, and its scratch space.
+
+    All that a neuron can hear stands in one vector z = (u, y of the outputs, y of the reservoir, zeros); a slot without
+    a connection hears the last zero.
+    """
+
+    reservoir_weights: FloatArray  # (reservoir, reservoir_slots), fixed
+    output_weights: FloatArray  # (outputs, output_slots), adapted
+    a: FloatArray  # (reservoir,)
+    b: FloatArray  # (reservoir,)
+    x: FloatArray  # (outputs + reservoir,), in the order of eq. (4)
+    z: FloatArray  # (sources,)
+    error: FloatArray  # (outputs,), e(k-1) of eq. (7)
+    heard: FloatArray  # (outputs, output_slots), scratch: what the outputs heard in this step
+    gamma: FloatArray  # (outputs,), scratch
+    slope_error: FloatArray  # (sources,), scratch: f'(x_s) e_s at the outputs s, zero elsewhere
+
+
+class Rates(NamedTuple):
+    """Learning rates of one epoch and the constants of the rules, in the order in which the kernel takes them."""
+
+    eta: float
+    epsilon: float
+    zeta: float
+    mu: float
+
+
+def memory_size(sizes: Sizes) -> int:
+    """Float64 numbers in the block that `views` divides."""
+    weights = sizes.reservoir * sizes.reservoir_slots + 2 * sizes.outputs * sizes.output_slots
+    return weights + 3 * sizes.reservoir + 3 * sizes.outputs + 2 * sizes.sources
+
+
+@_compiled
+def exp(x: float) -> float:
+    """Exponential within 2 units in the last place for -708 <= x <= 709, held at the ends beyond.
+
+    exp(x) = 2**k exp(r), |r| <= ln(2) / 2, with the Taylor polynomial of degree 13 for exp(r), whose remainder is
+    4e-18; it is evaluated in Estrin's scheme, which waits less than Horner's.
+    """
+    x = _EXP_MIN if x < _EXP_MIN else x
+    x = _EXP_MAX if x > _EXP_MAX else x
+    shifted = x * _LOG2_E + _ROUND
+    k = shifted - _ROUND
+    r = (x - k * _LN2_HIGH) - k * _LN2_LOW
+    r2 = r * r
+    r4 = r2 * r2
+    low = (1.0 / 2.0 + r * (1.0 / 6.0)) + r2 * (1.0 / 24.0 + r * (1.0 / 120.0))
+    middle = (1.0 / 720.0 + r * (1.0 / 5040.0)) + r2 * (1.0 / 40320.0 + r * (1.0 / 362880.0))
+    high = (1.0 / 3628800.0 + r * (1.0 / 39916800.0)) + r2 * (1.0 / 479001600.0 + r * (1.0 / 6227020800.0))
+    power = 1.0 + (r + r2 * (low + r4 * (middle + r4 * high)))
+    exponent = np.float64(shifted).view(np.int64) << 52
+    return np.int64(np.float64(power).view(np.int64) + exponent).view(np.float64)
+
+
+@_compiled
+def log(x: float) -> float:
+    """Natural logarithm of a positive number, by Halley's iteration on `exp`."""
+    y = 0.0
+    for _ in range(_LOG_STEPS):
+        power = exp(y)
+        y += 2.0 * (x - power) / (x + power)
+    return y
+
+
+@_compiled
+def views(sizes: SizeArray, memory: FloatArray) -> Views:
+    """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
+    _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
+    heard = outputs * output_slots
+    weights_end = reservoir * reservoir_slots + heard
+    b_end = weights_end + 2 * reservoir
+    z_end = b_end + outputs + reservoir + sources
+    heard_end = z_end + outputs + heard
+    return Views(
+        memory[: weights_end - heard].reshape(reservoir, reservoir_slots),
+        memory[weights_end - heard : weights_end].reshape(outputs, output_slots),
+        memory[weights_end : weights_end + reservoir],
+        memory[weights_end + reservoir : b_end],
+        memory[b_end : z_end - sources],
+        memory[z_end - sources : z_end],
+        memory[z_end : z_end + outputs],
+        memory[z_end + outputs : heard_end].reshape(outputs, output_slots),
+        memory[heard_end : heard_end + outputs],
+        memory[heard_end + outputs :],
+    )
+
+
+@_compiled
+def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
+    """Activations of the reservoir, eq. (1)."""
+    for i in range(x.size):
+        total = 0.0
+        for slot in range(weights.shape[1]):
+            total += weights[i, slot] * z[sources[i, slot]]
+        x[i] = total
+
+
+@_compiled
+def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, heard: FloatArray, x: FloatArray) -> None:
+    """Activations of the outputs, eq. (1), keeping what each slot heard for the update."""
+    for i in range(x.size):
+        total = 0.0
+        for slot in range(weights.shape[1]):
+            value = z[sources[i, slot]]
+            heard[i, slot] = value
+            total += weights[i, slot] * value
+        x[i] = total
+
+
+@_compiled
+def sum_of_squares(z: FloatArray) -> float:
+    """Squared norm of z, whose length is a multiple of four, as four interleaved sums."""
+    s0 = s1 = s2 = s3 = 0.0
+    for j in range(0, z.size, 4):
+        s0 += z[j] * z[j]
+        s1 += z[j + 1] * z[j + 1]
+        s2 += z[j + 2] * z[j + 2]
+        s3 += z[j + 3] * z[j + 3]
+    return (s0 + s1) + (s2 + s3)
+
+
+@_compiled
+def fermi(x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray) -> None:
+    """Activities of the reservoir, eq. (3)."""
+    for i in range(x.size):
+        y[i] = 1.0 / (1.0 + exp(-a[i] * x[i] - b[i]))
+
+
+@_compiled
+def fermi_outputs(x: FloatArray, y: FloatArray) -> None:
+    """Activities of the outputs, which are only fed back: eq. (3) with a = 1, b = 0."""
+    for i in range(x.size):
+        y[i] = 1.0 / (1.0 + exp(-x[i]))
+
+
+@_compiled
+def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, views: Views) -> None:
+    """Add to gamma the sum in eq. (7): the outputs' last errors, through the connections between outputs."""
+    for s in range(first_output, first_output + views.gamma.size):
+        y = views.z[s]
+        views.slope_error[s] = y * (1.0 - y) * views.error[s - first_output]
+    for i in range(views.gamma.size):
+        for slot in range(first_slot, sources.shape[1]):
+            views.gamma[i] += views.output_weights[i, slot] * views.slope_error[sources[i, slot]]
+
+
+@_compiled
+def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate: float) -> None:
+    """BPDC, eqs. (5) and (6): u and f(x) are both what a slot heard; an empty slot heard zero and stays zero."""
+    for i in range(gamma.size):
+        step = rate * gamma[i]
+        for slot in range(weights.shape[1]):
+            weights[i, slot] += step * heard[i, slot]
+
+
+@_compiled
+def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, zeta: float, mu: float) -> None:
+    """IP, eqs. (8) and (9), the latter read as delta a = zeta / a + x delta b."""
+    inverse = 1.0 / mu
+    for i in range(x.size):
+        delta_b = zeta * (1.0 - (2.0 + inverse) * y[i] + inverse * (y[i] * y[i]))
+        a[i] += zeta / a[i] + x[i] * delta_b
+        b[i] += delta_b
+
+
+@_compiled
+def all_finite(values: FloatArray) -> bool:
+    """Say whether there is neither NaN nor infinity."""
+    wrong = 0
+    flat = values.reshape(-1)
+    for i in range(flat.size):
+        wrong |= 0 if flat[i] - flat[i] == 0.0 else 1
+    return wrong == 0
+
+
+@_compiled
+def is_finite(views: Views) -> bool:
+    """Say whether all that a step changes is free of NaN and infinity."""
+    adapted = all_finite(views.output_weights) and all_finite(views.a) and all_finite(views.b)
+    return adapted and all_finite(views.x)
+
+
+@_compiled
+def teach(
+    d: FloatArray, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views
+) -> None:
+    """BPDC update of everything that leads to an output, eqs. (5) to (7); z still holds u(k) and y(k)."""
+    for i in range(d.size):
+        views.gamma[i] = -(views.x[i] - d[i])
+    add_feedback_error(sources, feedback_slot, first_output, views)
+    rate = rates.eta / (sum_of_squares(views.z) + rates.epsilon)
+    decorrelate(views.output_weights, views.heard, views.gamma, rate)
+
+
+@_compiled
+def activate(sizes: SizeArray, memory: FloatArray) -> None:
+    """Activities of outputs and reservoir from their activations, eqs. (2) and (3)."""
+    inputs, outputs, reservoir = sizes[0], sizes[1], sizes[2]
+    state = views(sizes, memory)
+    fermi_outputs(state.x[:outputs], state.z[inputs : inputs + outputs])
+    fermi(state.x[outputs:], state.a, state.b, state.z[inputs + outputs : inputs + outputs + reservoir])
+
+
+@_compiled
+def run(
+    u: FloatArray,
+    d: FloatArray,
+    learning: bool,
+    sizes: SizeArray,
+    sources: IndexArray,
+    memory: FloatArray,
+    rates: FloatArray,
+    predicted: FloatArray,
+) -> int:
+    """Take complete steps: predict, compare with d, learn; a sequence may be cut into calls anywhere.
+
+    The arguments are plain arrays because a call with tuples costs more than a step.
+
+    Parameters
+    ----------
+    u : ndarray, shape (steps, inputs)
+        Centred inputs.
+    d : ndarray, shape (steps, outputs) or (0, outputs)
+        Centred targets; none to run forward only, which leaves no error for the next step.
+    learning : bool
+        Whether to apply BPDC and IP; needs targets.
+    sizes : ndarray of int64
+        The values of a `Sizes`.
+    sources : ndarray of uint32
+        For each slot of each reservoir neuron, then of each output, the index of what it hears in z.
+    memory : ndarray
+        The block that `views` divides.
+    rates : ndarray, shape (4,)
+        The values of a `Rates`.
+    predicted : ndarray, shape (steps, outputs)
+        Filled with the outputs of each step, before its update.
+
+    Returns
+    -------
+    int
+        `OK`, `BAD_INPUT` or `BAD_TARGET` (not finite: nothing was done), or `DIVERGED` (the state is not finite).
+    """
+    if not all_finite(u):
+        return BAD_INPUT
+    if not all_finite(d):
+        return BAD_TARGET
+    inputs, outputs, feedback_slot = sizes[0], sizes[1], sizes[5]
+    state = views(sizes, memory)
+    constants = Rates(rates[0], rates[1], rates[2], rates[3])
+    split = state.reservoir_weights.size
+    reservoir_sources = sources[:split].reshape(state.reservoir_weights.shape)
+    output_sources = sources[split:].reshape(state.output_weights.shape)
+    x_output, x_reservoir = state.x[:outputs], state.x[outputs:]
+    y_output = state.z[inputs : inputs + outputs]
+    y_reservoir = state.z[inputs + outputs : inputs + outputs + state.a.size]
+    for k in range(u.shape[0]):
+        for r in range(inputs):
+            state.z[r] = u[k, r]
+        listen(state.reservoir_weights, reservoir_sources, state.z, x_reservoir)
+        listen_and_keep(state.output_weights, output_sources, state.z, state.heard, x_output)
+        for i in range(outputs):
+            predicted[k, i] = x_output[i]
+        if learning:
+            teach(d[k], inputs, feedback_slot, output_sources, constants, state)
+        for i in range(outputs):
+            state.error[i] = x_output[i] - d[k, i] if d.shape[0] else 0.0
+        fermi_outputs(x_output, y_output)
+        fermi(x_reservoir, state.a, state.b, y_reservoir)
+        if learning:
+            intrinsic_plasticity(x_reservoir, y_reservoir, state.a, state.b, constants.zeta, constants.mu)
+    return OK if is_finite(state) else DIVERGED
+
+
+@_compiled
+def foresee(
+    u: FloatArray,
+    centre: FloatArray,
+    limits: FloatArray,
+    sizes: SizeArray,
+    sources: IndexArray,
+    memory: FloatArray,
+    activations: FloatArray,
+    predicted: FloatArray,
+    limited: FloatArray,
+) -> int:
+    """Say what the next step's outputs would be, to the bit, and leave the state as it is.
+
+    The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
+    waits for them has been answered, by `proceed`. One call does it all, limits included, for a call costs as much as
+    the sums.
+
+    Parameters
+    ----------
+    u : ndarray, shape (inputs,)
+        The inputs, not centred.
+    centre : ndarray, shape (inputs + outputs,)
+        What is taken from u, then what is added to the outputs.
+    limits : ndarray, shape (2, n)
+        Lower, then upper limits of the last n outputs.
+    sizes, sources, memory : ndarray
+        As `run` takes them; only the place for u is written to, which every step overwrites.
+    activations : ndarray, shape (outputs,)
+        Filled with the outputs, centred.
+    predicted : ndarray, shape (outputs,)
+        Filled with the outputs.
+    limited : ndarray, shape (n,)
+        Filled with the last n outputs, within their limits.
+
+    Returns
+    -------
+    int
+        `OK`, `BAD_SHAPE` or `BAD_INPUT` (not finite: nothing was done), or `DIVERGED` (the outputs are not finite).
+    """
+    inputs, outputs, first = sizes[0], sizes[1], sizes[1] - limited.size
+    sized = u.size == inputs and activations.size == predicted.size == outputs
+    if not sized or first < 0 or limits.shape != (2, limited.size):
+        return BAD_SHAPE
+    if not all_finite(u):
+        return BAD_INPUT
+    state = views(sizes, memory)
+    for r in range(inputs):
+        state.z[r] = u[r] - centre[r]
+    output_sources = sources[state.reservoir_weights.size :].reshape(state.output_weights.shape)
+    listen(state.output_weights, output_sources, state.z, activations)
+    for i in range(outputs):
+        predicted[i] = activations[i] + centre[inputs + i]
+    for j in range(limited.size):
+        limited[j] = min(max(predicted[first + j], limits[0, j]), limits[1, j])
+    return OK if all_finite(predicted) else DIVERGED
+
+
+@_compiled
+def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
+    """Take the step that `foresee` looked ahead to, to the bit as `run` takes one without targets.
+
+    Nothing may have come between; this is not looked at.
+
+    Parameters
+    ----------
+    sizes, sources, memory : ndarray
+        As `foresee` left them.
+    activations : ndarray, shape (outputs,)
+        As `foresee` filled it.
+
+    Returns
+    -------
+    int
+        `OK`, or `DIVERGED` (x is not finite; weights, a and b have not changed).
+    """
+    outputs = sizes[1]
+    state = views(sizes, memory)
+    reservoir_sources = sources[: state.reservoir_weights.size].reshape(state.reservoir_weights.shape)
+    listen(state.reservoir_weights, reservoir_sources, state.z, state.x[outputs:])
+    for i in range(outputs):
+        state.x[i] = activations[i]
+        state.error[i] = 0.0
+    activate(sizes, memory)
+    return OK if all_finite(state.x) else DIVERGED
+
+
+class Served(NamedTuple):
+    """What the calls of a served controller read and change: arrays that stay where they are in memory.
+
+    The calls believe types and sizes, for they see addresses alone; `pipeline.serving.compiled_calls` sees to both.
+    """
+
+    sizes: SizeArray  # (7,), as `run` takes it, as are the next two
+    sources: IndexArray
+    memory: FloatArray
+    centre: FloatArray  # (inputs + outputs,), as `foresee` takes it
+    activations: FloatArray  # (outputs,), as `foresee` fills it and `proceed` takes it
+    limits: FloatArray  # (2 n,), lower, then upper limits of the joints
+    u: FloatArray  # (6,), filled with the targets [m]
+    outputs: FloatArray  # (outputs,), filled with the next step's outputs
+    limited: FloatArray  # (n,), filled with the joints among them, within their limits
+    stamp: ByteArray  # (8,), filled with the targets' stamp, as CDR has it
+    clipped: SizeArray  # (n,), how often a joint was beyond its limits
+    left: ByteArray  # (pose,), filled with the messages
+    right: ByteArray
+    left_position: FloatArray  # (3,), in the messages [m]
+    right_position: FloatArray
+    head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
+    near: FloatArray  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
+
+
+def addresses(served: Served) -> NDArray[np.int64]:
+    """Return where each array begins, then how long each is: by these the calls of `served_calls` find them.
+
+    Numba looks at every argument of every call anew. Where a call comes once in a millisecond, on caches that others
+    have used meanwhile, this takes longer than the arithmetic.
+
+    Raises
+    ------
+    ValueError
+        If the items of an array do not stand side by side.
+    """
+    if not all(array.flags.c_contiguous for array in served):
+        raise ValueError("expected arrays whose items stand side by side")
+    return np.array([[array.ctypes.data for array in served], [array.size for array in served]], dtype=np.int64)
+
+
+@cache
+def served_calls() -> tuple[Any, Any]:
+    """Return `_answer_pair` and `_settle` as C has them, each with an `address`; compiled when first asked for."""
+    table = "CPointer(voidptr), CPointer(int64)"
+    answer = _kept(numba.cfunc, _answer_pair, f"int64({table}, CPointer(uint8), CPointer(uint8), int64)")
+    return answer, _kept(numba.cfunc, _settle, f"int64({table}, int64)")
+
+
+@_compiled
+def _served(places: Any, lengths: Any) -> Served:
+    """Return the arrays whose addresses and lengths these are."""
+    return Served(
+        carray(places[0], lengths[0], np.int64),
+        carray(places[1], lengths[1], np.uint32),
+        carray(places[2], lengths[2], np.float64),
+        carray(places[3], lengths[3], np.float64),
+        carray(places[4], lengths[4], np.float64),
+        carray(places[5], lengths[5], np.float64),
+        carray(places[6], lengths[6], np.float64),
+        carray(places[7], lengths[7], np.float64),
+        carray(places[8], lengths[8], np.float64),
+        carray(places[9], lengths[9], np.uint8),
+        carray(places[10], lengths[10], np.int64),
+        carray(places[11], lengths[11], np.uint8),
+        carray(places[12], lengths[12], np.uint8),
+        carray(places[13], lengths[13], np.float64),
+        carray(places[14], lengths[14], np.float64),
+        carray(places[15], lengths[15], np.uint8),
+        carray(places[16], lengths[16], np.float64),
+    )
+
+
+def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int) -> int:
+    """Answer two hand targets, still CDR, by what the next step's outputs would be, if they are as targets mostly are.
+
+    Parameters
+    ----------
+    places, lengths : pointers
+        To the two rows of `addresses`.
+    left, right : pointers
+        To messages, each as long as `Served.left`: usual ones are poses that are alike up to their positions.
+    after_ns : int
+        Stamps up to this one are not usual [ns].
+
+    Returns
+    -------
+    int
+        The stamp [ns], or `UNUSUAL`: what is filled then means nothing.
+    """
+    served = _served(places, lengths)
+    for k in range(served.left.size):
+        served.left[k], served.right[k] = left[k], right[k]
+    for k in range(served.head.size):
+        is_stamp = STAMP_AT <= k < STAMP_END
+        if served.left[k] != served.right[k] or not (is_stamp or served.left[k] == served.head[k]):
+            return UNUSUAL
+    seconds = nanoseconds = 0
+    for k in range(3, -1, -1):  # little-endian
+        seconds = seconds * 256 + int(served.left[STAMP_AT + k])
+        nanoseconds = nanoseconds * 256 + int(served.left[STAMP_AT + 4 + k])
+    stamp_ns = seconds * _SECOND + nanoseconds
+    if seconds >= 2**31 or nanoseconds >= _SECOND or stamp_ns <= after_ns:  # seconds are signed
+        return UNUSUAL
+    u, limited = served.u, served.limited
+    for axis in range(3):
+        u[axis], u[3 + axis] = served.left_position[axis], served.right_position[axis]
+    for axis in range(6):
+        if not abs(u[axis] - served.near[axis]) <= served.near[6]:  # nor is NaN near
+            return UNUSUAL
+    limits = served.limits.reshape(2, limited.size)
+    network = served.sizes, served.sources, served.memory
+    if foresee(u, served.centre, limits, *network, served.activations, served.outputs, limited) != OK:
+        return UNUSUAL
+    for k in range(served.stamp.size):
+        served.stamp[k] = served.left[STAMP_AT + k]
+    return stamp_ns
+
+
+def _settle(places: Any, lengths: Any, advance: int) -> int:
+    """Do what a command that was sent did not wait for: count clipped joints; if told to, take the step that follows.
+
+    Parameters
+    ----------
+    places, lengths : pointers
+        To the two rows of `addresses`; memory, activations, outputs and limited are as the command left them.
+    advance : int
+        Whether to take the step without targets.
+
+    Returns
+    -------
+    int
+        `OK`, or `DIVERGED` as `proceed` has it.
+    """
+    served = _served(places, lengths)
+    first = served.outputs.size - served.limited.size
+    for j in range(served.limited.size):
+        served.clipped[j] += served.limited[j] != served.outputs[first + j]
+    return proceed(served.sizes, served.sources, served.memory, served.activations) if advance else OK

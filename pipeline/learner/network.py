@@ -1,0 +1,211 @@
+"""The network as arrays: which connections exist, how they lie in the kernel's tables, and the state by name.
+
+The kernel's layout (padding, slots) is made for speed. The state that is saved, compared and digested does
+not know it: weights are kept per type of connection, ordered by target, then source.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.learner import kernels
+from pipeline.learner.config import ConnectionConfig, LearnerConfig
+from pipeline.learner.kernels import FloatArray, Sizes
+from pipeline.seeding import distinct, raw_words, uniforms
+from recorders.errors import ConfigError, ControllerError
+from recorders.text.wording import names_text
+
+MAX_NEURONS = 50_000
+MAX_NUMBERS = 2**20  # a thousand neurons, each connected to each, take fewer
+
+_LANES = 4  # the kernel squares z four at a time
+_Places = NDArray[np.int64]
+
+
+class Connections(NamedTuple):
+    """The connections of one type that exist, ordered by target, then source."""
+
+    targets: NDArray[np.int64]  # (count,)
+    sources: NDArray[np.int64]  # (count,)
+
+
+def draw_connections(config: ConnectionConfig, *, seed: int) -> Connections:
+    """Draw which connections exist: the same number for every target, or one more.
+
+    They are drawn by index, target by target, so that the cost is that of the connections that exist.
+
+    Returns
+    -------
+    Connections
+        With ``round(density * sources * targets)`` entries.
+    """
+    least, extra = divmod(config.count, config.targets)
+    degrees = np.full(config.targets, least)
+    degrees[distinct(raw_words(seed, "connections", config.name, "degrees", count=extra), config.targets)] += 1
+    words = raw_words(seed, "connections", config.name, "sources", count=config.count)
+    parts = [distinct(part, config.sources) for part in np.split(words, np.cumsum(degrees)[:-1])]
+    return Connections(np.repeat(np.arange(config.targets), degrees), np.concatenate(parts))
+
+
+def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) -> FloatArray:
+    """Uniform numbers in [-limit, limit), named as in `pipeline.seeding`, shape (count,)."""
+    return (2.0 * uniforms(seed, *path, count=count) - 1.0) * limit
+
+
+def state_shapes(config: LearnerConfig) -> dict[str, tuple[int, ...]]:
+    """Names and shapes of the state, in the order in which it is digested.
+
+    Weights by type of connection; a, b of the reservoir; x, y of the outputs, then the reservoir, eq. (4); the
+    outputs' last errors e; the epoch, -1 before the first.
+    """
+    neurons = config.outputs + config.reservoir
+    return {
+        **{f"{connection.name}_weights": (connection.count,) for connection in config.connections()},
+        "a": (config.reservoir,),
+        "b": (config.reservoir,),
+        "x": (neurons,),
+        "y": (neurons,),
+        "e": (config.outputs,),
+        "epoch": (1,),
+    }
+
+
+def state_numbers(config: LearnerConfig) -> int:
+    """Return how many numbers the state has."""
+    return sum(math.prod(shape) for shape in state_shapes(config).values())
+
+
+def check_size(config: LearnerConfig) -> None:
+    """Check that a network is small enough to be kept in a file, which may come from anyone.
+
+    Raises
+    ------
+    ConfigError
+        If it has more than `MAX_NEURONS` neurons, or `MAX_NUMBERS` numbers in its state.
+    """
+    neurons, numbers = config.inputs + config.outputs + config.reservoir, state_numbers(config)
+    if neurons > MAX_NEURONS or numbers > MAX_NUMBERS:
+        raise ConfigError(
+            f"expected at most {MAX_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be kept in a file, "
+            f"found {neurons} and {numbers}"
+        )
+
+
+def check_state(config: LearnerConfig, state: Mapping[str, FloatArray]) -> None:
+    """Check names, shapes and values of a state against a configuration.
+
+    Raises
+    ------
+    ControllerError
+        If an array is missing, unknown, of the wrong shape, or not finite.
+    """
+    shapes = state_shapes(config)
+    if set(state) != set(shapes):
+        raise ControllerError(f"expected state {names_text(shapes)}; found {names_text(map(str, state))}")
+    for name, shape in shapes.items():
+        if np.shape(state[name]) != shape:
+            raise ControllerError(f"expected state {name} of shape {shape}, found {np.shape(state[name])}")
+        if not np.isfinite(state[name]).all():
+            raise ControllerError(f"expected finite numbers in state {name}, found NaN or infinity")
+
+
+class _Layout:
+    """Where connections lie in a table of the kernel: a row for each target, a slot for each of its sources."""
+
+    def __init__(self, targets: int, *, silent: int) -> None:
+        self._parts: list[NDArray[np.uint32]] = []
+        self._targets, self._silent = targets, silent
+        self.slots = 0
+
+    def add(self, connections: Connections, *, first_source: int) -> tuple[_Places, _Places]:
+        """Append the slots of one type; returns row and slot of each connection."""
+        degrees = np.bincount(connections.targets, minlength=self._targets)
+        first_of_target = np.cumsum(degrees) - degrees
+        slots = np.arange(len(connections.targets)) - first_of_target[connections.targets]
+        part = np.full((self._targets, int(degrees.max())), self._silent, dtype=np.uint32)
+        part[connections.targets, slots] = first_source + connections.sources
+        self._parts.append(part)
+        self.slots += part.shape[1]
+        return connections.targets, self.slots - part.shape[1] + slots
+
+    def flat(self) -> NDArray[np.uint32]:
+        """Return what each slot hears, as an index into z, row after row."""
+        return np.concatenate(self._parts, axis=1).reshape(-1)
+
+
+class Network:
+    """Connections and memory of one network, with its state read and written by name.
+
+    A new network has its initial weights, a = 1, b = 0, and no activity.
+
+    Parameters
+    ----------
+    config : LearnerConfig
+        Sizes, connections, initial ranges and seed.
+
+    Attributes
+    ----------
+    connections : dict of str to Connections
+        The connections that exist, by type.
+    sizes, sources, memory : ndarray
+        What the kernel works on, see `pipeline.learner.kernels.run`.
+    """
+
+    def __init__(self, config: LearnerConfig) -> None:
+        self.connections = {c.name: draw_connections(c, seed=config.seed) for c in config.connections()}
+        self._outputs = config.outputs
+        self._activities = slice(config.inputs, config.inputs + config.outputs + config.reservoir)
+        self._lay_out(config)
+        self._views = kernels.views(self.sizes, self.memory)
+        self._views.a[:] = 1.0
+        for part in config.connections():
+            self._weights_of(part.name)[self._places[part.name]] = symmetric_uniforms(
+                config.seed, "weights", part.name, count=part.count, limit=part.initial_range
+            )
+
+    def set_activations(self, x: FloatArray) -> None:
+        """Set x of outputs and reservoir, shape (outputs + reservoir,), and y = f(x); forget the last error."""
+        self._views.x[:] = x
+        self._views.error[:] = 0.0
+        kernels.activate(self.sizes, self.memory)
+
+    def state(self) -> dict[str, FloatArray]:
+        """Copy the state, named and shaped as in `state_shapes`, less the epoch."""
+        weights = {f"{name}_weights": self._weights_of(name)[places] for name, places in self._places.items()}
+        return {**weights, **{name: values.copy() for name, values in self._vectors().items()}}
+
+    def load_state(self, state: Mapping[str, FloatArray]) -> None:
+        """Take over a state made by `state`; it must have passed `check_state`."""
+        for name, places in self._places.items():
+            self._weights_of(name)[places] = state[f"{name}_weights"]
+        for name, values in self._vectors().items():
+            values[:] = state[name]
+
+    def _lay_out(self, config: LearnerConfig) -> None:
+        first_source = {"input": 0, "output": config.inputs, "reservoir": config.inputs + config.outputs}
+        sources = -(-(self._activities.stop + 1) // _LANES) * _LANES  # at least one constant zero
+        layouts = {
+            "reservoir": _Layout(config.reservoir, silent=sources - 1),
+            "output": _Layout(config.outputs, silent=sources - 1),
+        }
+        self._places: dict[str, tuple[_Places, _Places]] = {}
+        for part in config.connections():
+            feedback_slot = layouts[part.target].slots  # of the last type: output to output
+            self._places[part.name] = layouts[part.target].add(
+                self.connections[part.name], first_source=first_source[part.source]
+            )
+        slots = layouts["reservoir"].slots, layouts["output"].slots
+        sizes = Sizes(config.inputs, config.outputs, config.reservoir, *slots, feedback_slot, sources)
+        self.sizes = np.array(sizes, dtype=np.int64)
+        self.sources = np.concatenate([layouts["reservoir"].flat(), layouts["output"].flat()])
+        self.memory = np.zeros(kernels.memory_size(sizes))
+
+    def _weights_of(self, name: str) -> FloatArray:
+        return self._views.reservoir_weights if name.endswith("_reservoir") else self._views.output_weights
+
+    def _vectors(self) -> dict[str, FloatArray]:
+        v = self._views
+        return {"a": v.a, "b": v.b, "x": v.x, "y": v.z[self._activities], "e": v.error}

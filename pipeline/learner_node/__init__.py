@@ -1,0 +1,1 @@
+"""The learner as a Zenoh node, from a replay or from live topics."""

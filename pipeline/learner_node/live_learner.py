@@ -1,0 +1,261 @@
+"""A learner that learns live: what anyone publishes goes in, outputs, errors and digests come out."""
+
+from collections import deque
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass, replace
+from itertools import chain, islice
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.evaluation.errors import hand_errors
+from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.range_check import plausible
+from pipeline.training.run import CycleReport, Steps
+from pipeline.training.trainer import Trainer
+from recorders.errors import ConfigError, WireError
+from recorders.messages.record import Stamped
+from recorders.nodes.status import NodeSource
+from recorders.wire.frames import Frame, Kind
+from recorders.wire.receiver import Event, Live, Offered, Receiver
+from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
+
+Floats = NDArray[np.float64]
+
+_QUIET_S = 0.02  # after this, what has come so far is learned at once, rather than with what comes next
+_POLL_S = 0.5
+_REPORT_TICKS = 64  # between two words on the network
+_CM_PER_M = 100.0
+_STOPPED = "the learner was stopped"
+
+
+@dataclass(frozen=True)
+class LiveConfig:
+    """How long a learner learns live, and what it keeps.
+
+    Parameters
+    ----------
+    epochs : int
+        Epochs of the run, over which the rates fall; without phase markers it stays in the first.
+    ticks : int, optional
+        End after so many ticks.
+    record : Path, optional
+        Log to write: what was learned from, with the phase markers that were followed.
+    overwrite : bool
+        Whether a log of this name may be replaced.
+
+    Raises
+    ------
+    ConfigError
+        If a number is out of range.
+    """
+
+    epochs: int = 1
+    ticks: int | None = None
+    record: Path | None = None
+    overwrite: bool = False
+
+    def __post_init__(self) -> None:
+        """Check the ranges."""
+        if self.epochs < 1 or (self.ticks is not None and self.ticks < 1):
+            raise ConfigError(f"expected epochs and ticks of at least 1, found {self.epochs} and {self.ticks}")
+
+
+class LiveLearner:
+    """A trainer between what is heard and what is said.
+
+    Parameters
+    ----------
+    trainer : Trainer
+        The learner.
+    robot : RobotConfig
+        The robot.
+    config : LiveConfig
+        When it ends.
+    receiver : Receiver
+        One that hears live messages too.
+    voice : LearnerVoice
+        Says what comes of it.
+    say : callable
+        Told, in one line, of what is refused.
+    """
+
+    def __init__(
+        self,
+        trainer: Trainer,
+        robot: RobotConfig,
+        config: LiveConfig,
+        receiver: Receiver,
+        voice: LearnerVoice,
+        *,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self._trainer, self._robot, self._config = trainer, robot, config
+        self._receiver, self._voice, self._say = receiver, voice, say
+        self._stream = LiveStream(epochs=config.epochs, check=plausible(robot), phase=trainer.kept_phase, say=say)
+        self._scores = _Scores(robot)
+        self._ended = False  # a stream that awaited this is through
+        self._reported = 0
+
+    def run(self, stopped: Callable[[], bool], *, keep: Callable[[Stamped], None]) -> dict[str, Any]:
+        """Learn until it is `stopped`, has enough, or a stream that awaits this ends; return what is to be said of it.
+
+        `keep` is given every message that is learned from, and every marker that is followed.
+
+        Raises
+        ------
+        ReenactError
+            As `Trainer.hello`, `Trainer.consume` and `keep` do.
+        """
+        self._trainer.report_to(lambda report: self._voice.report(report, **self._counts()))
+        self._trainer.show_steps_to(self._show)
+        heard = self._heard(stopped, keep)
+        first = list(islice(heard, 1))  # a marker, which names the run
+        texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
+        try:
+            with self._receiver.reporting_failure():
+                self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts))
+                self._trainer.take(chain(first, heard))
+                self._trainer.check_learned(self._stream.losses)
+        finally:
+            self._trainer.save_checkpoint()
+        result = self._trainer.result() | {"run": self._stream.run} | self._counts()
+        self._take_leave(result)
+        return result
+
+    def source(self, name: str) -> NodeSource:
+        """Return what this learner says of itself to whoever watches."""
+        return NodeSource(
+            "learner",
+            name,
+            state=lambda: "learning live" if self._stream.ticks else "waiting",
+            counts=lambda: {
+                "ticks": self._stream.ticks,
+                "dropped": self._stream.dropped,
+                "gaps": self._stream.gaps,
+                "refused": sum(tuple(self._stream.refused.values())) + sum(tuple(self._receiver.refused.values())),
+            },
+            digests=lambda: self._voice.digests,
+        )
+
+    def _heard(self, stopped: Callable[[], bool], keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+        """Yield the stream that a learner can take, until it is over; in a pause, what came before it is learned."""
+        quiet = False
+        while not (self._ended or self._has_enough() or stopped()):
+            event = self._event(_POLL_S if quiet else _QUIET_S)
+            if event is None:
+                self._pause(keep=quiet)
+                quiet = True
+                continue
+            quiet = False
+            yield from self._taken(event, keep)
+            if self._stream.ticks - self._reported >= _REPORT_TICKS:
+                self._report()
+        yield from self._last(keep)
+        self._stream.finish()
+
+    def _last(self, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+        """Yield what had arrived when the learner was stopped, which is no more than a receiver lets wait."""
+        self._receiver.stop_hearing()
+        while not (self._ended or self._has_enough()) and (event := self._event(0.0)) is not None:
+            if isinstance(event, Offered):
+                self._receiver.refuse(event, _STOPPED)
+            else:
+                yield from self._taken(event, keep)
+
+    def _taken(self, event: Event, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+        """Yield what a learner can take of what came, keeping it."""
+        for record in self._messages(event):
+            keep(record)
+            yield record
+        if isinstance(event, Frame) and event.messages:
+            self._receiver.consumed(event)
+
+    def _has_enough(self) -> bool:
+        return self._config.ticks is not None and self._stream.ticks >= self._config.ticks
+
+    def _event(self, wait_s: float) -> Event | None:
+        try:
+            return self._receiver.next_event(wait_s)
+        except WireError as error:
+            self._leave(str(error))
+            return None
+
+    def _messages(self, event: Event) -> Iterator[Stamped]:
+        """Yield what goes on of what came."""
+        if isinstance(event, Live):
+            yield from self._live(event)
+        elif isinstance(event, Offered):
+            self._receiver.accept(event, 0)
+        elif event.kind is Kind.ABORT:
+            self._leave(f"the sender gave up at message {event.first}: {event.reason}")
+        else:
+            self._ended = event.kind is Kind.END
+            for record in event.messages:
+                if not self._has_enough():
+                    yield from self._stream.feed(record)
+
+    def _live(self, event: Live) -> tuple[Stamped, ...]:
+        if self._receiver.offer is None:
+            return self._stream.feed(event.record, numbered=event.numbered)
+        if event.record.topic in LIVE_TOPICS:
+            line = f"{event.record.topic}: a message that is not of the stream that awaits this learner"
+            self._stream.refuse(event.record.topic, "not of the stream", line)
+        return ()
+
+    def _leave(self, reason: str) -> None:
+        """Leave a stream whose sender is gone; what it sent is learned, and anyone may go on."""
+        self._receiver.give_up()
+        self._say(f"a stream broke off, the learner goes on: {reason}")
+
+    def _take_leave(self, result: dict[str, Any]) -> None:
+        if self._receiver.offer is None:
+            return
+        if self._ended:
+            self._receiver.finish(result)
+        else:
+            self._receiver.fail("the learner has ended, before the stream did")
+
+    def _pause(self, *, keep: bool) -> None:
+        self._trainer.settle(keep=keep)
+        if self._stream.ticks > self._reported:
+            self._report()
+
+    def _report(self) -> None:
+        self._reported = self._stream.ticks
+        report = self._trainer.so_far()
+        if report is not None:
+            self._voice.report(self._scores.put_into(report), **self._counts())
+
+    def _show(self, steps: Steps) -> None:
+        self._voice.show(steps)
+        self._scores.add(steps)
+
+    def _counts(self) -> dict[str, Any]:
+        refused = self._stream.refused.copy()
+        for reason, count in tuple(self._receiver.refused.items()):
+            topic = next((topic for topic in LIVE_TOPICS if reason.startswith(f"{topic}: ")), "elsewhere")
+            refused[f"{topic}: unread"] += count
+        return {"refused": dict(refused), "dropped": self._stream.dropped, "gaps": self._stream.gaps}
+
+
+class _Scores:
+    """Errors of the latest predictions, each from before its update."""
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._kinematics = Kinematics(robot)
+        self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_REPORT_TICKS)  # u (6,) and joints (n,)
+
+    def add(self, steps: Steps) -> None:
+        self._recent.extend(zip(steps.u.copy(), steps.outputs[:, 6:], strict=True))
+
+    def put_into(self, report: CycleReport) -> CycleReport:
+        if not self._recent:
+            return report
+        targets, postures = (np.array(column) for column in zip(*self._recent, strict=True))
+        left, right = (hand_errors(self._kinematics, postures, targets).mean(axis=0) * _CM_PER_M).tolist()
+        return replace(report, hands_cm=(left, right))

@@ -1,0 +1,129 @@
+"""The node `learn --live`: learns from whoever publishes hand targets and joints, a robot or a replay."""
+
+from collections.abc import Callable
+from typing import Any
+
+import zenoh
+
+from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
+from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
+from pipeline.robot_node.client import RemoteRobot
+from pipeline.robot_node.namespace_checks import RobotCheck
+from pipeline.terminal.signals import until_stopped
+from pipeline.training.trainer import Trainer
+from recorders.errors import ConfigError, WireError
+from recorders.messages.record import Stamped
+from recorders.nodes.node import running_node
+from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+from recorders.writing.writer import LogWriter
+from replay.sources.live import live_offer
+
+
+def learn_live(
+    trainer: Trainer,
+    *,
+    robot: RobotConfig | None,
+    session: SessionConfig,
+    receiver: ReceiverConfig,
+    config: LiveConfig | None = None,
+    metrics_port: int | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Learn from what anyone publishes, until Ctrl-C, SIGTERM, enough ticks, or the end of a stream that awaits this.
+
+    What cannot be used is refused and changes nothing; see `replay.sources.live.LiveStream`.
+
+    Parameters
+    ----------
+    trainer : Trainer
+        The learner; a checkpoint of its that is there is gone on from, with a presentation of its own.
+    robot : RobotConfig, optional
+        The robot; if left out, the one that answers in the namespace.
+    session, receiver : SessionConfig, ReceiverConfig
+        Where it listens or connects; its name and namespace.
+    config : LiveConfig
+        When it ends, and what it keeps.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
+    say : callable
+        Told, a line each, that the learner is ready, of what it refuses, and of what it loses sight of.
+
+    Returns
+    -------
+    dict
+        What `Trainer.result` says, and counts of what was refused and missing, as JSON has it.
+
+    Raises
+    ------
+    ConfigError
+        If no robot is named and none answers, or learning diverged.
+    ControllerError
+        If there is a checkpoint, and it cannot be gone on from.
+    LogError
+        If the log cannot be written.
+    WireError
+        If no session can be opened.
+    """
+    config = config or LiveConfig()
+    with open_session(session) as opened:
+        if robot is None:
+            robot = _answering(opened, receiver.namespace)
+        else:
+            RobotCheck(opened, robot.joints, namespace=receiver.namespace, say=say, learner=True).warn()
+        with (
+            _Recording(config, robot, say) as recording,
+            LearnerVoice(opened, namespace=receiver.namespace) as voice,
+            Receiver(opened, config=receiver, say=say) as receiving,
+            until_stopped() as stopped,
+        ):
+            learner = LiveLearner(trainer, robot, config, receiving, voice, say=say)
+            with running_node(
+                opened,
+                learner.source(receiver.name),
+                config=session,
+                namespace=receiver.namespace,
+                metrics_port=metrics_port,
+                report=say,
+            ):
+                say(
+                    f"{receiver.name} learns {robot.name} from {receiver.namespace}/** "
+                    f"at {', '.join(session.listen or session.connect)}; Ctrl-C ends it"
+                )
+                return learner.run(stopped, keep=recording.keep)
+
+
+def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
+    try:
+        return RemoteRobot(opened, namespace=namespace).robot
+    except WireError as error:
+        raise ConfigError(f"{error}; or name the robot with --robot") from error
+
+
+class _Recording:
+    """The log of what is learned from, if there is to be one; kept as far as it came if learning fails."""
+
+    def __init__(self, config: LiveConfig, robot: RobotConfig, say: Callable[[str], None]) -> None:
+        self._writer: LogWriter | None = None
+        if config.record is None:
+            return
+        self._writer = LogWriter(
+            config.record,
+            manifest={"kind": "learning", "schedule": live_offer("", epochs=config.epochs, robot={}).schedule},
+            attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
+            overwrite=config.overwrite,
+            regular=False,
+            say=say,
+        )
+
+    def __enter__(self) -> "_Recording":
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        if self._writer is not None:
+            self._writer.close()
+
+    def keep(self, record: Stamped) -> None:
+        if self._writer is not None:
+            self._writer.copy(record)

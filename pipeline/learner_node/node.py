@@ -1,0 +1,139 @@
+"""The nodes of learning: the online learner and the replay that feeds it, each in a process of its own over Zenoh."""
+
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.training.trainer import Trainer
+from recorders.mcap_format.channels import Declared
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.nodes.node import running_node
+from recorders.nodes.status import NodeSource
+from recorders.wire.frames import batch_topic
+from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+from replay.transports.clock import Clock, Unpaced, paced
+from replay.transports.sender_config import SenderConfig
+from replay.transports.transport import Source
+from replay.transports.zenoh import ZenohTransport
+
+OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)})
+"""What the learner listens to: a message here that is not of its stream is refused aloud."""
+
+_UNPACED = Unpaced()
+_NAME_DIGITS = 8  # of a session's identifier, by which a replay is told from others
+
+
+def learn(
+    trainer: Trainer,
+    *,
+    session: SessionConfig,
+    receiver: ReceiverConfig,
+    metrics_port: int | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Wait for a stream over Zenoh, learn from all of it, and return what is to be said of it.
+
+    `say` is told, a line each, when the learner is ready, what it refuses, and what it loses sight of. A checkpoint, if
+    there is to be one, is also kept when the learner is stopped. With a `metrics_port`, its status is there for
+    Prometheus, on 127.0.0.1.
+
+    Raises
+    ------
+    WireError
+        If no session can be opened, or the sender fails or falls silent.
+    ReenactError
+        If a message is not what it should be.
+    """
+    with (
+        open_session(session) as opened,
+        LearnerVoice(opened, namespace=receiver.namespace) as voice,
+        Receiver(opened, config=receiver, say=say) as receiving,
+        running_node(
+            opened,
+            _learner(trainer, receiving, voice, name=receiver.name),
+            config=session,
+            namespace=receiver.namespace,
+            metrics_port=metrics_port,
+            report=say,
+        ),
+    ):
+        trainer.report_to(voice.report)
+        trainer.show_steps_to(voice.show)
+        say(
+            f"{receiver.name} waits for a replay or a live session that awaits it by this name, "
+            f"at {', '.join(session.listen or session.connect)}"
+        )
+        try:
+            return receiving.serve(trainer)
+        except BaseException:
+            trainer.save_checkpoint()
+            raise
+
+
+def _learner(trainer: Trainer, receiver: Receiver, voice: LearnerVoice, *, name: str) -> NodeSource:
+    """Return what a learner that waits for a stream says of itself to whoever watches."""
+
+    def state() -> str:
+        return "waiting" if receiver.offer is None else "learning"
+
+    def counts() -> dict[str, int]:
+        return {
+            "ticks": trainer.ticks,
+            "messages": receiver.progress.next,
+            "refused": sum(tuple(receiver.refused.values())),
+        }
+
+    return NodeSource("learner", name, state=state, counts=counts, digests=lambda: voice.digests)
+
+
+def replay(
+    source: Source,
+    *,
+    session: SessionConfig,
+    sender: SenderConfig,
+    clock: Clock = _UNPACED,
+    metrics_port: int | None = None,
+    channels: Sequence[Declared] = (),
+    on_progress: Callable[[float], None] = lambda fraction: None,
+    say: Callable[[str], None] = lambda line: None,
+) -> dict[str, Any]:
+    """Send a stream to the consumers that are awaited, and return their results.
+
+    `say` is told, a line each, if nobody listens to a stream that nobody need await, and what it loses sight of.
+    `on_progress` is told nothing of a stream whose length nobody knows. With a `metrics_port`, the status of the replay
+    is there for Prometheus, on 127.0.0.1. Recorders learn the types of what is sent from `channels`.
+
+    Raises
+    ------
+    LogError
+        If a log cannot be read.
+    WireError
+        If a consumer is not there, refuses, or stops answering.
+    """
+    offer = source.offer()
+    sent = 0
+
+    def counted(start: int) -> Iterator[Stamped]:
+        nonlocal sent
+        for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # told at the end
+            yield message
+
+    def advanced(consumed: int) -> None:
+        if offer.messages:
+            on_progress(consumed / offer.messages)
+
+    with open_session(session) as opened:
+        node = NodeSource(
+            "replay",
+            str(opened.info.zid())[:_NAME_DIGITS],
+            state=lambda: "sending" if sent else "waiting",
+            counts=lambda: {"messages": sent},
+        )
+        with running_node(
+            opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port, report=say
+        ):
+            transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say, channels=channels)
+            results = transport.deliver(offer, counted)
+    return {"run": offer.run, "messages": sent, "consumers": results}

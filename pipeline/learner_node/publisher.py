@@ -1,0 +1,91 @@
+"""What a learner says on the network while it learns: digests, status, errors, and its outputs to whoever listens."""
+
+import json
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+
+import numpy as np
+import zenoh
+
+from pipeline.training.run import CycleReport, Steps
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import Float64MultiArray, String
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
+from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
+from recorders.wire.publisher import Producer
+from recorders.wire.session import publishing
+
+_M_PER_CM = 0.01
+
+
+class LearnerVoice:
+    """The publishing end of a learner.
+
+    Outputs are many: they are said to whoever listens, and dropped where the way out is blocked, for a listener that
+    stalls must not hold up the learner.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+
+    Attributes
+    ----------
+    digests : dict of str to str
+        State and stream digest, as reported last.
+    """
+
+    def __init__(self, session: zenoh.Session, *, namespace: str) -> None:
+        self._session = session
+        self._namespace = namespace
+        self._producer = Producer(session, namespace=namespace)
+        self._said = 0
+        self._stack = ExitStack()
+        self.digests: dict[str, str] = {}
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(self._producer)
+        self._outputs = self._stack.enter_context(
+            publishing(
+                self._session,
+                message_key(self._namespace, LEARNER_OUTPUT),
+                encoding=f"application/cdr;{Float64MultiArray.TYPE}",
+                congestion_control=zenoh.CongestionControl.DROP,
+                allowed_destination=zenoh.Locality.REMOTE,  # our own receiver hears everything
+            )
+        )
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def report(self, report: CycleReport, **counts: Any) -> None:
+        """Say what a cycle has come to, with further counts in its status."""
+        where = {"epoch": report.epoch, "cycle": report.cycle, "phase": report.phase}
+        digests = self.digests = {"state": report.digest, "stream": report.stream_digest}
+        say: Callable[..., Stamped] = self._producer.publish
+        say(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
+        status = where | {"ticks": report.ticks} | counts
+        say(LEARNER_STATUS, String(json.dumps(status)), log_time_ns=report.time_ns)
+        if report.hands_cm is not None:
+            errors = Float64MultiArray(np.array(report.hands_cm) * _M_PER_CM)
+            say(LEARNER_ERROR, errors, log_time_ns=report.time_ns)
+
+    def show(self, steps: Steps) -> None:
+        """Say the outputs of some steps, one message each, in the network's order and with the stamp of its target."""
+        status: Any = self._outputs.matching_status  # typed as a bool, which it is not
+        if not status.matching:
+            return
+        for stamp_ns, outputs in zip(steps.stamps_ns, steps.outputs, strict=True):
+            data = encode(Float64MultiArray(outputs))
+            record = Stamped(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._said, stamp_ns)
+            payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self._said, (record,)))
+            self._outputs.put(payload, attachment=attachment)
+            self._said += 1

@@ -1,0 +1,1 @@
+"""Target motions: patterns, drawings and CSV files."""

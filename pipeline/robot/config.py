@@ -1,0 +1,239 @@
+"""Robots as data: a URDF and a TOML file become one checked, immutable `RobotConfig`."""
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.resources import data_path
+from pipeline.robot.import_spec import parse_source, read_source, read_text
+from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
+from pipeline.robot.urdf_import import import_urdf
+from pipeline.urdf.bodies import check_bodies
+from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link, shown
+from pipeline.urdf.joints import joint_limits, moved_links
+from recorders.errors import RobotError
+from recorders.text.wording import names_text
+
+Floats = NDArray[np.float64]
+
+URDF_FILE = "robot.urdf"
+TOML_FILE = "robot.toml"
+IMPORT_FILE = "import.toml"
+
+MAX_CENTRE_M = 10.0
+"""No pattern lies farther than this from the middle of the world, along each axis [m]: beyond it are other units."""
+
+_KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
+_JOINT_KEYS = frozenset({"name", "weight", "comfort"})
+_PATTERN_KEYS = frozenset({"left_centre", "right_centre", "lateral", "up"})
+
+
+@dataclass(frozen=True, eq=False)
+class RobotConfig:
+    """All that the program knows of a robot. Postures are arrays in the order of `joints`; n = len(joints).
+
+    Attributes
+    ----------
+    name : str
+    joints : tuple of str, length n
+    lower, upper : position limits [rad or m], shape (n,)
+    weights : cost of leaving the comfort posture, relative to each joint's range, shape (n,)
+    comfort : comfort posture [rad or m], shape (n,); also the constant on which learned outputs are centred
+    left_hand, right_hand : names of the links whose origins are the hand positions
+    gaze_joint, gaze_frame : the joint that turns the gaze, and a link it moves (x ahead, z along the joint's axis)
+    left_centre, right_centre : middle of each hand's pattern [m], world frame, shape (3,)
+    lateral, up : unit vectors of the plane in which the hands draw, world frame, shape (3,)
+    urdf_text, toml_text : the two files as they were read, for a log's attachments
+    """
+
+    name: str
+    joints: tuple[str, ...]
+    lower: Floats
+    upper: Floats
+    weights: Floats
+    comfort: Floats
+    left_hand: str
+    right_hand: str
+    gaze_joint: str
+    gaze_frame: str
+    left_centre: Floats
+    right_centre: Floats
+    lateral: Floats
+    up: Floats
+    urdf_text: str
+    toml_text: str
+
+    def __post_init__(self) -> None:
+        for field in ("lower", "upper", "weights", "comfort", "left_centre", "right_centre", "lateral", "up"):
+            array = np.array(getattr(self, field), dtype=np.float64)
+            array.setflags(write=False)
+            object.__setattr__(self, field, array)
+
+    @property
+    def plain_urdf(self) -> str:
+        """The URDF without meshes and all else that names a file or is of no use here: fit for any library."""
+        return canonical_urdf(self.urdf_text)
+
+    @property
+    def input_centre(self) -> Floats:
+        """Centre of both hands' patterns [m], left then right, shape (6,)."""
+        return np.concatenate([self.left_centre, self.right_centre])
+
+
+def robot_names() -> list[str]:
+    """Names of the robots that come with the program."""
+    root = data_path("robots")
+    return sorted(entry.name for entry in root.glob("*") if (entry / TOML_FILE).is_file())
+
+
+def load_robot(name_or_directory: str | Path) -> RobotConfig:
+    """Load a robot that comes with the program, or one from a directory.
+
+    The directory holds `robot.toml` and either `robot.urdf`, or `import.toml`, which says from what model of others,
+    and how, the URDF is made.
+
+    Raises
+    ------
+    RobotError
+        The robot is unknown, a file cannot be read, the package with its model is not installed, or the files do not
+        make a usable robot.
+    """
+    names = robot_names()
+    packaged = str(name_or_directory) in names
+    directory = data_path("robots", str(name_or_directory)) if packaged else Path(name_or_directory)
+    if not directory.is_dir():
+        raise RobotError(f"unknown robot '{name_or_directory}': expected one of {names_text(names)}, or a directory")
+    toml_text = read_text(directory / TOML_FILE)
+    if (directory / IMPORT_FILE).exists():
+        urdf_text = _imported(toml_text, directory)
+    else:
+        urdf_text = read_text(directory / URDF_FILE)
+    return parse_robot(toml_text, urdf_text, origin=f"robot '{directory}'")
+
+
+def _imported(toml_text: str, directory: Path) -> str:
+    """Return the URDF text that the directory's `import.toml` makes."""
+    import_text = read_text(directory / IMPORT_FILE)
+    with _naming(f"robot '{directory}'"):
+        parts, source = _parse_config(toml_text), parse_source(import_text)
+    model_text = read_source(source, directory)
+    with _naming(f"robot '{directory}'"):
+        return import_urdf(
+            model_text,
+            source,
+            name=parts["name"],
+            joints=parts["joints"],
+            frames=(parts["left_hand"], parts["right_hand"], parts["gaze_frame"]),
+        )
+
+
+@contextmanager
+def _naming(origin: str) -> Iterator[None]:
+    """Say of which robot an error speaks."""
+    try:
+        yield
+    except RobotError as error:
+        raise RobotError(f"{origin}: {error}") from error
+
+
+def parse_robot(toml_text: str, urdf_text: str, *, origin: object = None) -> RobotConfig:
+    """Make a robot from the texts of its two files, wherever they come from (a directory, a log's attachments).
+
+    Parameters
+    ----------
+    toml_text, urdf_text : str
+        The texts.
+    origin : object
+        Where they come from, for messages: a path, or words.
+
+    Raises
+    ------
+    RobotError
+        A text does not parse, a key is missing, unknown or of the wrong kind, or the two do not fit together.
+    """
+    if origin is not None:
+        with _naming(str(origin)):
+            return parse_robot(toml_text, urdf_text)
+    parts = _parse_config(toml_text)
+    urdf = parse_urdf(urdf_text)
+    if (root := root_link(urdf)) != WORLD and WORLD in named(urdf, "link"):
+        raise RobotError(f"link {WORLD} of the URDF: expected it to be the link that is no child, which is {root}")
+    check_bodies(urdf, moved=moved_links(urdf))
+    lower, upper = joint_limits(urdf, parts["joints"])
+    check_links(urdf, (parts["left_hand"], parts["right_hand"], parts["gaze_frame"]))
+    _check_comfort(parts["joints"], lower, parts["comfort"], upper)
+    return RobotConfig(**parts, lower=lower, upper=upper, urdf_text=urdf_text, toml_text=toml_text)
+
+
+def _parse_config(toml_text: str) -> dict[str, Any]:
+    """Return what `robot.toml` tells, as the arguments of a RobotConfig."""
+    table = parse_toml(toml_text)
+    check_keys(table, _KEYS, "the robot config")
+    joints, weights, comfort = _joints(table["joints"])
+    hands = _names(table["hands"], ("left", "right"), "[hands]")
+    gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
+    pattern = _pattern(table["pattern"])
+    if gaze[0] not in joints:
+        raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {names_text(joints)}")
+    return {
+        "name": as_name(table["name"], "name"),
+        "joints": joints,
+        "weights": weights,
+        "comfort": comfort,
+        "left_hand": hands[0],
+        "right_hand": hands[1],
+        "gaze_joint": gaze[0],
+        "gaze_frame": gaze[1],
+        **pattern,
+    }
+
+
+def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
+    table = as_table(value, frozenset(keys), where)
+    return as_name(table[keys[0]], f"{where} {keys[0]}"), as_name(table[keys[1]], f"{where} {keys[1]}")
+
+
+def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
+    if not isinstance(value, list) or not value:
+        raise RobotError(f"joints of the robot config: expected a list of tables, found {shown(value)}")
+    rows = [as_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
+    names = tuple(as_name(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
+    if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
+        raise RobotError(f"joints of the robot config: {names_text(repeated)} given more than once")
+    weights = [as_number(row["weight"], f"weight of {row['name']}") for row in rows]
+    comfort = [as_number(row["comfort"], f"comfort of {row['name']}") for row in rows]
+    if min(weights) <= 0.0:
+        name = names[weights.index(min(weights))]
+        raise RobotError(f"weight of {name} of the robot config: expected above 0, found {min(weights)}")
+    return names, np.array(weights), np.array(comfort)
+
+
+def _pattern(value: object) -> dict[str, Floats]:
+    table = as_table(value, _PATTERN_KEYS, "[pattern]")
+    vectors = {key: as_vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
+    for key in ("left_centre", "right_centre"):
+        if (farthest := float(np.abs(vectors[key]).max())) > MAX_CENTRE_M:
+            expected = f"expected numbers within {MAX_CENTRE_M:g} m of zero"
+            raise RobotError(f"[pattern] {key} of the robot config: {expected}, found {farthest:g}")
+    for key in ("lateral", "up"):
+        length = math.hypot(*vectors[key])
+        if not math.isclose(length, 1.0, abs_tol=1e-9):
+            raise RobotError(f"[pattern] {key} of the robot config: expected length 1, found {length:g}")
+    if abs(cosine := float(vectors["lateral"] @ vectors["up"])) > 1e-9:
+        raise RobotError(
+            f"[pattern] of the robot config: expected up at right angles to lateral, found cosine {cosine:g}"
+        )
+    return vectors
+
+
+def _check_comfort(joints: Sequence[str], lower: Floats, comfort: Floats, upper: Floats) -> None:
+    for name, low, value, high in zip(joints, lower, comfort, upper, strict=True):
+        if not low < value < high:
+            raise RobotError(f"comfort of {name}: expected between its limits {low:g} and {high:g}, found {value:g}")

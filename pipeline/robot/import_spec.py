@@ -1,0 +1,182 @@
+"""`import.toml`: which model of others a robot is made from, and what is taken from it, added and left out."""
+
+import importlib.metadata
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+from pipeline.robot.toml_values import as_list, as_name, as_number, as_table, as_vector, check_keys, parse_toml
+from pipeline.urdf.description import MAX_BYTES, shown
+from recorders.errors import RobotError
+from recorders.files.regular_file import refuse_irregular
+
+Vector = tuple[float, float, float]
+
+_KEYS = frozenset({"source"})
+_OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "virtual", "frames"})
+_PLACE_KEYS = frozenset({"xyz", "rpy"})
+_FRAME_KEYS = frozenset({"name", "parent"})
+_VIRTUAL_KEYS = frozenset({"name", "type", "axis", "lower", "upper", "effort", "velocity"})
+_VIRTUAL_TYPES = ("revolute", "prismatic")
+_ZERO: Vector = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True)
+class Place:
+    """Where a frame lies in another: origin [m], and roll, pitch and yaw [rad] about that frame's fixed axes."""
+
+    xyz: Vector = _ZERO
+    rpy: Vector = _ZERO
+
+
+@dataclass(frozen=True)
+class VirtualJoint:
+    """A joint that the model does not have, between the ground and the model's root. Units: m or rad, N or Nm, 1/s."""
+
+    name: str
+    type: str
+    axis: Vector
+    lower: float
+    upper: float
+    effort: float
+    velocity: float
+
+
+@dataclass(frozen=True)
+class AddedFrame:
+    """A frame fixed to a link of the model, for a hand or the gaze."""
+
+    name: str
+    parent: str
+    place: Place
+
+
+@dataclass(frozen=True)
+class RobotSource:
+    """A robot's `import.toml`.
+
+    Attributes
+    ----------
+    package : installed Python package that brings the model; None if the model lies beside `import.toml`
+    urdf : path of the model among the package's files, or its name beside `import.toml`
+    base : where the model's root stands in the world
+    drop : joints that are left out, with all that hangs on them
+    frozen : posture of joints that do not move in our robot [rad or m]; 0 for those not named
+    virtual : joints added between ground and root, from the ground up
+    frames : frames added
+    """
+
+    package: str | None
+    urdf: str
+    base: Place = Place()
+    drop: tuple[str, ...] = ()
+    frozen: tuple[tuple[str, float], ...] = ()
+    virtual: tuple[VirtualJoint, ...] = ()
+    frames: tuple[AddedFrame, ...] = ()
+
+
+def parse_source(toml_text: str) -> RobotSource:
+    """Parse the text of an `import.toml`.
+
+    Raises
+    ------
+    RobotError
+        It does not parse, or a key is missing, unknown or of the wrong kind.
+    """
+    table = parse_toml(toml_text)
+    check_keys(table, _KEYS, "import.toml", or_not=_OPTIONAL_KEYS)
+    package, urdf = _model(table["source"])
+    frozen = table.get("frozen", {})
+    if not isinstance(frozen, dict):
+        raise RobotError(f"[frozen] of the robot config: expected a table, found {shown(frozen)}")
+    return RobotSource(
+        package=package,
+        urdf=urdf,
+        base=_place(as_table(table.get("base", {}), frozenset(), "[base]", or_not=_PLACE_KEYS), "[base]"),
+        drop=tuple(as_name(name, "drop") for name in as_list(table.get("drop", []), "drop")),
+        frozen=tuple(
+            (as_name(name, "[frozen]"), as_number(value, f"[frozen] {name}")) for name, value in frozen.items()
+        ),
+        virtual=tuple(_virtual(row, place) for place, row in enumerate(as_list(table.get("virtual", []), "virtual"))),
+        frames=tuple(_frame(row, place) for place, row in enumerate(as_list(table.get("frames", []), "frames"))),
+    )
+
+
+def read_text(path: Path) -> str:
+    """Read one of a robot's files.
+
+    Raises
+    ------
+    RobotError
+        It cannot be read, is no regular file, or is not UTF-8.
+    """
+    refuse_irregular(path, expected="a robot's file", error=RobotError)
+    try:
+        with path.open(encoding="utf-8") as file:
+            return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
+    except OSError as error:
+        raise RobotError(f"cannot read robot file '{path}': {error.strerror}") from error
+    except UnicodeDecodeError as error:
+        raise RobotError(f"cannot read robot file '{path}': expected UTF-8 text") from error
+
+
+def read_source(source: RobotSource, directory: Path) -> str:
+    """Read the model's URDF, out of its package or the robot's own directory.
+
+    Raises
+    ------
+    RobotError
+        The package is not installed, has no such file, or the file cannot be read.
+    """
+    if source.package is None:
+        return read_text(directory / source.urdf)
+    try:
+        files = importlib.metadata.files(source.package) or []
+    except importlib.metadata.PackageNotFoundError:
+        raise RobotError(
+            f"the robot's model comes with the package '{source.package}', which is not installed: "
+            f"{sys.executable} -m pip install {source.package}"
+        ) from None
+    for file in files:
+        if file.as_posix() == source.urdf:
+            return read_text(Path(str(file.locate())))
+    raise RobotError(f"the package '{source.package}' has no file '{source.urdf}': expected the robot's model there")
+
+
+def _model(value: object) -> tuple[str | None, str]:
+    table = as_table(value, frozenset({"urdf"}), "[source]", or_not=frozenset({"package"}))
+    urdf = as_name(table["urdf"], "[source] urdf")
+    if "package" in table:
+        return as_name(table["package"], "[source] package"), urdf
+    if PurePosixPath(urdf).name != urdf:
+        raise RobotError(f"[source] urdf of the robot config: expected a file beside import.toml, found {shown(urdf)}")
+    return None, urdf
+
+
+def _place(table: Mapping[str, Any], where: str) -> Place:
+    return Place(
+        _vector(table.get("xyz", [0, 0, 0]), f"{where} xyz"), _vector(table.get("rpy", [0, 0, 0]), f"{where} rpy")
+    )
+
+
+def _virtual(value: object, place: int) -> VirtualJoint:
+    table = as_table(value, _VIRTUAL_KEYS, f"virtual joint {place}")
+    name = as_name(table["name"], f"name of virtual joint {place}")
+    if table["type"] not in _VIRTUAL_TYPES:
+        found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {shown(table['type'])}"
+        raise RobotError(f"type of {name} of the robot config: {found}")
+    numbers = {key: as_number(table[key], f"{key} of {name}") for key in ("lower", "upper", "effort", "velocity")}
+    return VirtualJoint(name, table["type"], _vector(table["axis"], f"axis of {name}"), **numbers)
+
+
+def _frame(value: object, place: int) -> AddedFrame:
+    table = as_table(value, _FRAME_KEYS, f"frame {place}", or_not=_PLACE_KEYS)
+    name = as_name(table["name"], f"name of frame {place}")
+    return AddedFrame(name, as_name(table["parent"], f"parent of {name}"), _place(table, name))
+
+
+def _vector(value: object, where: str) -> Vector:
+    x, y, z = as_vector(value, where).tolist()
+    return x, y, z

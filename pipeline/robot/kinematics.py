@@ -1,0 +1,94 @@
+"""Forward kinematics and Jacobians of both hands, by Pinocchio."""
+
+import numpy as np
+import pinocchio
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.pinocchio_model import build_model, joint_index, link_frame
+from pipeline.urdf.description import canonical
+from recorders.errors import JointError, RobotError
+
+Floats = NDArray[np.float64]
+
+_ALIGNED = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
+
+
+class Kinematics:
+    """Hands of a robot as functions of its posture.
+
+    Postures are arrays in the order of ``robot.joints``, whatever order the URDF has: joints are mapped by name.
+    Positions are in the world frame [m]; hands are ordered left, right.
+
+    Raises
+    ------
+    RobotError
+        Pinocchio cannot build the URDF.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self.robot = robot
+        try:
+            self._model = build_model(canonical(robot.urdf_text))
+        except RobotError as error:
+            raise RobotError(f"robot '{robot.name}': {error}") from error
+        self._data = self._model.createData()
+        model_joints = [self._model.joints[joint_index(self._model, name)] for name in robot.joints]
+        self._idx_q = np.array([joint.idx_q for joint in model_joints])
+        self._idx_v = np.array([joint.idx_v for joint in model_joints])
+        self._hands = [link_frame(self._model, name) for name in (robot.left_hand, robot.right_hand)]
+        self._gaze = link_frame(self._model, robot.gaze_frame)
+        self._q: Floats = pinocchio.neutral(self._model)
+
+    @property
+    def lower(self) -> Floats:
+        """Lower position limits [rad or m], shape (n,)."""
+        return self.robot.lower
+
+    @property
+    def upper(self) -> Floats:
+        """Upper position limits [rad or m], shape (n,)."""
+        return self.robot.upper
+
+    def hands(self, q: ArrayLike) -> Floats:
+        """Positions of both hands [m] at posture `q` (n,), shape (2, 3)."""
+        pinocchio.forwardKinematics(self._model, self._data, self._posture(q))
+        return self._hand_positions()
+
+    def hands_along(self, q: ArrayLike) -> Floats:
+        """Positions of both hands [m] at each posture of `q` (T, n), shape (T, 2, 3)."""
+        postures = np.asarray(q, dtype=np.float64)
+        return np.array([self.hands(posture) for posture in postures]).reshape(len(postures), 2, 3)
+
+    def hands_and_jacobian(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """Hand positions [m], shape (2, 3), and their Jacobian, left rows first, shape (6, n)."""
+        pinocchio.computeJointJacobians(self._model, self._data, self._posture(q))
+        positions = self._hand_positions()
+        # Rows 0-2 of a frame's Jacobian are linear, in the axes of the world.
+        spatial = [pinocchio.getFrameJacobian(self._model, self._data, frame, _ALIGNED) for frame in self._hands]
+        jacobian: Floats = np.concatenate([spatial[0][:3], spatial[1][:3]])[:, self._idx_v]
+        return positions, jacobian
+
+    def in_gaze_frame(self, q: ArrayLike, point: ArrayLike) -> Floats:
+        """`point` [m] (3,) of the world as the gaze frame sees it at posture `q` (n,): x ahead, z up, shape (3,)."""
+        pinocchio.forwardKinematics(self._model, self._data, self._posture(q))
+        pose = pinocchio.updateFramePlacement(self._model, self._data, self._gaze)
+        seen: Floats = pose.actInv(np.asarray(point, dtype=np.float64))
+        return seen
+
+    def inertia_diagonal(self, q: ArrayLike) -> Floats:
+        """Diagonal of the joint-space mass matrix [kg m^2 or kg] at posture `q` (n,), shape (n,)."""
+        mass_matrix = pinocchio.crba(self._model, self._data, self._posture(q))
+        diagonal: Floats = np.diagonal(mass_matrix)[self._idx_v].copy()
+        return diagonal
+
+    def _posture(self, q: ArrayLike) -> Floats:
+        posture = np.asarray(q, dtype=np.float64)
+        if posture.shape != self._idx_q.shape:
+            raise JointError(f"expected a posture of shape {self._idx_q.shape}, found {posture.shape}")
+        self._q[self._idx_q] = posture
+        return self._q
+
+    def _hand_positions(self) -> Floats:
+        placements = (pinocchio.updateFramePlacement(self._model, self._data, frame) for frame in self._hands)
+        return np.array([placement.translation for placement in placements])

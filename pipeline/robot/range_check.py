@@ -1,0 +1,168 @@
+"""What can be a robot's targets and joints: one check for every way in, live or from a file."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import lru_cache
+from types import MappingProxyType
+
+from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.size import SLIDING, chain_length_m, joint_types
+from recorders.errors import ConfigError, MessageError
+from recorders.messages.message_types import JointState
+from recorders.messages.validation import FloatArray
+from recorders.reading.parts import Log
+from recorders.reading.session_reader import open_log
+from recorders.ticks.joiner import JointMap
+from replay.sources.live import LiveLog
+from replay.sources.scheduled import read_robot
+
+MAX_DISTANCE_M = 10.0
+"""No target lies farther than this from the middle of the patterns [m], however large the robot."""
+
+_LEAST_DISTANCE_M = 1.0
+_LENGTHS = 3.0  # of a robot's chain: no target lies farther off
+_MAX_PASSED = 8192  # values remembered to have passed: training takes the same ones hundreds of times
+_LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
+_FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they are no degrees
+
+
+class Implausible(MessageError):
+    """A number cannot be the robot's; `finite` says whether it is one at all."""
+
+    def __init__(self, line: str, *, finite: bool = True) -> None:
+        super().__init__(line)
+        self.finite = finite
+
+
+class Plausible:
+    """A check that lets pass what can be the robot's, and names the unit that other numbers seem to be in.
+
+    Joints must all be there, and no farther beyond a limit than the limits are apart; joints that the robot does not
+    have are not looked at. Targets must be within three lengths of the robot of the middle of its patterns, along each
+    axis, and within `MAX_DISTANCE_M`.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        Whose targets and joints they are.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._joints = JointMap(robot.joints)
+        self._limits = dict(
+            zip(robot.joints, zip(robot.lower.tolist(), robot.upper.tolist(), strict=True), strict=True)
+        )
+        self._types = joint_types(robot)
+        self._length_m = chain_length_m(robot)
+        self.distance_m = min(max(_LENGTHS * self._length_m, _LEAST_DISTANCE_M), MAX_DISTANCE_M)
+        self._centre = ((robot.left_centre + robot.right_centre) / 2.0).tolist()
+        self._hands = robot.left_centre.tolist(), robot.right_centre.tolist()
+        self._passed: dict[int, FloatArray | JointState] = {}  # by identity, which holds as long as they are kept
+
+    def __call__(self, value: FloatArray | JointState) -> None:
+        """Check a target [m], shape (3,), or joints.
+
+        Raises
+        ------
+        JointError
+            If a joint of the robot is missing.
+        Implausible
+            If a number cannot be the robot's.
+        """
+        if self._passed.get(id(value)) is value:
+            return
+        if isinstance(value, JointState):
+            self.check_joints(value)
+        else:
+            self.check_target(value.tolist())
+        if len(self._passed) >= _MAX_PASSED:
+            self._passed.clear()
+        self._passed[id(value)] = value
+
+    def check_target(self, position: Sequence[float]) -> None:
+        """Check a target, x, y, z [m]; raises Implausible."""
+        if not all(abs(a - b) <= self.distance_m for a, b in zip(position, self._centre, strict=True)):  # nor is NaN
+            found = ", ".join(f"{number:g}" for number in position)
+            raise Implausible(
+                f"expected a target within {self.distance_m:.2g} m of the patterns, found ({found}) m"
+                f"{self._unit_of(position)}",
+                finite=all(map(math.isfinite, position)),
+            )
+
+    def check_joints(self, joints: JointState) -> None:
+        """Check the robot's joints among those of a message [rad or m]; raises JointError or Implausible."""
+        self._joints.positions(joints)  # all there
+        found = dict(zip(joints.name, joints.position.tolist(), strict=True))
+        for name, (lower, upper) in self._limits.items():
+            if not abs(found[name] - (lower + upper) / 2.0) <= 1.5 * (upper - lower):
+                raise Implausible(
+                    f"expected {name} near its limits {lower:g} and {upper:g}, found {found[name]:g}"
+                    f"{self._unit_of_joint(name, found)}",
+                    finite=math.isfinite(found[name]),
+                )
+
+    def check_extent(self, extent_m: float) -> None:
+        """Check how far a hand's path reaches to both sides of its middle [m]; raises Implausible."""
+        if not extent_m <= self._length_m:
+            small = extent_m * 1e-2 <= 0.2 * self._length_m
+            unit = "centimetres" if small else "millimetres" if extent_m * 1e-3 <= self._length_m else ""
+            raise Implausible(
+                f"expected a path of at most {2.0 * self._length_m:.2g} m across, found {2.0 * extent_m:g} m"
+                + (f": looks like {unit}" if unit else ""),
+                finite=math.isfinite(extent_m),
+            )
+
+    def _unit_of(self, position: Sequence[float]) -> str:
+        """Say in which unit a target would lie near a hand's pattern; nothing if in none."""
+        near = {
+            name: min(math.dist([scale * x for x in position], hand) for hand in self._hands)
+            for name, scale in _LENGTH_UNITS
+        }
+        name = min(near, key=lambda unit: near[unit])
+        return f": looks like {name}" if near[name] <= self._length_m / 2.0 else ""
+
+    def _unit_of_joint(self, name: str, found: Mapping[str, float]) -> str:
+        """Say in which unit all joints of the kind of one would be within their limits; nothing if in none."""
+        slides = self._types.get(name) == SLIDING
+        alike = [other for other in self._limits if (self._types.get(other) == SLIDING) == slides]
+        if not slides and all(abs(found[other]) <= _FULL_TURN for other in alike):
+            return ""
+        for unit, scale in _LENGTH_UNITS if slides else (("degrees", math.pi / 180.0),):
+            if all(self._is_within(other, scale * found[other]) for other in alike):
+                return f": looks like {unit}"
+        return ""
+
+    def _is_within(self, name: str, position: float) -> bool:
+        lower, upper = self._limits[name]
+        return bool(abs(position - (lower + upper) / 2.0) <= 0.6 * (upper - lower))
+
+
+@lru_cache(maxsize=8)
+def plausible(robot: RobotConfig) -> Plausible:
+    """Return the check of a robot: one for all who ask."""
+    return Plausible(robot)
+
+
+def heard_live(
+    log: Log,
+    *,
+    robot: RobotConfig | None = None,
+    epochs: int = 1,
+    renames: Mapping[str, str] = MappingProxyType({}),
+    say: Callable[[str], None] = lambda line: None,
+) -> LiveLog:
+    """Return a recording as `learn --live` would have heard its messages; the robot is the log's if none is given.
+
+    Raises
+    ------
+    ConfigError
+        If there is no robot.
+    LogError
+        If the log cannot be read, or holds nothing to learn from.
+    """
+    if robot is None:
+        texts = read_robot(open_log(log))
+        if not texts:
+            raise ConfigError(f"{log}: expected the robot in the log, found none; give it with --robot")
+        robot = parse_robot(texts["toml"], texts["urdf"], origin=log)
+    return LiveLog(log, epochs=epochs, check=plausible(robot), renames=renames, say=say)

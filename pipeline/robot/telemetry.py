@@ -1,0 +1,49 @@
+"""What a driven robot tells: the messages of its state at its own rate, and those of a tick."""
+
+from collections.abc import Iterator
+from typing import TypeAlias
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.robot.backend import RobotBackend, VisibleRobot
+from recorders.messages import topics
+from recorders.messages.message_types import Clock, JointState, Message, PoseStamped, TFMessage, TransformStamped
+
+Floats = NDArray[np.float64]
+Addressed: TypeAlias = tuple[str, Message]  # topic, message
+
+
+def state_messages(backend: VisibleRobot) -> Iterator[Addressed]:
+    """Say clock, joints and link poses of a robot at this instant."""
+    yield topics.CLOCK, Clock(backend.time_ns)
+    yield topics.JOINT_STATES, joints_message(backend)
+    transforms = [
+        TransformStamped(backend.time_ns, pose.parent, pose.child, pose.translation, pose.rotation)
+        for pose in backend.link_poses()
+    ]
+    yield topics.TF, TFMessage(tuple(transforms))
+
+
+def hand_messages(backend: RobotBackend) -> Iterator[Addressed]:
+    """Say where both hands are at this instant."""
+    measured = backend.hands()
+    yield topics.LEFT_MEASURED, PoseStamped(backend.time_ns, measured[0])
+    yield topics.RIGHT_MEASURED, PoseStamped(backend.time_ns, measured[1])
+
+
+def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[Addressed]:
+    """Say a tick, all under one stamp: new hand `targets` [m] (2, 3), and the joints measured at this instant."""
+    yield topics.LEFT_TARGET, PoseStamped(backend.time_ns, targets[0])
+    yield topics.RIGHT_TARGET, PoseStamped(backend.time_ns, targets[1])
+    yield topics.SAMPLE_JOINTS, joints_message(backend)
+
+
+def command_message(backend: RobotBackend, q_command: Floats) -> Addressed:
+    """Say the posture (n,) commanded at this instant."""
+    return topics.JOINT_COMMANDS, JointState(backend.time_ns, backend.robot.joints, q_command)
+
+
+def joints_message(backend: RobotBackend) -> JointState:
+    """Return positions and velocities of the joints at this instant."""
+    return JointState(backend.time_ns, backend.robot.joints, backend.positions, velocity=backend.velocities)

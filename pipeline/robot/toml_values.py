@@ -1,0 +1,83 @@
+"""Checked values out of a robot's TOML files: each wrong one is a line that says what was expected and found."""
+
+import math
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.robot import toml_text
+from pipeline.urdf.description import check_name, shown
+from recorders.errors import RobotError
+from recorders.text.wording import names_text
+
+_NONE: frozenset[str] = frozenset()
+
+
+def parse_toml(text: str) -> dict[str, Any]:
+    """Parse one of a robot's TOML files.
+
+    Raises
+    ------
+    RobotError
+        The text is not TOML, too large, or nested too deeply.
+    """
+    return toml_text.parse_toml(text, "robot config", error=RobotError)
+
+
+def check_keys(
+    table: Mapping[str, Any], expected: frozenset[str], where: str, *, or_not: frozenset[str] = _NONE
+) -> None:
+    """Check that a table has the `expected` keys and, beyond them, none but those of `or_not`.
+
+    Raises
+    ------
+    RobotError
+        A key is missing or unknown.
+    """
+    known = names_text(sorted(expected | or_not))
+    if missing := sorted(expected - table.keys()):
+        raise RobotError(f"{where} lacks {names_text(missing)}: expected the keys {known}")
+    if unknown := sorted(table.keys() - expected - or_not):
+        raise RobotError(f"{where} has unknown {names_text(unknown)}: expected the keys {known}")
+
+
+def as_table(
+    value: object, expected: frozenset[str], where: str, *, or_not: frozenset[str] = _NONE
+) -> Mapping[str, Any]:
+    """Return `value` if it is a table of these keys; raises RobotError otherwise."""
+    if not isinstance(value, dict):
+        raise RobotError(f"{where} of the robot config: expected a table, found {shown(value)}")
+    check_keys(value, expected, where, or_not=or_not)
+    return value
+
+
+def as_list(value: object, where: str) -> list[Any]:
+    """Return `value` if it is a list; raises RobotError otherwise."""
+    if not isinstance(value, list):
+        raise RobotError(f"{where} of the robot config: expected a list, found {shown(value)}")
+    return value
+
+
+def as_name(value: object, where: str) -> str:
+    """Return `value` if it can stand as a name; raises RobotError otherwise."""
+    return check_name(value, f"{where} of the robot config")
+
+
+def as_number(value: object, where: str) -> float:
+    """Return `value` if it is a finite number; raises RobotError otherwise."""
+    try:
+        number = float(value) if isinstance(value, int | float) and not isinstance(value, bool) else math.nan
+    except OverflowError:
+        number = math.inf
+    if not math.isfinite(number):
+        raise RobotError(f"{where} of the robot config: expected a finite number, found {shown(value)}")
+    return number
+
+
+def as_vector(value: object, where: str) -> NDArray[np.float64]:
+    """Return `value`, three finite numbers, as an array (3,); raises RobotError otherwise."""
+    if not isinstance(value, list) or len(value) != 3:
+        raise RobotError(f"{where} of the robot config: expected three numbers, found {shown(value)}")
+    return np.array([as_number(entry, where) for entry in value])

@@ -1,0 +1,1 @@
+"""The robot as a Zenoh node, its clients, and its protocol."""

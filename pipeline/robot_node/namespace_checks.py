@@ -1,0 +1,162 @@
+"""Who else is in a namespace: other controllers, a robot of other joints or in lockstep."""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from pipeline.robot_node.protocol import RobotStatus, robot_key
+from pipeline.terminal.escaping import printable
+from recorders.errors import JointError, WireError
+from recorders.nodes.keys import controller_key
+
+_ANSWER_S = 1.0  # who is there already answers within milliseconds
+_LOCKSTEP = (
+    "the robot moves in lockstep: it refuses a command unless the targets are stamped with its own time; "
+    "for any others start it with --real-time"
+)
+_MAX_STATUS = 1 << 16  # anybody may answer [bytes]
+_SHOWN = 5  # joints in a line
+_MAX_NAME = 100
+_MAX_LINES = 100  # anybody may answer, again and again
+
+
+def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: str, beside_others: bool) -> None:
+    """Check that no other controller serves: a robot that two of them command does what neither has learned.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session; a controller that it does not reach yet is not found.
+    name : str
+        Name of the controller that is about to serve; a second one of this name is refused in any case.
+    namespace : str
+        First part of every key.
+    beside_others : bool
+        Whether others, of other names, are welcome.
+
+    Raises
+    ------
+    WireError
+        If there is one.
+    """
+    replies = session.liveliness().get(controller_key(namespace, "*", "alive"), timeout=_ANSWER_S)
+    others = sorted(str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None)
+    if name in others:
+        both = "choose another --name" if beside_others else "allow both with --beside-others and another --name"
+    elif others and not beside_others:
+        both = "allow both with --beside-others"
+    else:
+        return
+    raise WireError(
+        f"controller '{name if name in others else others[0]}' serves in namespace '{namespace}' already: end it, "
+        f"choose a --namespace, or {both}"
+    )
+
+
+class RobotCheck:
+    """Asks the robot of a namespace whether it is the one that a controller or learner is for.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    joints : tuple of str
+        Joints that the controller commands, or that the learner reads.
+    namespace : str
+        First part of every key.
+    say : callable
+        Told, once each, what whoever sends the targets may not know.
+    learner : bool
+        Whether this is a learner: it sends no commands, and reads only its joints, whatever others there are.
+    """
+
+    def __init__(
+        self,
+        session: zenoh.Session,
+        joints: tuple[str, ...],
+        *,
+        namespace: str,
+        say: Callable[[str], None],
+        learner: bool = False,
+    ) -> None:
+        self._session = session
+        self._joints = joints
+        self._namespace = namespace
+        self._say = say
+        self._who = "learner" if learner else "controller"
+        self._commands = not learner
+        self._said: set[str] = set()
+        self._came = threading.Event()
+
+    @contextmanager
+    def watching(self) -> Iterator[None]:
+        """Notice every robot that comes while the block runs; `check_newcomer` looks at it."""
+        key = robot_key(self._namespace, "alive")
+        with self._session.liveliness().declare_subscriber(key, self._on_token):
+            yield
+
+    def check(self) -> None:
+        """Ask the robot that is there already, if one is.
+
+        Raises
+        ------
+        JointError
+            If its joints are not those of the controller.
+        """
+        if (difference := self._ask()) is not None:
+            raise JointError(f"{difference}; serve a controller of this robot, or choose its --namespace")
+
+    def check_newcomer(self) -> None:
+        """Ask a robot that has come since the last call, and warn if its joints are not those of the controller."""
+        if self._came.is_set():
+            self._came.clear()
+            self.warn()
+
+    def warn(self) -> None:
+        """Ask the robot that is there, if one is, and warn if its joints are not those of the controller or learner."""
+        if (difference := self._ask()) is not None:
+            outcome = "it refuses the commands" if self._commands else "nothing can be learned from it"
+            self._say_once(f"warning: {difference}; {outcome}")
+
+    def _ask(self) -> str | None:
+        """Return in what a robot differs, if it answers and does."""
+        for reply in self._session.get(robot_key(self._namespace, "status"), timeout=_ANSWER_S):
+            if reply.ok is None or len(reply.ok.payload) > _MAX_STATUS:
+                continue
+            try:
+                status = RobotStatus.from_json(reply.ok.payload.to_bytes())
+            except WireError:  # not a robot of ours: whatever it is will say itself what it refuses
+                continue
+            if difference := self._difference(status):
+                return difference
+            if self._commands and not status.real_time:
+                self._say_once(_LOCKSTEP)
+        return None
+
+    def _difference(self, status: RobotStatus) -> str | None:
+        ours, theirs = set(self._joints), set(status.joints)
+        if not theirs or ours == theirs or (ours < theirs and not self._commands):
+            return None
+        parts = [_named("it lacks", ours - theirs), _named(f"the {self._who} lacks", theirs - ours)]
+        name = printable(status.robot[:_MAX_NAME])
+        return f"robot '{name}' has other joints than the {self._who}: {', '.join(filter(None, parts))}"
+
+    def _say_once(self, line: str) -> None:
+        if line not in self._said and len(self._said) < _MAX_LINES:
+            self._said.add(line)
+            self._say(line)
+
+    def _on_token(self, sample: zenoh.Sample) -> None:
+        if sample.kind == zenoh.SampleKind.PUT:
+            self._came.set()
+
+
+def _named(words: str, joints: set[str]) -> str:
+    """Return the first of some joints behind words, and how many more there are; nothing without any."""
+    if not joints:
+        return ""
+    first = [printable(name[:_MAX_NAME]) for name in sorted(joints)[:_SHOWN]]
+    more = f" and {len(joints) - _SHOWN} more" if len(joints) > _SHOWN else ""
+    return f"{words} {', '.join(first)}{more}"

@@ -1,0 +1,323 @@
+"""The simulated robot as a Zenoh node: joint commands in; joints, hands, link poses and clock out."""
+
+import re
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import NamedTuple, NoReturn, Self, TypeAlias
+
+import zenoh
+from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
+
+from pipeline.robot.backend import VisibleRobot
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.telemetry import joints_message
+from pipeline.robot_node.command_queue import MAX_WAITING, Inbox
+from pipeline.robot_node.follower import Follower, FollowerConfig
+from pipeline.robot_node.protocol import MAX_COMMAND, config_key, robot_digest, robot_key, unpack_commands
+from pipeline.simulation.simulation import Simulation
+from recorders.cdr.codec import encode
+from recorders.errors import MessageError, ReenactError, WireError
+from recorders.messages.message_types import Message, String
+from recorders.messages.record import Stamped
+from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
+from recorders.nodes.keys import node_name
+from recorders.nodes.node import running_node
+from recorders.nodes.status import NodeSource
+from recorders.wire.callbacks import direct
+from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
+from recorders.wire.publisher import Producer
+from recorders.wire.session import SessionConfig, open_session
+
+_ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
+_QUIET_S = 1.0  # after so much silence a flood is over, and the next one is worth a line again
+_SLIP_S = 0.1  # from here on it is said that the robot's time has slipped, and again whenever that has doubled
+
+
+class _Command(NamedTuple):
+    """A command from the topic; None if it is too large to be one."""
+
+    data: bytes | None
+
+
+class _Question(NamedTuple):
+    """A query for `command`, `reset`, `joints` or `status`."""
+
+    verb: str
+    query: zenoh.Query
+
+
+_Event: TypeAlias = _Command | _Question
+
+
+class RobotNode:
+    """Wires a robot to Zenoh; `pipeline.robot_node.protocol` says what travels.
+
+    Zenoh calls back on threads of its own, which only queue. The robot moves on the caller's thread, in `run`.
+
+    Parameters
+    ----------
+    backend : VisibleRobot
+        The robot.
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+    config : FollowerConfig
+        Rate and mode.
+    say : callable
+        Told, in one line, of a command that is refused; not again while the reason, numbers aside, stays the same.
+        Told as well of a flood, when it begins, and of time that slips.
+
+    Raises
+    ------
+    WireError
+        On entering, if another robot stands in the namespace.
+    """
+
+    def __init__(
+        self,
+        backend: VisibleRobot,
+        session: zenoh.Session,
+        *,
+        namespace: str = DEFAULT_NAMESPACE,
+        config: FollowerConfig | None = None,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        check_namespace(namespace)
+        self._backend = backend
+        self._session = session
+        self._namespace = namespace
+        self._config = config or FollowerConfig()
+        self._say = say
+        self._inbox: Inbox[_Event] = Inbox()
+        self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
+        self._last_refusal = ""
+        self._flooded = False
+        self._slip_to_say_s = _SLIP_S
+        self._producer = Producer(session, namespace=namespace)
+        self._robot = Follower(backend, config=self._config, publish=self._publish)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        """Say the description and be ready for commands; the token comes last, as it promises all the rest."""
+        self._refuse_company()
+        with ExitStack() as stack:
+            stack.enter_context(self._producer)
+            self._describe(stack)
+            for verb in ("command", "reset", "joints", "status"):
+                answering = direct(self._on_query(verb))
+                stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
+            listening = direct(self._on_sample)
+            topic_key = message_key(self._namespace, JOINT_COMMANDS)
+            stack.enter_context(self._session.declare_subscriber(topic_key, listening))
+            stack.enter_context(self._session.liveliness().declare_token(robot_key(self._namespace, "alive")))
+            self._stack = stack.pop_all()
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Undeclare everything; the session stays open."""
+        self._stack.close()
+
+    def run(self) -> NoReturn:
+        """Stand in the comfort posture, and follow commands until an exception ends it, such as a signal's."""
+        self._robot.stand(self._backend.robot.comfort)
+        if self._config.real_time:
+            self._run_with_the_clock()
+        while True:
+            self._handle_next(timeout_s=_QUIET_S)
+
+    def source(self) -> NodeSource:
+        """Return what this node says of itself to whoever watches."""
+        robot = self._backend.robot
+        return NodeSource(
+            "robot",
+            node_name(robot.name),
+            state=lambda: "real time" if self._config.real_time else "lockstep",
+            counts=self._counts,
+            digests=lambda: {"robot": robot_digest(robot.toml_text, robot.urdf_text)},
+        )
+
+    def _counts(self) -> dict[str, int]:
+        status = self._robot.status
+        return {
+            "commands": status.commands,
+            "refused": status.refused,
+            "messages": self._producer.published,
+            "slipped_ms": round(status.slipped_s * 1e3),
+        }
+
+    def _run_with_the_clock(self) -> NoReturn:
+        period_s = self._config.period_ns / 1e9
+        due_s = time.monotonic()
+        while True:
+            due_s = self._slip(due_s + period_s)
+            self._handle_until(due_s)
+            self._robot.hold()
+            while self._unanswered:
+                self._answer(self._unanswered.pop())
+
+    def _slip(self, due_s: float) -> float:
+        """Return when the period that begins is over: not before now. What is lost is lost: the robot never hurries."""
+        late_s = max(0.0, time.monotonic() - due_s)
+        self._robot.slipped_s += late_s
+        if self._robot.slipped_s >= self._slip_to_say_s:
+            self._slip_to_say_s = 2 * self._robot.slipped_s
+            self._say(
+                f"time slips: {self._robot.slipped_s:.1f} s behind the clock on the wall so far; this machine is too "
+                "slow or too busy for real time"
+            )
+        return due_s + late_s
+
+    def _refuse_company(self) -> None:
+        for reply in self._session.liveliness().get(robot_key(self._namespace, "alive"), timeout=_ALIVE_WAIT_S):
+            if reply.ok is not None:
+                raise WireError(
+                    f"a robot stands in namespace '{self._namespace}' already: end that one, or choose with --namespace"
+                )
+
+    def _describe(self, stack: ExitStack) -> None:
+        """Answer whoever asks for URDF or TOML, and publish the URDF for subscribers, those that come late as well."""
+        robot = self._backend.robot
+        topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
+        for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):
+            answering = direct(_replier(encode(String(text))))
+            stack.enter_context(self._session.declare_queryable(key, answering))
+        publisher = declare_advanced_publisher(
+            self._session,
+            topic_key,
+            encoding=f"application/cdr;{String.TYPE}",
+            congestion_control=zenoh.CongestionControl.BLOCK,
+            cache=CacheConfig(max_samples=1),
+            publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
+            # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none by default.
+            sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+        )
+        record = Stamped(ROBOT_DESCRIPTION, String.TYPE, encode(String(robot.urdf_text)), 0, 0)
+        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))
+        stack.enter_context(publisher).put(payload, attachment=attachment)
+
+    def _handle_until(self, due_s: float) -> None:
+        """Handle what comes before a time, and in any case some of what is waiting."""
+        for _ in range(MAX_WAITING):
+            if not self._handle_next(timeout_s=max(0.0, due_s - time.monotonic())):
+                return
+
+    def _handle_next(self, *, timeout_s: float) -> bool:
+        """Handle what has waited longest; False if nothing comes."""
+        event = self._inbox.get(timeout_s)
+        if event is not None:
+            self._handle(event)
+        self._note_flood(self._inbox.take_dropped(), over=event is None)
+        return event is not None
+
+    def _note_flood(self, dropped: int, *, over: bool) -> None:
+        self._robot.refused += dropped
+        if dropped and not self._flooded:
+            self._say(f"a flood: dropped commands and questions, as more than {MAX_WAITING} of them wait")
+        self._flooded = dropped > 0 or (self._flooded and not over)
+
+    def _handle(self, event: _Event) -> None:
+        query = event.query if isinstance(event, _Question) else None
+        try:
+            if isinstance(event, _Question):
+                self._handle_question(*event)
+            else:
+                self._robot.follow(_whole(event.data))
+        except ReenactError as error:
+            self._refuse(str(error))
+            if query is not None:
+                with query:
+                    query.reply_err(str(error), encoding=zenoh.Encoding.TEXT_PLAIN)
+
+    def _handle_question(self, verb: str, query: zenoh.Query) -> None:
+        if verb == "status":
+            with query:
+                query.reply(query.key_expr, self._robot.status.to_json(), encoding=zenoh.Encoding.APPLICATION_JSON)
+            return
+        if verb == "joints":
+            self._answer(query)
+            return
+        data = _whole(None if query.payload is None else _small(query.payload))
+        if verb == "reset":
+            self._robot.reset(data)
+        else:
+            for command in unpack_commands(data):
+                self._robot.follow(command)
+            if self._config.real_time:
+                self._unanswered.append(query)
+                return
+        self._answer(query)
+
+    def _publish(self, topic: str, message: Message) -> None:
+        self._producer.publish(topic, message, log_time_ns=self._backend.time_ns)
+
+    def _refuse(self, reason: str) -> None:
+        self._robot.refused += 1
+        kind = re.sub(r"[\d.]+", "", reason)
+        if kind != self._last_refusal:
+            self._last_refusal = kind
+            self._say(f"refused a command: {reason}")
+
+    def _answer(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, encode(joints_message(self._backend)))
+
+    # From here on: Zenoh's threads.
+
+    def _on_sample(self, sample: zenoh.Sample) -> None:
+        self._inbox.put(_Command(_small(sample.payload)))
+
+    def _on_query(self, verb: str) -> Callable[[zenoh.Query], None]:
+        return lambda query: self._inbox.put(_Question(verb, query))
+
+
+def run_robot(
+    robot: RobotConfig,
+    *,
+    session: SessionConfig,
+    namespace: str = DEFAULT_NAMESPACE,
+    config: FollowerConfig | None = None,
+    metrics_port: int | None = None,
+    say: Callable[[str], None] = lambda line: None,
+) -> NoReturn:
+    """Simulate a robot and let it follow commands over Zenoh, until an exception ends it, such as a signal's.
+
+    With a `metrics_port`, its status is there for Prometheus too, on 127.0.0.1.
+
+    Raises
+    ------
+    RobotError
+        If the robot cannot be simulated.
+    WireError
+        If no session can be opened, or another robot stands in the namespace.
+    """
+    backend = Simulation(robot)
+    with (
+        open_session(session) as opened,
+        RobotNode(backend, opened, namespace=namespace, config=config, say=say) as node,
+        running_node(opened, node.source(), config=session, namespace=namespace, metrics_port=metrics_port, report=say),
+    ):
+        say(f"{robot.name} waits for commands at {', '.join(session.listen or session.connect)}")
+        node.run()
+
+
+def _small(payload: zenoh.ZBytes) -> bytes | None:
+    return payload.to_bytes() if len(payload) <= MAX_COMMAND else None
+
+
+def _whole(data: bytes | None) -> bytes:
+    if data is None:
+        raise MessageError(f"expected commands of at most {MAX_COMMAND} bytes, found none or a larger message")
+    return data
+
+
+def _replier(payload: bytes) -> Callable[[zenoh.Query], None]:
+    def reply(query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, payload)
+
+    return reply

@@ -1,0 +1,178 @@
+"""What a robot node and its driver say to each other beside the topics: keys, commands, and what is asked.
+
+One robot stands in a namespace:
+
+- `NAMESPACE/joint_commands`: commands for it, from anyone; it is also what is recorded.
+- `NAMESPACE/@robot/command`: a query that carries commands, as `pack_commands` packs them; answered with the joints
+  when the last one is over.
+- `NAMESPACE/@robot/reset`: a query that carries a posture; the robot stands there at time 0 and answers alike.
+- `NAMESPACE/@robot/joints`: a query; answered with the joints as they are.
+- `NAMESPACE/@robot/status`: a query; answered with a `RobotStatus` as JSON.
+- `NAMESPACE/@robot/alive`: a liveliness token; whoever only watches looks at `recorders.nodes.keys`.
+- `NAMESPACE/robot_description` and `NAMESPACE/robot_config`: queries for the texts of URDF and TOML, for late joiners.
+
+A command is a JointState that names all joints of the robot, in any order. Its stamp is the robot's time at which it
+takes effect; it then holds for one period. A robot in lockstep takes a command only at that very time, and its time
+stands still between commands. A command that the robot has carried out may come again, as a query repeats what the
+topic has said and as what is lost on the way is sent again: it changes nothing.
+
+`NAMESPACE/robot_description` is published too, once, for subscribers; one with a history gets it whenever it comes, as
+ROS 2 knows that from a topic that is transient local.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable
+from dataclasses import asdict, dataclass
+from typing import Self
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.robot.config import RobotConfig
+from recorders.cdr.codec import decode_as
+from recorders.errors import JointError, MessageError, WireError
+from recorders.messages.message_types import JointState
+from recorders.text.wording import names_text, value_text
+from recorders.ticks.joiner import JointMap
+
+Floats = NDArray[np.float64]
+
+MAX_COMMAND = 1 << 16
+"""Larger commands, or more than fit in so much together, are refused unread [bytes]; one of 15 joints takes 404."""
+
+_LENGTH = 4  # bytes
+_STATUS_TYPES: dict[str, type] = {
+    "robot": str,
+    "real_time": bool,
+    "time_ns": int,
+    "period_ns": int,
+    "commands": int,
+    "refused": int,
+    "slipped_s": float,
+    "joints": tuple,
+}
+
+
+def robot_key(namespace: str, verb: str) -> str:
+    """Return the key of `command`, `reset`, `joints`, `status` or `alive`."""
+    return f"{namespace}/@robot/{verb}"
+
+
+def config_key(namespace: str) -> str:
+    """Return the key on which a robot answers with the text of its TOML file."""
+    return f"{namespace}/robot_config"
+
+
+def robot_digest(toml: str, urdf: str) -> str:
+    """Return the SHA-256 of a robot's two texts, by which a robot and a controller show that they mean the same one."""
+    return hashlib.sha256(f"{toml}\0{urdf}".encode()).hexdigest()
+
+
+def pack_commands(commands: Iterable[bytes]) -> bytes:
+    """Return commands as the payload of one query: each behind its length."""
+    return b"".join(len(command).to_bytes(_LENGTH, "little") + command for command in commands)
+
+
+def unpack_commands(payload: bytes) -> list[bytes]:
+    """Return the commands of a query.
+
+    Raises
+    ------
+    MessageError
+        If the payload holds none, or is not what `pack_commands` makes.
+    """
+    commands: list[bytes] = []
+    place = 0
+    while place < len(payload) or not commands:
+        begin = place + _LENGTH
+        length = int.from_bytes(payload[place:begin], "little")
+        place = begin + length
+        if place > len(payload):
+            raise MessageError(f"expected commands behind their lengths, found {len(payload)} bytes that are none")
+        commands.append(payload[begin:place])
+    return commands
+
+
+class CommandReader:
+    """Reads commands for one robot, from whoever sends them.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        The robot.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._robot = robot
+        self._joints = JointMap(robot.joints)
+
+    def read(self, data: bytes) -> tuple[int, Floats]:
+        """Return stamp [ns] and posture (n,) of a command, the posture kept within the joints' limits.
+
+        Raises
+        ------
+        MessageError
+            If the bytes are no JointState, or a position is not finite.
+        JointError
+            If the joints are not exactly those of the robot.
+        """
+        joints = decode_as(JointState, data)
+        posture = self._joints.positions(joints)
+        if len(joints.name) > len(posture):
+            strangers = names_text(sorted(set(joints.name) - set(self._robot.joints)))
+            raise JointError(f"'{self._robot.name}' has no joint {strangers}; it has {names_text(self._robot.joints)}")
+        if not np.isfinite(posture).all():
+            place = int(np.flatnonzero(~np.isfinite(posture))[0])
+            raise MessageError(
+                f"expected a finite position for joint {self._robot.joints[place]}, found {posture[place]}"
+            )
+        return joints.stamp_ns, np.clip(posture, self._robot.lower, self._robot.upper)
+
+
+@dataclass(frozen=True)
+class RobotStatus:
+    """How a robot node works and what it has done.
+
+    Attributes
+    ----------
+    robot : name of the robot
+    real_time : whether its time runs with the clock on the wall, or waits for commands
+    time_ns : the robot's time [ns]
+    period_ns : how long a command holds [ns]
+    commands, refused : how many commands it has carried out and refused
+    slipped_s : how far its time has fallen behind the clock on the wall [s]
+    joints : names of its joints, in order; none if it does not say
+    """
+
+    robot: str
+    real_time: bool
+    time_ns: int
+    period_ns: int
+    commands: int
+    refused: int
+    slipped_s: float
+    joints: tuple[str, ...] = ()
+
+    def to_json(self) -> bytes:
+        """Return the status as JSON."""
+        return json.dumps(asdict(self)).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes) -> Self:
+        """Read a status back; raises WireError if it is not one."""
+        try:
+            found = json.loads(data)
+            status = cls(**found | {"joints": tuple(found.get("joints", ()))})
+        except (ValueError, TypeError, AttributeError, RecursionError):
+            raise WireError(f"expected the status of a robot, found {value_text(data[:80])}") from None
+        for name, kind in _STATUS_TYPES.items():
+            if type(getattr(status, name)) is not kind:
+                raise WireError(
+                    f"status of a robot: found {name} {value_text(getattr(status, name))}, of the wrong type"
+                )
+        if not all(isinstance(joint, str) for joint in status.joints):
+            raise WireError("status of a robot: expected names of joints, found something else")
+        if status.period_ns <= 0:
+            raise WireError(f"status of a robot: expected a period above 0, found {status.period_ns} ns")
+        return status

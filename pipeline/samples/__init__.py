@@ -1,0 +1,1 @@
+"""From ticks to the samples that training, evaluation and serving share."""

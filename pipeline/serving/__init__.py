@@ -1,0 +1,1 @@
+"""A controller as a Zenoh node: hand targets in, joint commands out."""

@@ -1,0 +1,105 @@
+"""Writes a node's log and says its lines on a thread of its own, so that neither delays a command."""
+
+import queue
+import threading
+from collections.abc import Callable
+from types import TracebackType
+from typing import Self
+
+from recorders.errors import ReenactError
+from recorders.messages.record import Stamped
+from recorders.writing.writer import LogWriter
+
+UNNUMBERED = -1
+"""Sequence of a message that carries no number of its producer's; the log numbers it."""
+
+
+class Clerk:
+    """Takes records to write and lines to say, from any thread; a context manager.
+
+    A signal, which Python handles on the main thread, cannot cut a record in two. A log that cannot be written any
+    longer is given up, and what it is of goes on; the error is raised at the end.
+
+    Parameters
+    ----------
+    writer : LogWriter or None
+        The log, finished as complete if the block ends by itself, by Ctrl-C or by SIGTERM.
+    say : callable
+        Told the lines.
+
+    Attributes
+    ----------
+    records : bool
+        Whether there is a log to write on.
+    written : int
+        Messages written so far.
+
+    Raises
+    ------
+    LogError
+        At the end of the block, if the log could not be written.
+    """
+
+    def __init__(self, writer: LogWriter | None, say: Callable[[str], None]) -> None:
+        self._writer = writer
+        self._say = say
+        self._inbox: queue.SimpleQueue[Stamped | str | None] = queue.SimpleQueue()
+        self._thread = threading.Thread(target=self._work, name="clerk")
+        self._error: ReenactError | None = None
+        self.records = writer is not None
+        self.written = 0
+
+    def __enter__(self) -> Self:
+        try:
+            self._thread.start()
+        except BaseException:  # of a signal: the thread may run all the same
+            self._inbox.put(None)
+            raise
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """Finish everything handed in so far, and the log."""
+        self._inbox.put(None)
+        self._thread.join()
+        if self._writer is None:
+            return
+        if self._error is None and (error is None or isinstance(error, KeyboardInterrupt | SystemExit)):
+            self._writer.close()
+            return
+        self._writer.abort()
+        if self._error is not None:
+            raise self._error
+
+    def write(self, record: Stamped) -> None:
+        """Have a record written."""
+        self._inbox.put(record)
+
+    def say(self, line: str) -> None:
+        """Have a line said."""
+        self._inbox.put(line)
+
+    def _work(self) -> None:
+        while (item := self._inbox.get()) is not None:
+            if isinstance(item, str):
+                self._say(item)
+            elif self.records:
+                self._write(item)
+
+    def _write(self, record: Stamped) -> None:
+        if self._writer is None:
+            return
+        try:
+            self._writer.write(
+                record.topic,
+                record.data,
+                log_time_ns=record.log_time_ns,
+                sequence=None if record.sequence == UNNUMBERED else record.sequence,
+                type_name=record.type,
+            )
+            self.written += 1
+        except ReenactError as error:
+            self._error = error
+            self.records = False
+            self._say(f"{error}; nothing more is recorded, all else goes on")

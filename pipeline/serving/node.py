@@ -1,0 +1,377 @@
+"""The node `serve`: a learned controller as a Zenoh subscriber, with a status for whoever watches and a log."""
+
+import json
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import starmap
+from typing import Any
+
+import numpy as np
+import zenoh
+
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import TOML_FILE, URDF_FILE
+from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_controllers
+from pipeline.robot_node.protocol import robot_digest
+from pipeline.serving.background_writer import UNNUMBERED, Clerk
+from pipeline.serving.low_latency import unpaused
+from pipeline.serving.node_config import ServeConfig
+from pipeline.serving.rejections import Refusal
+from pipeline.serving.served_controller import ServedController
+from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
+from recorders.messages.message_types import JointState
+from recorders.messages.record import Stamped
+from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE
+from recorders.nodes.keys import controller_key
+from recorders.nodes.node import running_node
+from recorders.nodes.status import NodeSource
+from recorders.wire.callbacks import direct
+from recorders.wire.frames import (
+    live_attachment,
+    message_key,
+)
+from recorders.wire.session import SessionConfig, open_session, publishing
+from recorders.writing.writer import LogWriter
+
+_RECENT = 4096  # commands of which the latency is kept
+_RATE_OVER_NS = 2 * 10**9
+_HELD_S = 0.05
+_LOOK_S = 0.1  # longest single wait for the end
+
+
+def serve(
+    controller: Controller,
+    *,
+    session: SessionConfig,
+    config: ServeConfig | None = None,
+    say: Callable[[str], None] = lambda line: None,
+    on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
+    on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
+) -> None:
+    """Serve a controller until the process is told to stop.
+
+    `say` is told, a line each, when the controller is ready, of the first message refused for each reason, and of a log
+    that cannot be written any longer: the robot goes on being commanded. However the serving ends, the log is finished,
+    and `on_end` is given the last status and the controller as it is then. `on_command` is given every command that was
+    sent, as CDR, and the messages that it answers; it must return at once.
+
+    Raises
+    ------
+    KeyboardInterrupt, SystemExit
+        As raised by Ctrl-C or by a handler of SIGTERM, once all is finished.
+    ControllerError, RobotError
+        If the controller cannot be served.
+    WireError
+        If no session can be opened, or another controller serves in the namespace.
+    JointError
+        If the robot of the namespace has other joints.
+    LogError
+        If the log cannot be begun; at the end, if it could not be written.
+    ConfigError
+        If learning diverged.
+    """
+    config = config or ServeConfig()
+    writer = _log(controller, config, say)
+    clerk = Clerk(writer, say)
+    node = None
+    try:
+        with clerk:
+            node = Node(controller, config, clerk, on_command)
+            with (
+                open_session(session) as opened,
+                unpaused(),
+                node.declared(opened) as robot,
+                running_node(
+                    opened,
+                    node.source(),
+                    config=session,
+                    namespace=config.namespace,
+                    metrics_port=config.metrics_port,
+                    report=clerk.say,
+                ),
+            ):
+                where = ", ".join(session.listen or session.connect)
+                clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)} at {where}")
+                node.wait(robot)
+    finally:
+        if node is not None and node.serves:
+            on_end(node.status(), node.controller())
+
+
+class Node:
+    """A served controller between its subscribers and its publisher.
+
+    Samples are handled on the thread that reads them from the network, which saves a target the way to another thread;
+    for the same reason each topic has a subscriber of its own, rather than one that hears everything. Commands are
+    dropped where the way out is blocked: a late one is worth nothing, and the reading thread must never wait.
+
+    Parameters
+    ----------
+    controller : Controller
+        Answers the targets.
+    config : ServeConfig
+        Name and namespace.
+    clerk : Clerk
+        Writes the log.
+    on_command : callable, optional
+        Given every command that was sent, as CDR, and the messages that it answers; must return at once.
+
+    Attributes
+    ----------
+    serves : bool
+        Whether it has begun to serve; it stays so at the end.
+    """
+
+    def __init__(
+        self,
+        controller: Controller,
+        config: ServeConfig,
+        clerk: Clerk,
+        on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
+    ) -> None:
+        self._on_command = on_command
+        self._served = served = ServedController(controller, config=config.serving, say=clerk.say)
+        self._config = config
+        self._clerk = clerk
+        self._lock = threading.Lock()  # several connections have several reading threads
+        self._stop = threading.Event()
+        self._failure: Exception | None = None
+        self._commands = 0
+        self.serves = False
+        self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
+        self._held: Arrival | None = None
+        self._digests = {
+            "controller": controller.digest,
+            "robot": robot_digest(controller.robot_toml, controller.robot_urdf),
+        }
+        self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
+
+    @contextmanager
+    def declared(self, session: zenoh.Session) -> Iterator[RobotCheck]:
+        """Declare publisher, subscribers, status and, last, the liveliness token: who sees it may send targets.
+
+        Yields
+        ------
+        What looks at robots that come later.
+
+        Raises
+        ------
+        WireError
+            If another controller serves in the namespace.
+        JointError
+            If the robot that is there has other joints.
+        """
+        name, namespace = self._config.name, self._config.namespace
+        refuse_other_controllers(session, name, namespace=namespace, beside_others=self._config.beside_others)
+        robot = RobotCheck(session, self._served.joints, namespace=namespace, say=self._clerk.say)
+        with ExitStack() as stack:
+            stack.enter_context(robot.watching())
+            robot.check()
+            self._publisher = stack.enter_context(
+                publishing(
+                    session,
+                    message_key(namespace, JOINT_COMMANDS),
+                    encoding=f"{CDR}{JointState.TYPE}",
+                    congestion_control=zenoh.CongestionControl.DROP,
+                    priority=zenoh.Priority.REAL_TIME,
+                )
+            )
+            for topic, reader in self._readers.items():
+                handler = direct(self._handler(reader))
+                stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
+            stack.enter_context(
+                session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
+            )
+            self.serves = True  # before anybody can know, and end it
+            stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
+            stack.enter_context(self._looking_after_held())
+            yield robot
+
+    def wait(self, robot: RobotCheck) -> None:
+        """Return never; raises what serving failed of, or what a signal's handler raises.
+
+        Parameters
+        ----------
+        robot : RobotCheck
+            Looks at robots that come meanwhile.
+        """
+        while self._failure is None:
+            time.sleep(_LOOK_S)  # a signal that comes just before a wait begins does not end it
+            robot.check_newcomer()
+        raise self._failure
+
+    def source(self) -> NodeSource:
+        """Return what this node says of itself to whoever watches; none of it waits for a command, nor keeps one."""
+        return NodeSource(
+            "controller",
+            self._config.name,
+            state=lambda: "learning" if self._served.learning else "serving",
+            counts=self._counts,
+            latency_us=lambda: _percentiles(self._latencies()),
+            digests=lambda: self._digests,
+        )
+
+    def _counts(self) -> dict[str, int]:
+        return {"commands": self._commands, "recorded": self._clerk.written} | self._served.counts()
+
+    def _latencies(self) -> list[int]:
+        with self._lock:
+            recent = list(self._recent)
+        return [latency for _, latency in recent]
+
+    def status(self) -> dict[str, Any]:
+        """Return what the controller says of itself, and counts, rate and latencies of this node, as JSON has it.
+
+        `latency_us` is the time from the arrival of the message that completes a tick to the end of the command's put,
+        over the last commands; `rate_hz` counts the commands of the last two seconds.
+        """
+        with self._lock:
+            self._take_held()
+            status = self._served.status_later()  # worked out below: no command waits for that
+            recent, commands, now = list(self._recent), self._commands, time.perf_counter_ns()
+        return {
+            "name": self._config.name,
+            "topics": list(self._readers),
+            **status(),
+            "commands": commands,
+            "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
+            "latency_us": _percentiles([latency for _, latency in recent]) | {"commands": len(recent)},
+            "recording": self._clerk.records,
+            "recorded": self._clerk.written,
+        }
+
+    def controller(self) -> Controller:
+        """Return the controller as it is now."""
+        with self._lock:
+            self._take_held()
+            return self._served.controller()
+
+    def _handler(self, reader: TopicReader) -> Callable[[zenoh.Sample], None]:
+        """Return what takes the samples of a topic.
+
+        The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
+        held unread, so that it does not keep the other waiting.
+        """
+        lock, served = self._lock, self._served
+
+        def on_sample(sample: zenoh.Sample) -> None:
+            arrival = time.perf_counter_ns()
+            arrived = reader, sample, time.time_ns()
+            with lock:
+                if self._held is None and served.between_ticks:
+                    self._held = arrived
+                else:
+                    self._take(arrived, arrival)
+
+        return on_sample
+
+    def _take(self, arrived: Arrival | None, arrival: int) -> None:
+        """Take what is held, and what has arrived after it."""
+        held, self._held = self._held, None
+        if self._failure is not None:
+            return
+        try:
+            if held is not None and arrived is not None and self._answer_usual(held, arrived, arrival):
+                return
+            for waiting in (held, arrived):
+                record = None if waiting is None else self._read(*waiting)
+                command = None if record is None else self._served.take(record)
+                if command is not None:
+                    self._publish(command.data, command.stamp_ns, arrival, command.answered)
+        except Exception as error:
+            self._failure = error  # which ends the node
+
+    def _answer_usual(self, held: Arrival, arrived: Arrival, arrival: int) -> bool:
+        """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
+        pair = (arrived, held) if held[0].topic == RIGHT_TARGET else (held, arrived)
+        (left_reader, left, _), (right_reader, right, _) = pair
+        if left_reader.topic != LEFT_TARGET or right_reader.topic != RIGHT_TARGET:
+            return False
+        answer = self._served.answer_usual(left_reader.pose(left), right_reader.pose(right))
+        if answer is None:
+            return False
+        stamp_ns, command = answer
+        self._publish(command, stamp_ns, arrival, filter(None, starmap(self._read, pair)))
+        return True
+
+    def _take_held(self) -> None:
+        """Take what is held although nothing follows it."""
+        self._take(None, time.perf_counter_ns())
+
+    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+        """Return what a sample says, as it goes into a log too; None if that is nothing."""
+        if sample.kind != zenoh.SampleKind.PUT:
+            return None  # a deleted key is no target
+        size = len(sample.payload)
+        if size > MAX_PAYLOAD:
+            self._served.refuse(Refusal.TOO_LARGE, f"{reader.topic}: found {size} bytes")
+            return None
+        sequence = sequence_of(reader.topic, sample) if self._clerk.records else UNNUMBERED
+        return Stamped(reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
+
+    @contextmanager
+    def _looking_after_held(self) -> Iterator[None]:
+        # A daemon, as a signal may end `start` when the thread is there already.
+        thread = threading.Thread(target=self._look_after_held, name="held", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            self._stop.set()
+            thread.join()
+
+    def _look_after_held(self) -> None:
+        """See that nothing is held for long: it may be something to refuse."""
+        while not self._stop.wait(_HELD_S):
+            with self._lock:
+                self._take_held()
+
+    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[Stamped]) -> None:
+        """Send a command, then do all that the robot does not wait for; what it answers is looked at only then."""
+        self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
+        self._recent.append((arrival, time.perf_counter_ns() - arrival))
+        if self._clerk.records or self._on_command is not None:
+            self._keep(command, tuple(answered))
+        self._commands += 1
+        self._served.settle()
+
+    def _keep(self, command: bytes, answered: tuple[Stamped, ...]) -> None:
+        """Pass a command on to whoever records and watches."""
+        if self._clerk.records:
+            sent = Stamped(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
+            for message in (*answered, sent):
+                self._clerk.write(message)
+        if self._on_command is not None:
+            self._on_command(command, answered)
+
+    def _answer_query(self, query: zenoh.Query) -> None:
+        with query:
+            query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
+
+
+def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]) -> LogWriter | None:
+    if config.record is None:
+        return None
+    return LogWriter(
+        config.record,
+        manifest={
+            "kind": "serving",
+            "name": config.name,
+            "controller": controller.digest,
+            "learning": config.serving.learn,
+            "washout_steps": config.serving.washout_steps,
+        },
+        attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
+        overwrite=config.overwrite,
+        regular=False,
+        say=say,
+    )
+
+
+def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:
+    values = np.percentile(latencies_ns, [50, 90, 99, 100]).tolist() if latencies_ns else [None] * 4
+    named = zip(("p50", "p90", "p99", "max"), values, strict=True)
+    return {name: None if value is None else value / 1e3 for name, value in named}

@@ -1,0 +1,47 @@
+"""How a served controller is known, and what it keeps."""
+
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from pipeline.serving.config import ServingConfig
+from recorders.wire.frames import DEFAULT_NAMESPACE, check_name, check_namespace
+
+
+@dataclass(frozen=True)
+class ServeConfig:
+    """How a served controller is known and what it keeps.
+
+    Parameters
+    ----------
+    name : str
+        Part of the keys of the liveliness token and of the status.
+    namespace : str
+        First part of every key.
+    serving : ServingConfig
+        Learning, washout, what is reported.
+    record : Path, optional
+        Log to write: the complete ticks that were answered, and the commands.
+    overwrite : bool
+        Whether a log of this name may be replaced.
+    beside_others : bool
+        Whether to serve in a namespace in which others of other names serve: all of them then send commands.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
+
+    Raises
+    ------
+    WireError
+        If name or namespace cannot be part of a key.
+    """
+
+    name: str = "controller"
+    namespace: str = DEFAULT_NAMESPACE
+    serving: ServingConfig = field(default_factory=ServingConfig)
+    record: Path | None = None
+    overwrite: bool = False
+    beside_others: bool = False
+    metrics_port: int | None = None
+
+    def __post_init__(self) -> None:
+        check_name(self.name)
+        check_namespace(self.namespace)

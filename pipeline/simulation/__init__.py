@@ -1,0 +1,1 @@
+"""The robot as a Drake plant with its servos."""

@@ -1,0 +1,1 @@
+"""The inverse kinematics teacher, and what it can reach."""

@@ -1,0 +1,187 @@
+"""Reach: which samples of a motion the robot cannot reach, and what becomes of them."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.motions.motion import Motion
+from pipeline.robot.kinematics import Kinematics
+from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_reach
+from recorders.errors import MotionError
+
+Floats = NDArray[np.float64]
+
+HANDS = ("left", "right")
+CHOICES = ("refuse", "clip", "skip", "keep")
+"""What to do with samples out of reach: refuse the motion; move them to the nearest point within reach; leave them out,
+the target before them being held on; keep them, for the teacher to come as near as it does."""
+
+_STEPS = 100  # of the search for the nearest point; 30 come within 2 mm of where it ends
+_PRIORITY = 10.0  # of a hand that reaches its target: it then stays within a hundredth of what the other lacks
+_START_DAMPING, _LEAST_DAMPING = 1e-2, 1e-5
+_EASE, _TIGHTEN = 1 / 3, 4.0  # of the damping, after a step that helps and one that does not
+
+
+class Miss(NamedTuple):
+    """A sample that a hand does not reach.
+
+    Attributes
+    ----------
+    sample : index of the sample
+    short_m : distance of each hand from its target [m], shape (2,)
+    """
+
+    sample: int
+    short_m: Floats
+
+
+@dataclass(frozen=True)
+class OutOfReach:
+    """What of a motion was out of reach.
+
+    Attributes
+    ----------
+    handled : one of `CHOICES`
+    samples : how many of the samples
+    first_s : time of the first of them [s]; None if there is none
+    hand, worst_cm : the hand that was farthest from its target, and how far it stayed [cm]; None if there is none
+    """
+
+    handled: str
+    samples: int = 0
+    first_s: float | None = None
+    hand: str | None = None
+    worst_cm: float | None = None
+
+
+def bring_within_reach(teacher: Teacher, motion: Motion, *, choice: str) -> tuple[Motion, OutOfReach]:
+    """Return the motion with its samples out of reach treated as chosen, and what there was to treat.
+
+    Parameters
+    ----------
+    teacher : Teacher
+        Decides what is within reach: what it reaches to `REACH_BOUND_M`.
+    motion : Motion
+        What is asked for.
+    choice : str
+        One of `CHOICES`.
+
+    Raises
+    ------
+    MotionError
+        The choice is unknown; samples are out of reach and the choice is to refuse, or fewer than two are left.
+    """
+    if choice not in CHOICES:
+        raise MotionError(f"samples out of reach: expected one of {', '.join(CHOICES)}, found '{choice}'")
+    if choice == "refuse":
+        _check(teacher, motion)
+        return motion, OutOfReach(choice)
+    misses = list(find_misses(teacher, motion.targets))
+    if not misses:
+        return motion, OutOfReach(choice)
+    found = _summary(motion, misses, choice)
+    if choice == "clip":
+        return _clipped(teacher, motion, misses), found
+    return (_without(motion, misses) if choice == "skip" else motion), found
+
+
+def find_misses(teacher: Teacher, targets: ArrayLike) -> Iterator[Miss]:
+    """Yield every one of the `targets` [m] (T, 2, 3) that a hand does not reach.
+
+    The teacher runs along the targets kinematically; after one that it does not reach it goes on from the last that it
+    did.
+    """
+    q = teacher.kinematics.robot.comfort
+    for sample, target in enumerate(np.asarray(targets, dtype=np.float64)):
+        reached, short_m = approach(teacher, q, target)
+        if short_m.max() > REACH_BOUND_M:
+            yield Miss(sample, short_m)
+        else:
+            q = reached
+
+
+def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[np.bool_]) -> Floats:
+    """Return hand positions [m] (2, 3) that the joints allow, those of the `missing` hands as near as can be.
+
+    The posture is sought from the comfort posture on by Levenberg-Marquardt steps. Each joint is its range's middle
+    plus half the range times the sine of a free variable, so that it never leaves its limits.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Of the robot.
+    targets : array, shape (2, 3)
+        What is asked of the hands [m].
+    missing : array of bool, shape (2,)
+        Whether each hand fails to reach its target; one that does not keeps to it.
+    """
+    weights = np.repeat(np.where(missing, 1.0, _PRIORITY), 3)  # (6,)
+    middle, half = (kinematics.upper + kinematics.lower) / 2, (kinematics.upper - kinematics.lower) / 2
+
+    def linearised(angles: Floats) -> tuple[Floats, Floats]:
+        """Weighted residual, shape (6,), and its Jacobian with respect to the angles, less the sign, shape (6, n)."""
+        hands, jacobian = kinematics.hands_and_jacobian(middle + half * np.sin(angles))
+        return weights * (targets - hands).reshape(6), weights[:, None] * jacobian * (half * np.cos(angles))
+
+    angles: Floats = np.arcsin((kinematics.robot.comfort - middle) / half)
+    residual, slope = linearised(angles)
+    damping = _START_DAMPING
+    for _ in range(_STEPS):
+        step = slope.T @ np.linalg.solve(slope @ slope.T + damping * np.eye(6), residual)
+        ahead, ahead_slope = linearised(angles + step)
+        if ahead @ ahead < residual @ residual:
+            angles, residual, slope = angles + step, ahead, ahead_slope
+            damping = max(damping * _EASE, _LEAST_DAMPING)
+        else:
+            damping *= _TIGHTEN
+    return kinematics.hands(middle + half * np.sin(angles))
+
+
+def _check(teacher: Teacher, motion: Motion) -> None:
+    try:
+        check_reach(teacher, motion)
+    except MotionError as error:
+        raise MotionError(f"{error}; make it smaller, or choose to clip, skip or keep such samples") from None
+
+
+def _summary(motion: Motion, misses: list[Miss], choice: str) -> OutOfReach:
+    short_m = np.array([miss.short_m for miss in misses])  # (misses, 2)
+    hand = int(short_m.max(axis=0).argmax())
+    return OutOfReach(
+        handled=choice,
+        samples=len(misses),
+        first_s=float(motion.times_s[misses[0].sample]),
+        hand=HANDS[hand],
+        worst_cm=100.0 * float(short_m.max()),
+    )
+
+
+def _clipped(teacher: Teacher, motion: Motion, misses: list[Miss]) -> Motion:
+    targets = motion.targets
+    for sample, short_m in misses:
+        targets[sample] = _clip(teacher.kinematics, targets[sample], worst=int(short_m.argmax()))
+    return Motion(motion.name, motion.times_s, targets[:, 0], targets[:, 1], closed=motion.closed)
+
+
+def _clip(kinematics: Kinematics, target: Floats, *, worst: int) -> Floats:
+    """Bring the worst hand as near its target as it goes; the other as well, if it cannot keep to its own meanwhile."""
+    missing = np.arange(2) == worst
+    nearest = nearest_hands(kinematics, target, missing=missing)
+    if np.linalg.norm(nearest - target, axis=1)[1 - worst] > REACH_BOUND_M:
+        missing[:] = True
+        nearest = nearest_hands(kinematics, target, missing=missing)
+    return np.where(missing[:, None], np.round(nearest, 9), target)
+
+
+def _without(motion: Motion, misses: list[Miss]) -> Motion:
+    kept = np.ones(len(motion), dtype=np.bool_)
+    kept[[miss.sample for miss in misses]] = False
+    if kept.sum() < 2:
+        raise MotionError(
+            f"motion '{motion.name}': expected at least two samples within reach, "
+            f"found {int(kept.sum())} of {len(motion)}"
+        )
+    return Motion(motion.name, motion.times_s[kept], motion.left[kept], motion.right[kept], closed=motion.closed)

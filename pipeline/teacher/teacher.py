@@ -1,0 +1,176 @@
+"""The teacher: whole-body motion control of both hands by resolved rates, after Gienger et al. 2005."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from pipeline.motions.motion import Motion
+from pipeline.robot.kinematics import Kinematics
+from recorders.errors import ConfigError, MotionError
+
+Floats = NDArray[np.float64]
+
+REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
+_REACH_PERIOD_S = 0.05  # the hands come 30 % nearer in a step; longer ones make the null-space motion overshoot
+_REACH_STEPS = 200  # within reach about 5 suffice
+
+
+@dataclass(frozen=True)
+class TeacherConfig:
+    """How the teacher moves.
+
+    Attributes
+    ----------
+    period_ns : control period [ns]
+    gain : approach of the hands to their targets, kp [1/s]
+    damping : lambda of the damped inverse; bounds joint speeds near singular postures
+    comfort_gain : approach to the comfort posture within the null space, alpha [1/s]; below 1 postures drift from
+        cycle to cycle, at 0 by up to 58 % of a joint's range
+    barrier : weight of the log barrier at the joint limits, relative to the comfort term
+    margin : smallest distance kept from a limit, as a part of the joint's range
+    """
+
+    period_ns: int = 5_000_000
+    gain: float = 6.0
+    damping: float = 0.02
+    comfort_gain: float = 5.0
+    barrier: float = 0.01
+    margin: float = 1e-3
+
+    def __post_init__(self) -> None:
+        for name in ("period_ns", "gain", "damping"):
+            if not 0 < getattr(self, name) < math.inf:
+                raise ConfigError(f"teacher {name}: expected above 0, found {getattr(self, name)}")
+        for name in ("comfort_gain", "barrier"):
+            if not 0 <= getattr(self, name) < math.inf:
+                raise ConfigError(f"teacher {name}: expected at least 0, found {getattr(self, name)}")
+        if not 0 < self.margin < 0.5:
+            raise ConfigError(f"teacher margin: expected between 0 and 0.5, found {self.margin}")
+
+
+class Teacher:
+    """A velocity-level inverse kinematics that resolves redundancy by comfort.
+
+    With hands x(q), their Jacobian J and a cost H(q) of postures, the joints move at
+
+        qd = z + J# (xd - J z),    J# = W^-1 J^T (J W^-1 J^T + lambda^2 I)^-1,    z = -alpha W^-1 grad H,
+
+    where xd = kp (target - x). H is the squared distance from the comfort posture, in parts of each joint's range and
+    weighted by joint, plus a log barrier at the limits; W is the diagonal of its Hessian. The teacher integrates the
+    posture it has itself commanded, not the measured one: what the robot's lag does to a motion stays in the data.
+
+    Source: M. Gienger, H. Janssen, C. Goerick, "Task-oriented whole body motion for humanoid robots", Humanoids 2005,
+    doi:10.1109/ICHR.2005.1573574.
+    """
+
+    def __init__(self, kinematics: Kinematics, config: TeacherConfig = TeacherConfig()) -> None:
+        self.kinematics = kinematics
+        self.config = config
+        robot = kinematics.robot
+        span = robot.upper - robot.lower
+        self._stiffness = robot.weights / span**2  # (n,)
+        self._lower = robot.lower + config.margin * span
+        self._upper = robot.upper - config.margin * span
+        self._damping = config.damping**2 * np.eye(6)
+        self._gaze = robot.joints.index(robot.gaze_joint)
+
+    def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
+        """Return the posture to command next, one period after commanding `q` (n,), for hand `targets` [m] (2, 3)."""
+        return self.glide(q, targets, self.config.period_ns * 1e-9)
+
+    def glide(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
+        """As `step`, with a period of one's own [s]."""
+        posture, goal = self._within(np.asarray(q, dtype=np.float64)), np.asarray(targets, dtype=np.float64)
+        gradient, hessian = self._cost(posture, self._comfort(posture, goal))
+        hands, jacobian = self.kinematics.hands_and_jacobian(posture)
+        z = gradient / hessian * -self.config.comfort_gain  # (n,)
+        xd = self.config.gain * (goal - hands).reshape(6)
+        weighted = jacobian / hessian  # J W^-1, (6, n)
+        qd = z + np.linalg.solve(weighted @ jacobian.T + self._damping, xd - jacobian @ z) @ weighted
+        return self._within(posture + period_s * qd)
+
+    def _within(self, q: Floats) -> Floats:
+        within: Floats = np.minimum(np.maximum(q, self._lower), self._upper)
+        return within
+
+    def _comfort(self, q: Floats, targets: Floats) -> Floats:
+        """Return the comfort posture (n,) with the gaze joint turned towards the middle of both targets."""
+        comfort = self.kinematics.robot.comfort.copy()
+        ahead, aside, _ = self.kinematics.in_gaze_frame(q, (targets[0] + targets[1]) / 2)
+        gaze = q[self._gaze] + math.atan2(aside, ahead)
+        comfort[self._gaze] = gaze
+        return self._within(comfort)
+
+    def _cost(self, q: Floats, comfort: Floats) -> tuple[Floats, Floats]:
+        """Gradient and diagonal Hessian of H at `q`, both (n,)."""
+        below, above = 1.0 / (q - self.kinematics.lower), 1.0 / (self.kinematics.upper - q)
+        gradient = self._stiffness * (q - comfort) + self.config.barrier * (above - below)
+        hessian = self._stiffness + self.config.barrier * (above * above + below * below)
+        return gradient, hessian
+
+
+@dataclass(frozen=True)
+class Unreachable:
+    """The first sample of a motion that a hand does not reach.
+
+    Attributes
+    ----------
+    sample : index of the sample
+    hand : "left" or "right"
+    point : the target [m]
+    short_m : distance that remains [m]
+    """
+
+    sample: int
+    hand: str
+    point: tuple[float, float, float]
+    short_m: float
+
+
+def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = REACH_BOUND_M) -> Unreachable | None:
+    """Find the first of the `targets` [m] (T, 2, 3) from which a hand stays farther than `bound_m`, if any.
+
+    The teacher runs along the targets kinematically, on each until it is there or has had time to converge.
+    """
+    q = teacher.kinematics.robot.comfort
+    for sample, target in enumerate(np.asarray(targets, dtype=np.float64)):
+        q, short_m = approach(teacher, q, target, bound_m)
+        hand = int(np.argmax(short_m))
+        if short_m[hand] > bound_m:
+            x, y, z = (float(value) for value in target[hand])
+            return Unreachable(sample, ("left", "right")[hand], (x, y, z), float(short_m[hand]))
+    return None
+
+
+def check_reach(teacher: Teacher, motion: Motion) -> None:
+    """Check that both hands can reach every sample of a motion.
+
+    Raises
+    ------
+    MotionError
+        They cannot; the message names sample, hand, point and the distance that remains.
+    """
+    if miss := find_unreachable(teacher, motion.targets):
+        point = ", ".join(f"{value:.3f}" for value in miss.point)
+        raise MotionError(
+            f"motion '{motion.name}' is out of reach: at sample {miss.sample} (t = {motion.times_s[miss.sample]:g} s) "
+            f"the {miss.hand} hand of '{teacher.kinematics.robot.name}' stays {100 * miss.short_m:.1f} cm short "
+            f"of ({point}) m"
+        )
+
+
+def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH_BOUND_M) -> tuple[Floats, Floats]:
+    """Let the teacher go from posture `q` (n,) towards a target (2, 3) until both hands are there, or it converged.
+
+    Returns
+    -------
+    posture reached (n,), and the distance of each hand from its target [m], shape (2,); above `bound_m` is out of reach
+    """
+    for _ in range(_REACH_STEPS):
+        short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)
+        if short_m.max() <= bound_m:
+            break
+        q = teacher.glide(q, target, _REACH_PERIOD_S)
+    return q, short_m

@@ -1,0 +1,1 @@
+"""Text, tables, keys and signals of a terminal."""

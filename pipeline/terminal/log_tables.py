@@ -1,0 +1,212 @@
+"""What `info` and `recover` show on a terminal; a log may come from anyone, so none of it gets there raw."""
+
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import islice
+from typing import Any
+
+from pipeline.terminal.escaping import printable, wrapped
+from recorders.recovery.log_info import LogSummary
+from recorders.recovery.recover import Recovery
+from recorders.recovery.salvage import Damage
+from recorders.recovery.topic_info import TopicSummary
+from recorders.text.quantities import seconds_text
+from recorders.text.wording import names_text
+
+_LONGEST = 100  # characters of a value of the manifest
+_LONGEST_NAME = 300  # characters of a topic or a type
+_DAMAGE_SHOWN = 20
+_TOPICS_SHOWN = 500
+_NS = 10**9
+_TIED = "\N{NO-BREAK SPACE}"  # between a number and its unit, until lines are broken
+_NOTABLE_NS = _NS  # how far stamps and log time may be apart without a word
+
+
+def overview(summary: LogSummary) -> dict[str, str]:
+    """Return what there is to say of the whole log, by name."""
+    found = summary.survey
+    compression = ", ".join(f"{count} {name or 'uncompressed'}" for name, count in found.chunks.items())
+    lines = {
+        "log": found.path.name,
+        "size": f"{_bytes(found.size)}; chunks: {compression or 'none'}",
+        "written by": f"{found.library or 'unknown'}; profile {found.profile or 'none'}",
+        "state": _state(summary),
+        "protection": "CRCs protect every message" if summary.protected else _unprotected(summary),
+        "content": _CONTENT[summary.content_holds] + _counts(summary),
+        "time": _times(summary),
+        "attachments": names_text(f"{each.name} ({_bytes(each.size)})" for each in found.attachments) or "none",
+    }
+    for session in summary.sessions.values():
+        cycles = ", ".join(f"{count} {phase}" for phase, count in session.cycles.items())
+        lines[f"run {session.run}"] = f"epochs {session.first_epoch} to {session.last_epoch}; markers: {cycles}"
+    said = found.manifest.items()
+    manifest = {f"manifest: {name}": _value(value) for name, value in said if value is not None}
+    return {printable(name): printable(text) for name, text in (lines | manifest).items()}
+
+
+def topic_lines(summary: LogSummary, width: int) -> Iterator[str]:
+    """Yield what is on each topic, in lines of `width`, with times from the first message of the log on."""
+    yield "Topics"
+    begin_ns = summary.times_ns[0] if summary.times_ns else 0
+    for topic in islice(summary.topics.values(), _TOPICS_SHOWN):
+        names = [_cut(topic.topic), _cut(topic.type or topic.encoding)]
+        joined = "  ".join(names)
+        for name in [joined] if len(joined) <= width else names:
+            yield from wrapped(name, width)
+        for line in wrapped("; ".join(_of_topic(topic, begin_ns)), width, indent="    "):
+            yield line.replace(_TIED, " ")
+    if len(summary.topics) > _TOPICS_SHOWN:
+        yield from wrapped(f"and {len(summary.topics) - _TOPICS_SHOWN} topics more; --json lists them all", width)
+
+
+def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
+    """Yield the places where a log is damaged, the first few, in lines of `width`."""
+    yield "Damage"
+    for each in damage[:_DAMAGE_SHOWN]:
+        text = f"byte {each.offset}: {each.reason}; {_bytes(each.skipped)} skipped"
+        yield from wrapped(printable(text), width, indent="    ")
+    if len(damage) > _DAMAGE_SHOWN:
+        yield f"and {len(damage) - _DAMAGE_SHOWN} more"
+
+
+def recovered(recovery: Recovery) -> dict[str, str]:
+    """Return what became of a damaged log, by name."""
+    lines = {
+        "kept": f"{recovery.kept.total()} messages",
+        "lost": _lost(recovery),
+        "skipped": _bytes(recovery.skipped),
+        "attachments": names_text(recovery.attachments) or "none",
+        "complete": "yes" if recovery.complete else "no",
+        "log": str(recovery.out),
+    }
+    if recovery.lost_attachments:
+        lines["lost attachments"] = names_text(recovery.lost_attachments)
+    if recovery.unprotected:
+        lines["in doubt"] = f"{recovery.unprotected} messages that no CRC protects"
+    return {printable(name): printable(text) for name, text in lines.items()}
+
+
+_CONTENT: Mapping[bool | None, str] = {
+    True: "the messages are those that the manifest has the hash of",
+    False: "the messages are NOT those that the manifest has the hash of",
+    None: "the manifest has no hash of the messages",
+}
+
+_TOTALS_NAMED = 3
+
+
+def _counts(summary: LogSummary) -> str:
+    wrong = summary.wrong_totals
+    more = f"; and {len(wrong) - _TOTALS_NAMED} more" if len(wrong) > _TOTALS_NAMED else ""
+    return (
+        f", and NOT as many as the summary says: {'; '.join(map(_cut, wrong[:_TOTALS_NAMED]))}{more}" if wrong else ""
+    )
+
+
+def _state(summary: LogSummary) -> str:
+    if summary.cut_off_at is not None:
+        state = f"cut off at byte {summary.cut_off_at}"
+    else:
+        state = "finished" if summary.survey.finished else "not finished"
+    complete = summary.survey.manifest.get("complete")
+    said = {True: ", complete", False: ", not complete"}.get(complete, "") if isinstance(complete, bool) else ""
+    return state + said + ("" if summary.sound else "; damaged")
+
+
+def _unprotected(summary: LogSummary) -> str:
+    return f"no CRC protects {summary.unprotected} messages: damage to them would pass unseen"
+
+
+def _times(summary: LogSummary) -> str:
+    if summary.times_ns is None:
+        return "no messages"
+    first_ns, last_ns = summary.times_ns
+    return f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s"
+
+
+def _of_topic(topic: TopicSummary, begin_ns: int) -> Iterator[str]:
+    """Yield what there is to say of a topic, a phrase each."""
+    rate = _rate(topic.rate_hz) + (f" (stamps {_rate(topic.stamp_rate_hz)})" if topic.stamp_rate_hz else "")
+    yield f"{topic.count} message{'s' if topic.count > 1 else ''}, {rate}"
+    yield f"{_moment(topic.first_ns - begin_ns)} to {_moment(topic.last_ns - begin_ns)}"
+    if topic.longest_gap_ns is not None:
+        after_ns = topic.log_times.longest_after_ns - begin_ns
+        yield f"longest gap {_span(topic.longest_gap_ns)} after {_moment(after_ns)}"
+    if topic.log_times.jitter_ns is not None:
+        yield f"jitter {_span(topic.log_times.jitter_ns)}"
+    yield _missing(topic)
+    if topic.log_times.falls:
+        yield f"log time falls {_often(topic.log_times.falls)} in the order of the file"
+    if topic.restarts:
+        yield f"numbers begin anew {_often(topic.restarts)}"
+    if topic.ahead_ns is not None:
+        yield from _ahead(*topic.ahead_ns)
+
+
+def _missing(topic: TopicSummary) -> str:
+    places = ", ".join(f"{before}..{after}" for before, after in topic.gaps)
+    by_number = f"{topic.missing} missing by number" + (
+        f" ({places}{', …' if topic.more_gaps else ''})" if places else ""
+    )
+    said = by_number if topic.numbered or topic.missing else "no numbers of its own"
+    if topic.dropped is None or topic.dropped == topic.missing:
+        return said
+    return f"{said}, about {topic.dropped} missing by time"
+
+
+def _ahead(least_ns: int, most_ns: int) -> Iterator[str]:
+    """Yield how stamps lie to log time where that is worth a word."""
+    if least_ns > _NOTABLE_NS:
+        yield f"stamps are {_span(least_ns)} or more ahead of log time"
+    elif most_ns > _NOTABLE_NS:
+        yield f"stamps are up to {_span(most_ns)} ahead of log time"
+    if most_ns < -_NOTABLE_NS:
+        yield f"stamps are {_span(-most_ns)} or more behind log time"
+    elif least_ns < -_NOTABLE_NS:
+        yield f"stamps are up to {_span(-least_ns)} behind log time"
+
+
+def _lost(recovery: Recovery) -> str:
+    if recovery.lost is None:
+        return "unknown: nothing in the log tells"
+    by_topic = names_text(f"{topic} {count}" for topic, count in recovery.lost.items())
+    count = f"{'' if recovery.exact else 'at least '}{recovery.lost.total()} messages"
+    return f"{count} ({by_topic})" if by_topic else count
+
+
+def _value(value: Any) -> str:
+    text = value if isinstance(value, str) else json.dumps(value)
+    return text if len(text) <= _LONGEST else text[:_LONGEST] + "…"
+
+
+def _rate(rate_hz: float | None) -> str:
+    return "no rate" if rate_hz is None else f"{rate_hz:.2f}{_TIED}Hz"
+
+
+def _moment(time_ns: int) -> str:
+    """Return a time since the beginning of the log."""
+    return f"{time_ns / _NS:.3f}{_TIED}s"
+
+
+def _span(time_ns: int) -> str:
+    """Return a length of time in the unit that suits it."""
+    for unit_ns, unit in ((_NS, "s"), (_NS // 1000, "ms"), (1000, "us")):
+        if time_ns >= unit_ns:
+            return f"{time_ns / unit_ns:.{3 if unit == 's' else 1}f}{_TIED}{unit}"
+    return f"{time_ns}{_TIED}ns"
+
+
+def _often(count: int) -> str:
+    return "once" if count == 1 else f"{count}{_TIED}times"
+
+
+def _cut(name: str) -> str:
+    shown = printable(name[:_LONGEST_NAME])
+    return shown if len(name) <= _LONGEST_NAME else f"{shown}…"
+
+
+def _bytes(count: int) -> str:
+    for size, unit in ((10**9, "GB"), (10**6, "MB"), (10**3, "kB")):
+        if count >= size:
+            return f"{count / size:.1f} {unit}"
+    return f"{count} B"

@@ -1,0 +1,1 @@
+"""Pictures and Rerun views of motions and learning."""

@@ -1,0 +1,150 @@
+"""From the messages of a session to the rows that a viewer draws: posture, targets in force, hands reached."""
+
+from dataclasses import replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.kinematics import Kinematics
+from recorders.errors import MotionError
+from recorders.messages.message_types import Float64MultiArray, JointState, Message, PoseStamped
+from recorders.messages.topics import (
+    JOINT_COMMANDS,
+    JOINT_STATES,
+    LEARNER_ERROR,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    SAMPLE_JOINTS,
+)
+from recorders.rerun_scene.track import MAX_TIME_NS, Track
+from recorders.ticks.joiner import JointMap
+
+Floats = NDArray[np.float64]
+
+JOINT_TOPICS = (JOINT_STATES, SAMPLE_JOINTS, JOINT_COMMANDS)
+"""Where postures are taken from: the first of these that there is."""
+
+VIEWED = frozenset({LEFT_TARGET, RIGHT_TARGET, LEARNER_ERROR, *JOINT_TOPICS})
+"""The topics that make rows."""
+
+MAX_ROWS = 20_000
+"""Rows that a viewer is given at once: over six minutes at 50 Hz; of more, some are left out evenly."""
+
+_NS_PER_S = 10**9
+_CM_PER_M = 100.0
+_TARGETS = {LEFT_TARGET: 0, RIGHT_TARGET: 1}
+
+
+class _Target:
+    """The target of a hand, and the one before it."""
+
+    def __init__(self) -> None:
+        self._stamp_ns = -1
+        self._before: Floats | None = None
+        self._latest: Floats | None = None
+
+    def take(self, pose: PoseStamped) -> None:
+        self._before, self._latest, self._stamp_ns = self._latest, pose.position, pose.stamp_ns
+
+    def aimed_at(self, stamp_ns: int, *, commanded: bool) -> Floats | None:
+        """Return what a command of this stamp answers, or what a posture measured then was to reach: u(k-1) at t_k."""
+        if commanded or stamp_ns > self._stamp_ns or self._before is None:
+            return self._latest
+        return self._before
+
+    def changes_at(self, stamp_ns: int) -> bool:
+        """Whether the target before was held until this instant."""
+        return self._before is not None and stamp_ns == self._stamp_ns
+
+
+class MotionRows:
+    """Collects rows, one for each posture on one topic.
+
+    Scored are, as in the paper, the ends of holds, and all commands.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        Whose joints they are, and how they move the hands.
+    joints_topic : str
+        The topic that postures are taken from.
+
+    Attributes
+    ----------
+    errors : list of (int, ndarray)
+        Times [ns], and the errors of both hands [cm], shape (2,), that a learner told then.
+    """
+
+    def __init__(self, robot: RobotConfig, *, joints_topic: str) -> None:
+        self._kinematics = Kinematics(robot)
+        self._joints = JointMap(robot.joints)
+        self._topic = joints_topic
+        self._hands = _Target(), _Target()
+        self._start_ns: int | None = None
+        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets (2, 3), scored
+        self.errors: list[tuple[int, Floats]] = []
+
+    def __len__(self) -> int:
+        """Rows that wait to be taken."""
+        return len(self._rows)
+
+    def feed(self, topic: str, message: Message, time_ns: int) -> None:
+        """Take one message; `time_ns` is where it goes on the time line, which begins with the first.
+
+        Raises
+        ------
+        JointError
+            If a posture lacks a joint of the robot.
+        MotionError
+            If the time is further from the first than a time line reaches, or a joint of the robot is not finite.
+        """
+        if self._start_ns is None:
+            self._start_ns = time_ns
+        since_ns = time_ns - self._start_ns
+        if abs(since_ns) > MAX_TIME_NS:
+            raise MotionError(
+                f"{topic}: expected messages within {MAX_TIME_NS // _NS_PER_S} s of the first, which a time line "
+                f"holds, found one {since_ns // _NS_PER_S} s from it; its log time is wrong"
+            )
+        if topic in _TARGETS and isinstance(message, PoseStamped):
+            self._hands[_TARGETS[topic]].take(message)
+        elif topic == LEARNER_ERROR and isinstance(message, Float64MultiArray) and message.data.shape == (2,):
+            self.errors.append((since_ns, message.data * _CM_PER_M))
+        elif topic == self._topic and isinstance(message, JointState):
+            self._add(message, since_ns)
+
+    def take(self) -> Track | None:
+        """Return the rows since the last time, evenly thinned out to `MAX_ROWS`; None if there are none.
+
+        Raises
+        ------
+        MotionError
+            If a number in them is not finite.
+        """
+        if not self._rows:
+            return None
+        rows, self._rows = self._rows[:: -(-len(self._rows) // MAX_ROWS)], []
+        times_ns, postures, targets, scored = (np.array(column) for column in zip(*rows, strict=True))
+        track = Track.checked(
+            joint_count=postures.shape[1],
+            times_ns=times_ns,
+            joints=postures,
+            targets=targets,
+            reached=self._kinematics.hands_along(postures),
+        )
+        return replace(track, scored=scored)
+
+    def _add(self, joints: JointState, since_ns: int) -> None:
+        commanded = self._topic == JOINT_COMMANDS
+        left, right = (hand.aimed_at(joints.stamp_ns, commanded=commanded) for hand in self._hands)
+        if left is not None and right is not None:  # before the first targets there is nothing to compare with
+            scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in self._hands)
+            posture = self._joints.positions(joints)
+            if not np.isfinite(posture).all():
+                place = int(np.flatnonzero(~np.isfinite(posture))[0])
+                raise MotionError(
+                    f"{self._topic}: expected a finite position for joint {self._joints.names[place]}, "
+                    f"found {posture[place]}"
+                )
+            self._rows.append((since_ns, posture, np.stack([left, right]), scored))

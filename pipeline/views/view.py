@@ -1,0 +1,185 @@
+"""Logs and controllers as Rerun recordings: what `view` shows or saves."""
+
+from collections.abc import Callable, Mapping
+from pathlib import Path
+
+import numpy as np
+import rerun as rr
+
+from pipeline.evaluation.trials import robot_of, try_motion
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import RobotConfig, load_robot, parse_robot
+from pipeline.views.learning import plane_of
+from pipeline.views.network import NetworkView
+from pipeline.views.rows import JOINT_TOPICS, VIEWED, MotionRows
+from recorders.cdr.codec import decode
+from recorders.errors import ConfigError, LogError
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, type_of
+from recorders.reading.parts import Log
+from recorders.reading.session_reader import Reader, open_log
+from recorders.rerun_scene.blueprint import controller_blueprint, in_sight, motion_blueprint
+from recorders.rerun_scene.hands import HANDS
+from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network
+from recorders.rerun_scene.recording import Destination, send_motion
+from recorders.rerun_scene.robot import RobotModel
+from recorders.rerun_scene.track import TIMELINE, Instants, Track
+from recorders.text.wording import names_text
+from replay.sources.scheduled import naming, read_robot, renamed
+
+PERIOD_NS = 100_000_000
+"""Time from one target to the next at deployment; the paper's 10 Hz."""
+
+_NO_RENAMES: Mapping[str, str] = {}
+
+
+def view_log(
+    path: Log, destination: Destination, *, robot: str | None = None, renames: Mapping[str, str] = _NO_RENAMES
+) -> int:
+    """Send a log as a recording: the robot by its measured joints, else by the commands that it was given.
+
+    Time is the log's own, from its first message on. Reached hands are those of the posture, by forward kinematics, and
+    compared with the targets that were in force before it.
+
+    Parameters
+    ----------
+    path : Path or Parts
+        The log, or a session in parts.
+    destination : Destination
+        File or viewer.
+    robot : str, optional
+        Name or folder of the robot, for logs that carry none.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+
+    Returns
+    -------
+    int
+        Postures shown.
+
+    Raises
+    ------
+    LogError
+        The log cannot be read, or has no targets, no postures, or no robot, or the recording cannot be written.
+    ReenactError
+        A message or the robot is not what it should be.
+    """
+    reader = open_log(path)
+    config = load_robot(robot) if robot is not None else _recorded_robot(reader)
+    rows = MotionRows(config, joints_topic=_joints_topic(reader, renames))
+    with naming(path):
+        for record in renamed(reader, renames, VIEWED):
+            rows.feed(record.topic, decode(record.type, record.data), record.log_time_ns)
+        track = rows.take()
+    if track is None:
+        raise LogError(f"{path}: expected postures after the first targets of both hands, found none")
+    plane = plane_of(config)
+    blueprint = motion_blueprint(
+        in_sight(track.targets, track.reached),
+        plane,
+        joints=len(config.joints),
+        top_cm=float(track.errors_cm[track.plotted].max()),
+        learning=bool(rows.errors),
+    )
+    send_motion(
+        destination,
+        track,
+        RobotModel.load(config.plain_urdf, config.joints),
+        plane=plane,
+        recording_id=track.recording_id(config.urdf_text, "log", path.name),
+        title=path.name,
+        kind="log",
+        blueprint=blueprint,
+        more=_errors_of(rows),
+    )
+    return len(track.times_ns)
+
+
+def view_controller(path: Path, destination: Destination, *, motion: str = "circles") -> int:
+    """Send a learned controller as a recording: what it makes of a motion, and its network; returns the ticks shown.
+
+    Raises
+    ------
+    ControllerError
+        The controller cannot be read.
+    MotionError
+        The motion cannot be.
+    LogError
+        The recording cannot be written.
+    """
+    controller = Controller.load(path)
+    trial = try_motion(controller, motion)
+    robot = robot_of(controller)
+    network = NetworkView(controller)
+    track = Track.checked(
+        joint_count=len(robot.joints),
+        times_ns=np.arange(len(trial.targets)) * PERIOD_NS,
+        joints=trial.joints,
+        targets=trial.targets.reshape(-1, 2, 3),
+        reached=trial.reached,
+    )
+    errors_cm = _told_errors(controller)
+
+    def send(recording: rr.RecordingStream) -> None:
+        state, moved = controller.state, network.moved(controller)
+        changes = np.concatenate(list(moved.values()))
+        send_network(recording, a=state["a"], b=state["b"], moved=changes, errors_cm=errors_cm)
+        log_activity(recording, network.activity(controller, trial.targets), static=True)
+
+    plane, title = plane_of(robot), f"{path.name} on {trial.name}"
+    points, top_cm = in_sight(track.targets, track.reached), float(track.errors_cm.max())
+    send_motion(
+        destination,
+        track,
+        RobotModel.load(robot.plain_urdf, robot.joints),
+        plane=plane,
+        recording_id=track.recording_id(controller.digest, "controller", title),
+        title=title,
+        kind="controller",
+        blueprint=controller_blueprint(points, plane, joints=len(robot.joints), top_cm=top_cm),
+        more=send,
+    )
+    return len(track.times_ns)
+
+
+def _recorded_robot(reader: Reader) -> RobotConfig:
+    texts = read_robot(reader)
+    if not texts:
+        raise ConfigError(f"{reader.path}: the log carries no robot; give one with --robot")
+    return parse_robot(texts["toml"], texts["urdf"], origin=reader.path)
+
+
+def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
+    topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
+    found = [topic for topic in JOINT_TOPICS if topic in topics]
+    others = [topic for topic in reader.topics if topic not in renames and topic not in found]
+    if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics.keys():
+        raise LogError(
+            f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {names_text(JOINT_TOPICS)}, "
+            f"found {names_text(sorted(found + others)) or 'nothing'}; give foreign names with --map"
+        )
+    for topic in (LEFT_TARGET, RIGHT_TARGET, found[0]):
+        if topics[topic] not in ("", type_of(topic)):
+            raise LogError(f"{reader.path}: {topic}: expected {type_of(topic)}, found {topics[topic][:80]!r}")
+    return found[0]
+
+
+def _told_errors(controller: Controller) -> list[float]:
+    """Return the error of every epoch, if the controller tells: what it tells is its writer's, and not checked."""
+    errors = controller.provenance.get("errors_cm")
+    if not isinstance(errors, list):
+        return []
+    return [float(value) for value in errors if type(value) in (int, float) and np.isfinite(value)]
+
+
+def _errors_of(rows: MotionRows) -> Callable[[rr.RecordingStream], None]:
+    """Return what adds the errors that a learner told, if one did."""
+
+    def send(recording: rr.RecordingStream) -> None:
+        if not rows.errors:
+            return
+        send_learning_styles(recording, [])
+        index = Instants(TIMELINE, np.array([time_ns for time_ns, _ in rows.errors], dtype=np.int64)).columns()
+        for hand, values in zip(HANDS, np.array([errors for _, errors in rows.errors]).T, strict=True):
+            recording.send_columns(f"learning/error/{hand}", index, rr.Scalars.columns(scalars=values))
+
+    return send

@@ -1,0 +1,1 @@
+"""MCAP, the bytes of the container: records, sections, indexes, decompression, manifest; decodes no message."""

@@ -1,0 +1,104 @@
+"""The channels of a log as they were declared, whole: topic, encoding, metadata and schema."""
+
+from dataclasses import dataclass, field
+
+from mcap.opcode import Opcode
+from mcap.records import Channel, Schema
+
+from recorders.mcap_format.errors import TooLarge
+from recorders.mcap_format.lengths import MAX_CHANNEL, MAX_DECLARED
+from recorders.mcap_format.records import Record, parse
+
+
+@dataclass(frozen=True, slots=True)
+class Declared:
+    """A channel, with nothing left out, so that it can be declared again in another log.
+
+    Attributes
+    ----------
+    topic : str
+        Its topic.
+    encoding : str
+        How its messages are encoded; `cdr` in our logs.
+    metadata : tuple of pairs of str
+        What else its writer said of it.
+    schema : tuple of str, str and bytes, optional
+        Name, encoding and text of its schema; None for a channel that was declared without one.
+    """
+
+    topic: str
+    encoding: str
+    metadata: tuple[tuple[str, str], ...] = ()
+    schema: tuple[str, str, bytes] | None = None
+
+    @property
+    def type(self) -> str:
+        """The name of the schema, an empty string for none."""
+        return self.schema[0] if self.schema else ""
+
+
+@dataclass
+class Declarations:
+    """The channels met so far, by their number in the file."""
+
+    channels: dict[int, Declared] = field(default_factory=dict)
+    schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
+    _size: int = 0  # bytes of all of them
+
+    def learn(self, record: Record) -> Schema | Channel | None:
+        """Take in a schema or channel record and return it parsed, pass over any other.
+
+        A channel whose schema was not met is passed over too: nobody can tell what its messages are.
+
+        Raises
+        ------
+        TooLarge
+            If these and all before are more than are held.
+        LogError
+            If it is malformed.
+        """
+        if record.opcode == Opcode.SCHEMA:
+            schema: Schema = parse(Schema, record)
+            said = schema.name, schema.encoding, schema.data
+            if self.schemas.get(schema.id) != said:
+                self._take(record)
+                self.schemas[schema.id] = said
+            return schema
+        if record.opcode == Opcode.CHANNEL:
+            if len(record.body) > MAX_CHANNEL:
+                raise TooLarge(record.offset, f"a channel of {len(record.body)} bytes, and {MAX_CHANNEL} is the most")
+            channel: Channel = parse(Channel, record)
+            self._learn_channel(channel, record)
+            return channel
+        return None
+
+    def _learn_channel(self, channel: Channel, record: Record) -> None:
+        if channel.schema_id and channel.schema_id not in self.schemas:
+            return
+        found = Declared(
+            channel.topic,
+            channel.message_encoding,
+            tuple(channel.metadata.items()),
+            self.schemas.get(channel.schema_id),
+        )
+        if self.channels.get(channel.id) != found:  # others' writers declare a channel in every chunk
+            self._take(record)
+            self.channels[channel.id] = found
+
+    def copy(self) -> "Declarations":
+        """Return the same, to learn more by itself."""
+        return Declarations(dict(self.channels), dict(self.schemas), self._size)
+
+    def _take(self, record: Record) -> None:
+        size = self._size + len(record.body)
+        if size > MAX_DECLARED:
+            raise TooLarge(
+                record.offset, f"more than {MAX_DECLARED} bytes of schemas and channels, the most that is held"
+            )
+        self._size = size
+
+    def add(self, other: "Declarations") -> None:
+        """Take in what another knows and this does not."""
+        self.channels = {**other.channels, **self.channels}
+        self.schemas = {**other.schemas, **self.schemas}
+        self._size = max(self._size, other._size)  # most know the same

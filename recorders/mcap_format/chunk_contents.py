@@ -1,0 +1,63 @@
+"""The records inside a chunk."""
+
+import struct
+from collections.abc import Iterator
+
+from mcap.opcode import Opcode
+
+from recorders.mcap_format.errors import damaged
+from recorders.mcap_format.records import FIRST_RESERVED, HEAD, Record, chunk_data
+
+MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
+
+_DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+
+
+def body_at(data: bytes, place: int, offset: int) -> tuple[int, int, int]:
+    """Return opcode, beginning and end of the body of the record at `place` in the data of the chunk at `offset`.
+
+    Raises
+    ------
+    DamagedLog
+        If it is not whole, or a message too short to be one.
+    """
+    start = place + HEAD.size
+    if start > len(data):
+        raise damaged(offset, "the last record of a chunk is cut off")
+    opcode, length = HEAD.unpack_from(data, place)
+    if length > len(data) - start:
+        raise damaged(offset, "a record is longer than the chunk that holds it")
+    if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
+        raise damaged(offset, "a message is too short")
+    return opcode, start, start + length
+
+
+def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
+    """Yield opcode, beginning and end of the body of each record in the data of the chunk at `offset`.
+
+    Raises
+    ------
+    DamagedLog
+        If one is not whole, or a message too short to be one.
+    """
+    place, size = 0, len(data)
+    while place < size:
+        opcode, start, place = body_at(data, place, offset)
+        yield opcode, start, place
+
+
+def checked(chunk: Record) -> bytes:
+    """Return the data of a chunk; raises DamagedLog if the chunk or a record in it is damaged, or does not belong."""
+    data = chunk_data(chunk)
+    for opcode, _, _ in split(data, chunk.offset):
+        if opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS and opcode < FIRST_RESERVED:
+            raise damaged(chunk.offset, f"a record of kind {opcode} in a chunk")
+    return data
+
+
+def declarations(data: bytes, offset: int) -> Iterator[Record]:
+    """Yield the schemas and channels in the data of the chunk at `offset`; raises as `split` does."""
+    for opcode, start, end in split(data, offset):
+        if opcode in _DECLARATIONS:
+            yield Record(opcode, offset, data[start:end])

@@ -1,0 +1,188 @@
+"""What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+from io import SEEK_END
+from typing import BinaryIO, NamedTuple
+
+from mcap.opcode import Opcode
+from mcap.records import (
+    AttachmentIndex,
+    Channel,
+    Metadata,
+    MetadataIndex,
+    Schema,
+    Statistics,
+)
+
+from recorders.mcap_format.attachments import attachment_data, attachment_head, check_attachment
+from recorders.mcap_format.channels import Declarations
+from recorders.mcap_format.chunk_index import ChunkTable
+from recorders.mcap_format.errors import TooLarge
+from recorders.mcap_format.lengths import MAX_CHUNK
+from recorders.mcap_format.records import Record, parse, summary_records
+from recorders.mcap_format.sections import check_data_section, read_footer, record_at
+
+
+@dataclass
+class Channels:
+    """The channels met so far, and their schemas.
+
+    Attributes
+    ----------
+    schemas : dict
+        Name of a schema by its number.
+    topics : dict
+        Topic and type of a channel by its number.
+    declarations : Declarations
+        The same channels with nothing left out.
+    wanted : frozenset, optional
+        Topics that are asked for; all if None.
+    chosen : dict
+        The same as `topics`, but None for a channel that is not asked for.
+    complete : bool
+        Whether each channel's schema was there before it.
+    """
+
+    schemas: dict[int, str] = field(default_factory=dict)
+    topics: dict[int, tuple[str, str]] = field(default_factory=dict)
+    declarations: Declarations = field(default_factory=Declarations)
+    wanted: frozenset[str] | None = None
+    chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
+    complete: bool = True
+
+    def learn(self, record: Record) -> None:
+        """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
+        match self.declarations.learn(record):
+            case Schema() as schema:
+                self.schemas[schema.id] = schema.name
+            case Channel() as channel:
+                self.complete &= not channel.schema_id or channel.schema_id in self.schemas
+                self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
+
+    def learn_from(self, other: "Channels") -> None:
+        """Take in the channels that another part of the log declares."""
+        self.declarations.add(other.declarations)
+        self.schemas.update(other.schemas)
+        for channel, declared in other.topics.items():
+            self._declare(channel, declared)
+
+    def _declare(self, channel: int, declared: tuple[str, str]) -> None:
+        self.topics[channel] = declared
+        self.chosen[channel] = declared if self.wanted is None or declared[0] in self.wanted else None
+
+
+class Place(NamedTuple):
+    """Where something stands in a file [bytes], and its name."""
+
+    offset: int
+    name: str
+
+
+@dataclass
+class Contents:
+    """What a log contains.
+
+    Attributes
+    ----------
+    channels : Channels
+        Every channel of the log.
+    counts : Counter
+        Number of messages by topic.
+    metadata, attachments : list of Place
+        Where each stands, by its name; several may have one.
+    chunks : ChunkTable
+        Where the chunks stand.
+    sound : bool
+        Whether this is from a summary section that a CRC covers and that knows every channel and chunk.
+    """
+
+    channels: Channels = field(default_factory=Channels)
+    counts: Counter[str] = field(default_factory=Counter)
+    metadata: list[Place] = field(default_factory=list)
+    attachments: list[Place] = field(default_factory=list)
+    chunks: ChunkTable = field(default_factory=ChunkTable)
+    sound: bool = False
+
+    def learn(self, record: Record) -> None:
+        """Take in any record of a data or summary section; raises DamagedLog if it is malformed."""
+        self.channels.learn(record)
+        match record.opcode:
+            case Opcode.CHUNK_INDEX:
+                self.chunks.learn(record)
+            case Opcode.METADATA_INDEX:
+                metadata_index = parse(MetadataIndex, record)
+                self.metadata.append(Place(metadata_index.offset, metadata_index.name))
+            case Opcode.ATTACHMENT_INDEX:
+                attachment_index = parse(AttachmentIndex, record)
+                self.attachments.append(Place(attachment_index.offset, attachment_index.name))
+            case Opcode.METADATA:
+                self.metadata.append(Place(record.offset, parse(Metadata, record).name))
+            case Opcode.ATTACHMENT:
+                self.attachments.append(Place(record.offset, attachment_head(record).name))
+
+
+def read_contents(file: BinaryIO) -> Contents | None:
+    """Return what the summary section says, None for a file that was written without one, or with half of one.
+
+    Raises
+    ------
+    DamagedLog
+        If the file is cut off or its summary is damaged.
+    """
+    footer = read_footer(file)
+    size = file.seek(0, SEEK_END)
+    if footer.summary_start == 0:
+        return None
+    file.seek(footer.summary_start)
+    contents = Contents()
+    statistics = None
+    for record in summary_records(file, size):
+        contents.learn(record)
+        if record.opcode == Opcode.STATISTICS:
+            statistics = parse(Statistics, record)
+    if statistics is None or not _all_indexed(contents, statistics):
+        return None
+    for channel, (topic, _) in contents.channels.topics.items():
+        contents.counts[topic] += statistics.channel_message_counts.get(channel, 0)
+    contents.metadata.sort()
+    contents.attachments.sort()
+    whole = contents.chunks.ordered and len(contents.chunks) == statistics.chunk_count
+    contents.sound = whole and bool(footer.summary_crc)
+    return contents
+
+
+def _all_indexed(contents: Contents, statistics: Statistics) -> bool:
+    """Whether a summary says all that one asks of it: writers may leave out any part of it."""
+    return (
+        contents.channels.complete
+        and len(contents.channels.topics) == statistics.channel_count
+        and len(contents.metadata) == statistics.metadata_count
+        and len(contents.attachments) == statistics.attachment_count
+        and sum(statistics.channel_message_counts.values()) == statistics.message_count
+    )
+
+
+def read_metadata(file: BinaryIO, offset: int) -> dict[str, str]:
+    """Return the metadata at `offset`; raises DamagedLog if there is none."""
+    metadata: dict[str, str] = parse(Metadata, record_at(file, offset, Opcode.METADATA)).metadata
+    return metadata
+
+
+def read_attachment(file: BinaryIO, offset: int) -> bytes:
+    """Return the data of the attachment at `offset`.
+
+    Raises
+    ------
+    TooLarge
+        If it is larger than one that is read into memory.
+    DamagedLog
+        If there is none or its CRC does not hold.
+    """
+    record = record_at(file, offset, Opcode.ATTACHMENT)
+    size = attachment_head(record).size
+    if size > MAX_CHUNK:
+        raise TooLarge(offset, f"an attachment of {size} bytes, and {MAX_CHUNK} is the most that is read at once")
+    if not check_attachment(record):
+        check_data_section(file)
+    return b"".join(attachment_data(record))

@@ -1,0 +1,72 @@
+"""The topics of a session: name, type and rank of each, as data."""
+
+from dataclasses import dataclass
+
+from recorders.messages.message_types import Clock, Float64MultiArray, JointState, PoseStamped, String, TFMessage
+
+
+@dataclass(frozen=True, slots=True)
+class Topic:
+    """A topic of the table.
+
+    Parameters
+    ----------
+    name : str
+        ROS topic name, with its leading slash.
+    type : str
+        ROS 2 type name.
+    rank : int
+        Place in the canonical order: messages are ordered by stamp, then by rank.
+    description : str
+        What its messages say, with units.
+    """
+
+    name: str
+    type: str
+    rank: int
+    description: str
+
+
+LEFT_TARGET = "/hand/left/target"
+RIGHT_TARGET = "/hand/right/target"
+SAMPLE_JOINTS = "/sample/joint_states"
+LEFT_MEASURED = "/hand/left/measured"
+RIGHT_MEASURED = "/hand/right/measured"
+JOINT_STATES = "/joint_states"
+JOINT_COMMANDS = "/joint_commands"
+SESSION_PHASE = "/session/phase"
+LEARNER_OUTPUT = "/learner/output"
+LEARNER_ERROR = "/learner/error"
+LEARNER_DIGEST = "/learner/digest"
+LEARNER_STATUS = "/learner/status"
+ROBOT_DESCRIPTION = "/robot_description"
+TF = "/tf"
+CLOCK = "/clock"
+
+_ROWS = (
+    (LEFT_TARGET, PoseStamped.TYPE, "commanded position of the left hand [m], world frame"),
+    (RIGHT_TARGET, PoseStamped.TYPE, "commanded position of the right hand [m], world frame"),
+    (SAMPLE_JOINTS, JointState.TYPE, "joints at the tick, stamped with it: what the learner reads"),
+    (LEFT_MEASURED, PoseStamped.TYPE, "position that the left hand reached at the tick [m], world frame"),
+    (RIGHT_MEASURED, PoseStamped.TYPE, "position that the right hand reached at the tick [m], world frame"),
+    (JOINT_STATES, JointState.TYPE, "joints at the robot's own rate"),
+    (JOINT_COMMANDS, JointState.TYPE, "joints that the teacher or the learned controller asked for"),
+    (SESSION_PHASE, String.TYPE, "JSON: run, epoch, cycle, phase, log"),
+    (LEARNER_OUTPUT, Float64MultiArray.TYPE, "outputs of the learner"),
+    (LEARNER_ERROR, Float64MultiArray.TYPE, "hand errors of the learner [m]"),
+    (LEARNER_DIGEST, String.TYPE, "JSON: stream and state digest"),
+    (LEARNER_STATUS, String.TYPE, "JSON: counts"),
+    (ROBOT_DESCRIPTION, String.TYPE, "the robot's URDF, once"),
+    (TF, TFMessage.TYPE, "poses of the robot's links, for viewers"),
+    (CLOCK, Clock.TYPE, "the simulation's time"),
+)
+
+TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}
+
+LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS))
+
+
+def type_of(topic: str) -> str:
+    """Return the ROS 2 type name of a topic of the table, the empty string for any other."""
+    known = TOPICS.get(topic)
+    return known.type if known else ""

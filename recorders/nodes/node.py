@@ -1,0 +1,52 @@
+"""What all long-running nodes have in common: a token, a status, metrics, and an eye on what they are connected to."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+
+import zenoh
+
+from recorders.nodes.connection_watch import watching_connections
+from recorders.nodes.keys import NodeId
+from recorders.nodes.metrics import metrics_served
+from recorders.nodes.status import NodeSource, declared_node
+from recorders.wire.session import SessionConfig
+
+
+@contextmanager
+def running_node(
+    session: zenoh.Session,
+    source: NodeSource,
+    *,
+    config: SessionConfig,
+    namespace: str,
+    metrics_port: int | None = None,
+    report: Callable[[str], None] = lambda line: None,
+) -> Iterator[None]:
+    """Let a node be seen while the block runs, and report what it loses sight of itself.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    source : NodeSource
+        The node.
+    config : SessionConfig
+        Where the session connects, resolved.
+    namespace : str
+        First part of every key.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
+    report : callable
+        Takes a line for whatever is lost or back; called on a thread of its own.
+
+    Raises
+    ------
+    ConfigError
+        If there are to be metrics, and the port is in use or prometheus-client is not installed.
+    """
+    with (
+        declared_node(session, source, namespace=namespace) as meter,
+        metrics_served(meter, metrics_port),
+        watching_connections(session, config, own=NodeId(source.kind, source.name), namespace=namespace, report=report),
+    ):
+        yield

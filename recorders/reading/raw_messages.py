@@ -1,0 +1,229 @@
+"""The inner loop of the reader: messages, undecoded, out of the decompressed chunks and the bare records of a log."""
+
+import struct
+from array import array
+from collections.abc import Callable, Iterator
+from contextlib import suppress
+from dataclasses import dataclass, field
+from itertools import chain
+from operator import itemgetter
+
+import numpy as np
+from mcap.opcode import Opcode
+
+from recorders.errors import LogError
+from recorders.mcap_format.chunk_contents import MESSAGE, body_at
+from recorders.mcap_format.errors import DamagedLog, damaged
+from recorders.mcap_format.records import Record
+from recorders.mcap_format.summary import Channels
+from recorders.messages.record import Stamped
+
+WRONG_TIMES = (
+    "expected log times as the chunks and their indexes state them, found others: the order of the messages cannot be "
+    "told; `reenact recover` writes the log with the right ones"
+)
+
+FOREVER_NS = 2**64
+"""Later than every log time [ns]."""
+
+_MESSAGE = struct.Struct("<BQHIQ8x")  # opcode, length, channel, sequence, log time; the publish time is not asked for
+_TIME = struct.Struct("<BQ6xQ")  # opcode, length, log time
+_BATCH = 2**15  # bytes of a run: they fit the processor's cache, and one step of a generator serves many messages
+_MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+_SMALL = 2**17  # bytes: the messages of a chunk that is no larger fit the cache too, and are held until all are seen
+_log_time_ns = itemgetter(Stamped._fields.index("log_time_ns"))
+_new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
+
+
+@dataclass
+class MessageWalk:
+    """Walks through records, and makes a `Stamped` of each message that is asked for.
+
+    Attributes
+    ----------
+    channels : Channels
+        What is known of channels, and which topics are wanted.
+    start_ns, end_ns : int
+        Messages of log time [start_ns, end_ns) are asked for.
+    last_time_ns : int or None
+        Log time of the last message met, asked for or not [ns].
+    ordered : bool
+        Whether the messages of a chunk are to come in order of log time, those of one time in the order of the chunk.
+    """
+
+    channels: Channels = field(default_factory=Channels)
+    start_ns: int = 0
+    end_ns: int = FOREVER_NS
+    last_time_ns: int | None = None
+    ordered: bool = False
+    _fell: bool = False  # whether the time of a message was before that of the one before
+
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
+        """Yield the messages in the data of the chunk at `offset`, a batch at a time.
+
+        Parameters
+        ----------
+        data : bytes
+            The data, decompressed.
+        offset : int
+            Where the chunk stands [bytes].
+        states_order : callable
+            Tells whether its message indexes say that its messages, so many at most, are in order of log time.
+
+        Raises
+        ------
+        DamagedLog
+            If a record in it is not whole, or of an undeclared channel, after yielding every message before that.
+        LogError
+            If the messages are to be in order and the indexes say wrongly that they are.
+        """
+        if not self.ordered:
+            return self._batches(data, offset)
+        if len(data) <= _SMALL:
+            return self._held(data, offset)
+        if states_order(len(data) // _MESSAGE.size):
+            return self._in_stated_order(data, offset)
+        return self._batches(data, offset) if _is_in_order(data) else self._by_time(data, offset)
+
+    def placed(self, data: bytes, offset: int) -> tuple["array[int]", "array[int]", DamagedLog | None]:
+        """Return log time [ns] and place of each message that is asked for in the data of the chunk at `offset`.
+
+        The third is what is wrong in them behind the messages, None if nothing is.
+        """
+        times_ns, places = array("Q"), array("I")  # a chunk is smaller than 4 GB
+        place = 0
+        try:
+            while place < len(data):
+                opcode, start, end = body_at(data, place, offset)
+                if opcode == _MESSAGE_OPCODE:
+                    channel, _, log_time_ns, _ = MESSAGE.unpack_from(data, start)
+                    if channel not in self.channels.chosen:
+                        raise _undeclared(offset, channel)
+                    if self.channels.chosen[channel] is not None and self.start_ns <= log_time_ns < self.end_ns:
+                        times_ns.append(log_time_ns)
+                        places.append(place)
+                else:
+                    self.channels.learn(Record(opcode, offset, data[start:end]))
+                place = end
+        except DamagedLog as error:
+            return times_ns, places, error
+        return times_ns, places, None
+
+    def message(self, data: bytes, place: int) -> Stamped:
+        """Return the message at a place where a sound one of a known channel stands, which is asked for."""
+        _, length, channel, sequence, log_time_ns = _MESSAGE.unpack_from(data, place)
+        topic, kind = self.channels.topics[channel]
+        return Stamped(topic, kind, data[place + _MESSAGE.size : place + 9 + length], sequence, log_time_ns)
+
+    def bare(self, record: Record) -> list[Stamped]:
+        """Return the message that a record outside of chunks is, as a list that is empty if it is not asked for."""
+        if len(record.body) < MESSAGE.size:
+            raise damaged(record.offset, "a message is too short")
+        channel, sequence, log_time_ns, _ = MESSAGE.unpack_from(record.body)
+        if channel not in self.channels.chosen:
+            raise _undeclared(record.offset, channel)
+        self.last_time_ns = log_time_ns
+        declared = self.channels.chosen[channel]
+        if declared is None or not self.start_ns <= log_time_ns < self.end_ns:
+            return []
+        return [Stamped(*declared, record.part(MESSAGE.size, record.size - MESSAGE.size), sequence, log_time_ns)]
+
+    @property
+    def sliced(self) -> bool:
+        """Whether messages of some time only are asked for."""
+        return self.start_ns > 0 or self.end_ns < FOREVER_NS
+
+    def _batches(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+        place = 0
+        while place < len(data):
+            batch, then = self._run(data, place)
+            if batch:
+                yield self._of_time(batch)
+            place = then if then > place else self._other(data, place, offset)
+
+    def _held(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+        """Yield the messages of a chunk by their times: so few are all held, and sorted if they turn out to fall."""
+        self._fell = False
+        batches: list[list[Stamped]] = []
+        try:
+            batches.extend(self._batches(data, offset))
+        finally:  # what stands before damage counts
+            if self._fell:
+                batches = [sorted(chain.from_iterable(batches), key=_log_time_ns)]
+            yield from batches
+
+    def _in_stated_order(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+        self._fell = False
+        for batch in self._batches(data, offset):
+            if self._fell:
+                raise LogError(WRONG_TIMES)
+            yield batch
+
+    def _by_time(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+        times_ns, places, error = self.placed(data, offset)
+        for place in in_order(times_ns, places):
+            yield [self.message(data, place)]
+        if error is not None:
+            raise error
+
+    def _of_time(self, batch: list[Stamped]) -> list[Stamped]:
+        if not self.sliced:
+            return batch
+        return [record for record in batch if self.start_ns <= record.log_time_ns < self.end_ns]
+
+    def _run(self, data: bytes, place: int) -> tuple[list[Stamped], int]:
+        """Return the messages from `place` on, and where something else stands or a batch is full."""
+        chosen, unpack, size = self.channels.chosen, _MESSAGE.unpack_from, len(data)
+        begin, last = place, min(place + _BATCH, size - _MESSAGE.size)
+        batch: list[Stamped] = []
+        time_ns, ordered, fell = self.last_time_ns or 0, self.ordered, False
+        new, kind_of_all, message = _new_tuple, Stamped, _MESSAGE_OPCODE  # locals are faster
+        with suppress(KeyError):  # an undeclared channel ends the run, as does whatever is no whole message
+            while place <= last:
+                opcode, length, channel, sequence, log_time_ns = unpack(data, place)
+                end = place + 9 + length
+                if opcode != message or length < 22 or end > size:
+                    break
+                declared = chosen[channel]
+                if declared is not None:
+                    topic, kind = declared
+                    batch.append(new(kind_of_all, (topic, kind, data[place + 31 : end], sequence, log_time_ns)))
+                if ordered and log_time_ns < time_ns:
+                    fell = True
+                time_ns = log_time_ns
+                place = end
+        if place > begin:
+            self.last_time_ns = time_ns
+            self._fell |= fell
+        return batch, place
+
+    def _other(self, data: bytes, place: int, offset: int) -> int:
+        """Take in the record at `place`, which is no sound message, and return where the next one stands."""
+        opcode, start, end = body_at(data, place, offset)
+        if opcode == _MESSAGE_OPCODE:  # a sound one is none of ours to take
+            raise _undeclared(offset, MESSAGE.unpack_from(data, start)[0])
+        self.channels.learn(Record(opcode, offset, data[start:end]))
+        return end
+
+
+def in_order(times_ns: "array[int]", places: "array[int]") -> "array[int]":
+    """Return places by time, those of one time in the order in which they came."""
+    order = np.argsort(np.asarray(times_ns), kind="stable")
+    return array(places.typecode, np.asarray(places)[order].tobytes())
+
+
+def _is_in_order(data: bytes) -> bool:
+    """Whether the times of the messages in a chunk never fall, as far as it is whole."""
+    place, last_ns, unpack, end = 0, 0, _TIME.unpack_from, len(data) - _TIME.size
+    while place <= end:
+        opcode, length, log_time_ns = unpack(data, place)
+        if opcode == _MESSAGE_OPCODE:
+            if log_time_ns < last_ns:
+                return False
+            last_ns = log_time_ns
+        place += 9 + length
+    return True
+
+
+def _undeclared(offset: int, channel: int) -> DamagedLog:
+    return damaged(offset, f"a message is on channel {channel}, which was not declared")

@@ -1,0 +1,245 @@
+"""The MCAP reader: messages of a log in order of log time, lazily, and what the log says of itself."""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
+from functools import cached_property
+from pathlib import Path
+from typing import Any, BinaryIO
+
+from recorders.errors import LogError
+from recorders.files.regular_file import refuse_irregular
+from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.errors import DamagedLog
+from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
+from recorders.mcap_format.records import MAGIC, Record
+from recorders.mcap_format.summary import Channels, Contents, read_attachment, read_contents, read_metadata
+from recorders.messages.record import Stamped
+from recorders.reading.crc_coverage import is_protected
+from recorders.reading.log_order import LogOrder, find_order
+from recorders.reading.raw_messages import FOREVER_NS, WRONG_TIMES, MessageWalk
+from recorders.reading.scan import LogScan
+from recorders.reading.time_order import Pieces, merged
+from recorders.text.wording import names_text, value_text
+
+_NO_JUMPS: Mapping[int, int] = {}
+_BY_FILE = LogOrder(by_file=True, risen=False)
+
+
+class LogReader:
+    """Reads one log; opens the file for each use and keeps nothing but its table of contents.
+
+    Parameters
+    ----------
+    path : path
+        An MCAP file of any writer: chunked or not, lz4, zstd or uncompressed. Messages that are not CDR come with
+        their bytes as they are and the name of their schema as type.
+
+    Raises
+    ------
+    LogError
+        If there is no such file or it is not MCAP. From the properties and from `attachment`: if the log is cut off
+        or damaged.
+    """
+
+    def __init__(self, path: str | os.PathLike[str]) -> None:
+        self.path = Path(path)
+        refuse_irregular(self.path)
+        with self._open() as file:
+            magic = file.read(len(MAGIC))
+        if not magic:
+            raise LogError(f"{self.path}: expected an MCAP file, found an empty one")
+        if magic != MAGIC:
+            raise LogError(f"{self.path}: expected an MCAP file, found one that begins with {value_text(magic)}")
+
+    def __iter__(self) -> Iterator[Stamped]:
+        return self.records()
+
+    def records(
+        self,
+        *,
+        topics: Iterable[str] | None = None,
+        start_ns: int = 0,
+        end_ns: int = FOREVER_NS,
+        file_order: bool = False,
+    ) -> Iterator[Stamped]:
+        """Yield the messages in order of log time, undecoded; those of one time in the order of the file.
+
+        A log of our own writer goes by the order of the file, whatever its times. Of a log in order one chunk is held
+        at a time; where chunks overlap in time they are merged, and those that overlap are held.
+
+        With a time, chunks that hold none of it are not read, if a sound summary says where they are; damage in them
+        is not noticed then.
+
+        Parameters
+        ----------
+        topics : iterable of str, optional
+            Yield those on these topics only.
+        start_ns, end_ns : int, optional
+            Yield those of log time [start_ns, end_ns) only.
+        file_order : bool
+            Whether they come in the order of the file instead.
+
+        Raises
+        ------
+        DamagedLog
+            If the log is cut off or damaged, after yielding every message before that.
+        LogError
+            If more of it overlaps in time than may be held, or its chunks are of other times than they state.
+        """
+        walk = MessageWalk(Channels(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        order = _BY_FILE if file_order else self._order
+        if not (order.by_file or order.risen):
+            return self._merged(walk)
+        walk.ordered = not order.by_file
+        jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns) if walk.sliced else _NO_JUMPS
+        if jumps:
+            walk.channels.learn_from(self._index.channels)
+        return self._walk(walk, jumps, lambda record: None)
+
+    @property
+    def protected(self) -> bool:
+        """Whether CRCs cover every message and the summary, as they do in our logs.
+
+        Of a log that is not protected a changed bit may go unnoticed. Finding out may take a look at the whole log.
+        """
+        with self._open() as file:
+            return is_protected(file)
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """What made the log, as its writer was told; empty for a log of another writer."""
+        places = [place for place in self._contents.metadata if place.name == METADATA_NAME]
+        if not places:
+            return {}
+        with self._open() as file:
+            return from_metadata(read_metadata(file, places[-1].offset))
+
+    @property
+    def metadata(self) -> tuple[tuple[str, dict[str, str]], ...]:
+        """Name and content of every metadata record, in the order of the file; several may have one name."""
+        with self._open() as file:
+            return tuple((place.name, read_metadata(file, place.offset)) for place in self._contents.metadata)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The type of each topic, in the order in which they first appeared."""
+        return dict(self._contents.channels.topics.values())
+
+    @property
+    def channels(self) -> tuple[Declared, ...]:
+        """Every channel as it was declared, with its schema."""
+        return tuple(self._contents.channels.declarations.channels.values())
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of messages on each topic that has any."""
+        return dict(+self._contents.counts)
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """The names of the attachments, in the order of the file; several may have one name."""
+        return tuple(place.name for place in self._contents.attachments)
+
+    def attachment(self, name: str, *, which: int = -1) -> bytes:
+        """Return an attachment.
+
+        Parameters
+        ----------
+        name : str
+            Its name.
+        which : int
+            Which one of several of that name, in the order of the file; the last by default.
+
+        Raises
+        ------
+        LogError
+            If the log has none of this name; the line names those that exist.
+        """
+        places = [place for place in self._contents.attachments if place.name == name]
+        if not places:
+            exist = names_text(self.attachments) or "none"
+            raise LogError(f"{self.path}: no attachment {name!r}; there are: {exist}")
+        with self._open() as file:
+            return read_attachment(file, places[which].offset)
+
+    @cached_property
+    def _summary(self) -> Contents | DamagedLog | None:
+        """What the summary section says, or what is wrong with it; None if there is none to be used."""
+        try:
+            with self._open() as file:
+                return read_contents(file)
+        except DamagedLog as error:
+            return error
+
+    @property
+    def _index(self) -> Contents:
+        """What a summary section says that a CRC covers; nothing if there is none."""
+        summary = self._summary
+        return summary if isinstance(summary, Contents) and summary.sound else Contents()
+
+    @cached_property
+    def _contents(self) -> Contents:
+        if isinstance(self._summary, DamagedLog):
+            raise self._summary.located(self.path)
+        return self._summary or self._contents_by_reading()
+
+    def _contents_by_reading(self) -> Contents:
+        contents = Contents()
+        records = self._walk(MessageWalk(contents.channels), _NO_JUMPS, contents.learn)
+        contents.counts = Counter(record.topic for record in records)
+        return contents
+
+    def _walk(self, walk: MessageWalk, jumps: Mapping[int, int], notice: Callable[[Record], None]) -> Iterator[Stamped]:
+        reached_ns = 0
+        with self._open() as file:
+            try:
+                for batch in LogScan(file, walk, self._index.chunks, jumps).batches(notice):
+                    if batch and walk.ordered:
+                        if batch[0].log_time_ns < reached_ns:
+                            raise LogError(WRONG_TIMES)
+                        reached_ns = batch[-1].log_time_ns
+                    yield from batch
+            except DamagedLog as error:
+                last_ns = walk.last_time_ns  # of the chunk that was put in order: that of its last message in the file
+                raise error.located(self.path, None if last_ns is None else max(last_ns, reached_ns)) from None
+
+    @cached_property
+    def _order(self) -> LogOrder:
+        with self._open() as file:
+            return find_order(file, os.fstat(file.fileno()).st_size, self._index)
+
+    @cached_property
+    def _pieces(self) -> Pieces:
+        """Where the messages stand of a log whose order is another than that of the file, up to the first damage."""
+        pieces = Pieces()
+        try:
+            with self._open() as file:
+                for _ in LogScan(file, pieces, self._index.chunks, _NO_JUMPS).batches(lambda record: None):
+                    pass
+        except DamagedLog as error:
+            pieces.damage = error
+        return pieces
+
+    def _merged(self, walk: MessageWalk) -> Iterator[Stamped]:
+        pieces = self._pieces
+        with self._open() as file:
+            try:
+                yield from merged(file, os.fstat(file.fileno()).st_size, pieces, walk)
+            except DamagedLog as error:
+                raise error.located(self.path, walk.last_time_ns) from None
+
+    @contextmanager
+    def _open(self) -> Iterator[BinaryIO]:
+        try:
+            with self.path.open("rb") as file:
+                yield file
+        except FileNotFoundError:
+            raise LogError(f"{self.path}: no such file") from None
+        except OSError as error:
+            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+        except DamagedLog as error:
+            raise (error if error.path else error.located(self.path)) from None
+        except LogError as error:
+            raise LogError(f"{self.path}: {error}") from None

@@ -1,0 +1,1 @@
+"""The live recorder: whatever is published under a namespace goes to a log."""

@@ -1,0 +1,78 @@
+"""What a recorder is told to record, and what it has recorded."""
+
+from collections import Counter, deque
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+from recorders.errors import ConfigError
+from recorders.messages.topic_patterns import matches
+
+_MAX_BROKEN = 100  # anyone may offer a stream and break it off
+
+
+@dataclass(frozen=True)
+class RecordConfig:
+    """What is recorded, and into how many files.
+
+    Parameters
+    ----------
+    include, exclude : tuple of str
+        Patterns of topics, such as `/hand/*`; everything is included if no pattern is given.
+    split_bytes : int, optional
+        Begin another file when one has this many bytes of messages.
+    split_ns : int, optional
+        Begin another file with the first message that comes this long after the first one of a file [ns].
+    """
+
+    include: tuple[str, ...] = ()
+    exclude: tuple[str, ...] = ()
+    split_bytes: int | None = None
+    split_ns: int | None = None
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if any(split is not None and split < 1 for split in (self.split_bytes, self.split_ns)):
+            raise ConfigError("split: expected a size or a time above 0")
+
+    def wants(self, topic: str) -> bool:
+        """Whether a topic is to be recorded."""
+        return (not self.include or matches(topic, self.include)) and not matches(topic, self.exclude)
+
+
+@dataclass
+class Recording:
+    """What has been recorded so far.
+
+    Attributes
+    ----------
+    paths : files, in order
+    messages, size : how many messages, and how many bytes of them
+    gaps : messages that producers numbered and that did not arrive, by topic
+    opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
+    refused : messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting
+    broken : why the latest of the streams that awaited this and never came to their end did not
+    left_out : how many messages were on topics that are not to be recorded
+    """
+
+    paths: list[Path] = field(default_factory=list)
+    messages: int = 0
+    size: int = 0
+    gaps: Counter[str] = field(default_factory=Counter)
+    opaque: Counter[str] = field(default_factory=Counter)
+    refused: Counter[str] = field(default_factory=Counter)
+    broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
+    left_out: int = 0
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the recording for JSON."""
+        return {
+            "paths": [str(path) for path in self.paths],
+            "messages": self.messages,
+            "bytes": self.size,
+            "gaps": dict(self.gaps),
+            "opaque": dict(self.opaque),
+            "refused": dict(self.refused),
+            "broken": list(self.broken),
+            "left_out": self.left_out,
+        }

@@ -1,0 +1,354 @@
+"""The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
+
+import time
+from collections.abc import Callable
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self
+from uuid import uuid4
+
+from recorders.cdr.codec import decode
+from recorders.cdr.rosbags_types import is_known, typestore
+from recorders.errors import MessageError, TakenError, WireError
+from recorders.mcap_format.channels import Declared
+from recorders.messages.record import Stamped
+from recorders.messages.topics import type_of
+from recorders.nodes.status import NodeSource
+from recorders.reading.parts import PART, part_path
+from recorders.recording.config import RecordConfig, Recording
+from recorders.recording.file_name import recording_names
+from recorders.recording.log_clock import LogClock
+from recorders.wire.frames import NO_RUN, Frame, Kind
+from recorders.wire.receiver import Event, Live, Offered, Receiver
+from recorders.writing.writer import MAX_CHANNELS, LogWriter
+
+_POLL_S = 0.2
+_TOO_MANY = f"one topic more: a log holds no more than {MAX_CHANNELS} channels"
+_STOPPED = "the recorder was stopped"
+_FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
+
+
+class LiveRecorder:
+    """Writes what a receiver hears; as an awaited consumer it also acknowledges, and so misses nothing.
+
+    The file is there from the beginning; a `with` block that an exception ends before anything was recorded removes it.
+
+    Parameters
+    ----------
+    out : Path, optional
+        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on. `recording.file_name` says what is
+        written without a name, and where parts are that a crash left.
+    config : RecordConfig
+        What is recorded.
+    overwrite : bool
+        Whether existing files may be replaced.
+    on_progress : callable
+        Told of the recording so far, a few times a second.
+    say : callable
+        Told, in one line, of what a crash left, and of a clock that steps back.
+    clock : callable
+        The clock on the wall [ns]; log time goes by it, but never falls.
+
+    Attributes
+    ----------
+    out : Path
+        The log, or what its parts are called without their numbers.
+    recording : Recording
+        What has been recorded so far.
+
+    Raises
+    ------
+    LogError
+        If the first file cannot be made, or one of those that a split may make is there already.
+    """
+
+    def __init__(
+        self,
+        out: Path | None,
+        *,
+        config: RecordConfig | None = None,
+        overwrite: bool = False,
+        on_progress: Callable[[Recording], None] = lambda recording: None,
+        say: Callable[[str], None] = lambda line: None,
+        clock: Callable[[], int] = time.time_ns,
+    ) -> None:
+        self._config = config or RecordConfig()
+        self._overwrite = overwrite
+        self._on_progress = on_progress
+        self._say = say
+        self._clock = LogClock(clock, say=say)
+        self._streaming = False  # in the middle of a stream that awaits this
+        self._ended = False  # one has come to its end, or broken off, and no other has begun
+        self._last: dict[str, int] = {}
+        self._notes: dict[str, Any] = {}
+        self._attachments: dict[str, bytes] = {}
+        self.recording = Recording()
+        self._splits = self._config.split_bytes is not None or self._config.split_ns is not None
+        self._session = uuid4().hex  # names what the parts are parts of
+        self._first_ns: int | None = None  # when the file's first message came
+        self.out, self._writer = self._begin(out, clock())
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._writer.__exit__(kind, error, trace)
+
+    def run(
+        self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
+    ) -> Recording:
+        """Record until it is stopped, or to the end of a stream, and finish the file.
+
+        What had arrived when it was stopped is recorded too, and the sender of a stream under way is told. The end of
+        a stream is when all whom its sender awaits are through, so that what they say of its end is recorded.
+
+        Parameters
+        ----------
+        receiver : Receiver
+            One that hears live messages too.
+        stopped : callable
+            Whether to stop; asked a few times a second.
+        until_end : bool
+            Whether the end of an awaited stream ends the recording.
+
+        Raises
+        ------
+        LogError
+            If a file cannot be written; what was written stays readable.
+        WireError
+            If the stream whose end was to end the recording broke off.
+        """
+        self.recording.refused = receiver.refused
+        try:
+            with receiver.reporting_failure():
+                while not (stopped() or (self._is_over(receiver) and until_end)):
+                    self._take(receiver, _next(receiver))
+                    self._writer.check()
+                    self._on_progress(self.recording)
+                self._take_leave(receiver)
+        finally:
+            self._writer.close()
+        if until_end and self.recording.broken:
+            raise WireError(f"{self.out}: the stream is not all there: {self.recording.broken[-1]}")
+        return self.recording
+
+    def source(self, name: str) -> NodeSource:
+        """Return what this recorder says of itself to whoever watches."""
+        return NodeSource(
+            "recorder",
+            name,
+            state=lambda: "recording a stream" if self._streaming else "recording",
+            counts=self._counts,
+        )
+
+    def _counts(self) -> dict[str, int]:
+        recording = self.recording
+        totals = {"gaps": recording.gaps, "opaque": recording.opaque, "refused": recording.refused}
+        return {
+            "messages": recording.messages,
+            "bytes": recording.size,
+            "left_out": recording.left_out,
+            "broken": len(recording.broken),
+        } | {name: sum(tuple(counted.values())) for name, counted in totals.items()}
+
+    def _is_over(self, receiver: Receiver) -> bool:
+        """Whether a stream has ended, and its sender needs no more from here; one that is gone is left."""
+        return self._ended and receiver.is_released()
+
+    def _take_leave(self, receiver: Receiver) -> None:
+        """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
+        receiver.stop_hearing()
+        while (event := _next(receiver, 0.0)) is not None:
+            if isinstance(event, Offered):
+                receiver.refuse(event, _STOPPED)
+            else:
+                self._take(receiver, event)
+        if self._streaming:
+            self._break_off(_STOPPED)
+            receiver.fail(_STOPPED)
+        else:
+            receiver.is_released(_FAREWELL_WAIT_S)
+
+    def _take(self, receiver: Receiver, event: Event | WireError | None) -> None:
+        if isinstance(event, WireError):
+            self._leave(receiver, str(event))
+        elif isinstance(event, Live):
+            self._write(event.record, numbered=event.numbered, declared=_declared(receiver, event.sender, event.record))
+        elif isinstance(event, Offered):
+            self._note(event)
+            self._streaming, self._ended = True, False
+            receiver.accept(event, 0)
+        elif isinstance(event, Frame):
+            self._take_frame(receiver, event)
+
+    def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
+        for record in frame.messages:
+            self._write(record, numbered=True, declared=_declared(receiver, frame.sender, record))
+        if frame.kind is Kind.END:
+            self._streaming, self._ended = False, True
+            receiver.report(self.recording.to_dict())
+        elif frame.kind is Kind.ABORT:
+            self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
+        else:
+            receiver.consumed(frame)
+
+    def _leave(self, receiver: Receiver, reason: str) -> None:
+        """Leave a stream whose sender is gone: what it sent is recorded, and others may follow."""
+        receiver.give_up(reason)
+        self._break_off(reason)
+
+    def _break_off(self, reason: str) -> None:
+        self._streaming, self._ended = False, True
+        self.recording.broken.append(reason)
+        self._notes["broken"] = list(self.recording.broken)
+        self._writer.note(self._notes)
+
+    def _note(self, offered: Offered) -> None:
+        """Keep what the sender says of its stream, for whoever reads the log."""
+        offer = offered.offer
+        self._notes |= {"run": offer.run, "schedule": offer.schedule or None, "logs": offer.logs}
+        for key, name in (("toml", "robot.toml"), ("urdf", "robot.urdf")):
+            text = offer.robot.get(key)
+            if isinstance(text, str) and name not in self._attachments:
+                self._attachments[name] = text.encode()
+                self._writer.attach(name, self._attachments[name])
+        self._writer.note(self._notes)
+
+    def _write(self, record: Stamped, *, numbered: bool, declared: Declared | None) -> None:
+        if not self._config.wants(record.topic):
+            self.recording.left_out += 1
+            return
+        if numbered:
+            self._count_gap(record)
+        if self._is_full(len(record.data)):
+            self._next_file()
+        if self._first_ns is None:
+            self._first_ns = time.monotonic_ns()
+        sequence = record.sequence if numbered else None
+        kind, declared = self._type(record, declared)
+        try:
+            self._writer.write(
+                record.topic,
+                record.data,
+                log_time_ns=self._clock.now_ns(),
+                sequence=sequence,
+                type_name=kind,
+                opaque=not kind,
+                declared=declared,
+            )
+        except MessageError:  # everything else has been looked at
+            self._refuse_topic()
+            return
+        self._written += len(record.data)
+        self.recording.messages += 1
+        self.recording.size += len(record.data)
+
+    def _refuse_topic(self) -> None:
+        if not self.recording.refused[_TOO_MANY]:
+            self._say(f"refused a message on {_TOO_MANY}")
+        self.recording.refused[_TOO_MANY] += 1
+
+    def _type(self, record: Stamped, declared: Declared | None) -> tuple[str, Declared | None]:
+        """Return the type of a message, an empty string if nothing tells, and the channel of another log to take over.
+
+        Messages on our topics are of the topics' types if they decode so, whatever a sender says of them.
+        """
+        expected = type_of(record.topic)
+        if expected and _decodes(expected, record.data):
+            same = declared is not None and (declared.encoding, declared.type) == ("cdr", expected)
+            return expected, declared if same else None
+        if declared is not None and declared.type not in ("", expected):
+            return declared.type, declared
+        if not expected and _is_standard(record.type, record.data):
+            return record.type, None
+        self.recording.opaque[record.topic] += 1
+        return "", declared
+
+    def _count_gap(self, record: Stamped) -> None:
+        last = self._last.get(record.topic)
+        if last is not None and record.sequence > last + 1:
+            self.recording.gaps[record.topic] += record.sequence - last - 1
+        late = last is not None and 0 < record.sequence < last  # 0 is that of a producer that begins anew
+        if not late:
+            self._last[record.topic] = record.sequence
+
+    def _is_full(self, more: int) -> bool:
+        """Whether a message of so many bytes belongs into another file; there is none without a message."""
+        if self._first_ns is None:
+            return False
+        size, longest_ns = self._config.split_bytes, self._config.split_ns
+        too_large = size is not None and self._written + more > size
+        return too_large or (longest_ns is not None and time.monotonic_ns() - self._first_ns >= longest_ns)
+
+    def _next_file(self) -> None:
+        self._writer.note(self._part(len(self.recording.paths) - 1, more=True))
+        self._writer.close()
+        self._writer = self._open(self.out)
+        if self._notes:
+            self._writer.note(self._notes)
+
+    def _begin(self, out: Path | None, now_ns: int) -> tuple[Path, LogWriter]:
+        """Open the first file, under the first name that nobody else takes at this moment; returns that name too."""
+        names = recording_names(out, splits=self._splits, overwrite=self._overwrite, now_ns=now_ns, say=self._say)
+        for name in names:
+            try:
+                return name, self._open(name)
+            except TakenError:
+                if name == out:
+                    raise
+        raise AssertionError("there is always another name")
+
+    def _part(self, number: int, *, more: bool) -> dict[str, Any]:
+        """Return what the manifest of a part says of its place in the session."""
+        return {PART: {"session": self._session, "number": number, "more": more}}
+
+    def _open(self, name: Path) -> LogWriter:
+        number = len(self.recording.paths)
+        path = part_path(name, number) if self._splits else name
+        writer = LogWriter(
+            path,
+            manifest={"kind": "recording", **(self._part(number, more=False) if self._splits else {})},
+            attachments=self._attachments,
+            overwrite=self._overwrite,
+            regular=False,
+            say=self._say,
+        )
+        self.recording.paths.append(path)
+        self._written = 0
+        self._first_ns = None
+        return writer
+
+
+def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError | None:
+    """Return what came next, or why the stream under way is taken for broken off."""
+    try:
+        return receiver.next_event(timeout_s)
+    except WireError as error:
+        return error
+
+
+def _declared(receiver: Receiver, sender: bytes, record: Stamped) -> Declared | None:
+    """Return what the sender of a replay tells of the channel of a message; live messages are of no sender."""
+    return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
+
+
+def _decodes(kind: str, data: bytes) -> bool:
+    """Whether bytes are a message of a type of the table of topics."""
+    try:
+        decode(kind, data)
+    except MessageError:
+        return False
+    return True
+
+
+def _is_standard(kind: str, data: bytes) -> bool:
+    """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can tell."""
+    if not is_known(kind):
+        return False
+    try:
+        typestore().deserialize_cdr(data, kind)
+    except Exception:  # of any kind: rosbags checks nothing beforehand
+        return False
+    return True

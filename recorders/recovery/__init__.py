@@ -1,0 +1,1 @@
+"""Damaged logs: finds what is whole, describes it (`info`) and saves it (`recover`)."""

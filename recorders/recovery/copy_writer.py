@@ -1,0 +1,150 @@
+"""The library's writer, and a way past its buffers: it holds a record several times, which a large one forbids."""
+
+import struct
+import zlib
+from collections.abc import Iterable, Mapping
+from typing import Any, BinaryIO
+
+from mcap.data_stream import RecordBuilder
+from mcap.opcode import Opcode
+from mcap.records import AttachmentIndex, Channel, Schema
+from mcap.writer import CompressionType, Writer
+
+from recorders.mcap_format.attachments import AttachmentHead
+from recorders.mcap_format.chunk_contents import MESSAGE
+from recorders.mcap_format.lengths import LARGE
+from recorders.mcap_format.records import CRC, HEAD
+from recorders.mcap_format.unread import Unread
+
+_CHUNK_SIZE = 2**16  # bytes: the next damage costs one chunk
+_SIZE = struct.Struct("<Q")
+
+
+class CopyWriter:
+    """Writes MCAP in small chunks; attachments and large messages go to the file piece by piece, beside the chunks.
+
+    Parameters
+    ----------
+    file : binary file
+        Empty, and buffered.
+    profile : str
+        What the log's messages are meant for.
+
+    Raises
+    ------
+    OSError
+        From every method, if the file cannot be written.
+    """
+
+    def __init__(self, file: BinaryIO, profile: str) -> None:
+        self._file = file
+        # Any: the library says that it is typed, and annotates but half of its methods
+        self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=_CHUNK_SIZE, enable_data_crcs=True)
+        self._mcap.start(profile=profile, library="reenact")
+        self._schemas: dict[int, Schema] = {}
+        self._channels: dict[int, Channel] = {}
+
+    def register_schema(self, name: str, encoding: str, data: bytes) -> int:
+        """Declare a schema; returns its number."""
+        number: int = self._mcap.register_schema(name, encoding, data)
+        self._schemas[number] = Schema(id=number, name=name, encoding=encoding, data=data)
+        return number
+
+    def register_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
+        """Declare a channel; returns its number."""
+        number: int = self._mcap.register_channel(topic, encoding, schema, dict(metadata))
+        self._channels[number] = Channel(
+            id=number, topic=topic, message_encoding=encoding, schema_id=schema, metadata=dict(metadata)
+        )
+        return number
+
+    def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
+        """Write a metadata record."""
+        self._mcap.add_metadata(name, dict(texts))
+
+    def add_message(
+        self,
+        channel: int,
+        sequence: int,
+        log_time_ns: int,
+        publish_time_ns: int,
+        data: bytes,
+        rest: Unread | None = None,
+    ) -> None:
+        """Write a message, of which a part may still be in another file."""
+        if len(data) + (rest.size if rest else 0) <= LARGE:
+            self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
+            return
+        self._mcap.flush()
+        self._declare(channel)
+        head = MESSAGE.pack(channel, sequence, log_time_ns, publish_time_ns)
+        size = len(head) + len(data) + (rest.size if rest else 0)
+        self._write((HEAD.pack(Opcode.MESSAGE, size), head, data))
+        self._write(rest.pieces() if rest else ())
+        self._count(channel, log_time_ns)
+
+    def add_attachment(self, head: AttachmentHead, data: Iterable[bytes | memoryview]) -> None:
+        """Write an attachment."""
+        self._mcap.flush()
+        name, media_type = head.name.encode(), head.media_type.encode()
+        texts = b"".join(CRC.pack(len(text)) + text for text in (name, media_type))
+        fields = _SIZE.pack(head.log_time_ns) + _SIZE.pack(head.create_time_ns) + texts + _SIZE.pack(head.size)
+        size = len(fields) + head.size + CRC.size
+        offset = self._file.tell()
+        self._write([HEAD.pack(Opcode.ATTACHMENT, size)])
+        crc = self._write(data, self._write([fields]))
+        self._write([CRC.pack(crc)])
+        self._of_library("statistics").attachment_count += 1
+        self._of_library("attachment_indexes").append(
+            AttachmentIndex(
+                offset=offset,
+                length=HEAD.size + size,
+                create_time=head.create_time_ns,
+                log_time=head.log_time_ns,
+                data_size=head.size,
+                name=head.name,
+                media_type=head.media_type,
+            )
+        )
+
+    def finish(self) -> None:
+        """Write the summary, as the last thing of all."""
+        self._mcap.finish()
+
+    def flush(self) -> None:
+        """End the chunk."""
+        self._mcap.flush()
+
+    def _declare(self, channel: int) -> None:
+        """Write the declaration of a channel, which may be in a chunk that is not written yet, beside the chunks."""
+        builder: Any = RecordBuilder()
+        declared = self._channels[channel]
+        if declared.schema_id:
+            self._schemas[declared.schema_id].write(builder)
+        declared.write(builder)
+        self._write([builder.end()])
+
+    def _count(self, channel: int, log_time_ns: int) -> None:
+        statistics = self._of_library("statistics")
+        first = statistics.message_start_time if statistics.message_count else log_time_ns
+        statistics.message_start_time = min(first, log_time_ns)
+        statistics.message_end_time = max(statistics.message_end_time, log_time_ns)
+        statistics.channel_message_counts[channel] += 1
+        statistics.message_count += 1
+
+    def _write(self, pieces: Iterable[bytes | memoryview], crc: int = 0) -> int:
+        """Write to the file what the library then has as its own; returns the CRC of it and what came before."""
+        of_section = self._of_library("data_section_crc")
+        for piece in pieces:
+            self._file.write(piece)
+            of_section, crc = zlib.crc32(piece, of_section), zlib.crc32(piece, crc)
+        setattr(self._mcap, _private("data_section_crc"), of_section)
+        return crc
+
+    def _of_library(self, name: str) -> Any:
+        return getattr(self._mcap, _private(name))
+
+
+def _private(name: str) -> str:
+    """Return what an attribute that the library keeps to itself is called: it has no way to write in pieces."""
+    return f"_{Writer.__name__}__{name}"

@@ -1,0 +1,67 @@
+"""What is in a session in parts: its parts one by one, each checked, and together as if they were one log."""
+
+from collections import Counter
+from collections.abc import Callable, Sequence
+
+from recorders.reading.parts import PART, Log, Parts
+from recorders.recovery.log_info import LogSummary, summarise
+from recorders.recovery.salvage import Damage, Survey
+from recorders.recovery.survey import survey
+from recorders.writing.writer import RESERVED
+
+
+def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fraction: None) -> LogSummary:
+    """Read a log, or all parts of a session, from end to end and return what is in it: see `summarise`.
+
+    Raises
+    ------
+    LogError
+        If one of the files is not there, cannot be read, or is not MCAP at all.
+    """
+    if not isinstance(log, Parts):
+        return summarise(log, on_progress=on_progress)
+    whole = LogSummary(Survey(log.paths[0].with_name(log.name), 0))
+    parts = []
+    for number, path in enumerate(log.paths):
+        part = LogSummary(survey(path))
+        for message in part.survey.messages():
+            part.add(message)
+            whole.add(message)
+            del message  # a large one would take memory beside the next
+        part.finish()
+        parts.append(part)
+        on_progress((number + 1) / len(log.paths))
+    whole.judge_numbers()
+    whole.survey = _joined(whole.survey, [part.survey for part in parts])
+    whole.content_holds = _all([part.content_holds for part in parts])
+    whole.counts_hold = _all([part.counts_hold for part in parts])
+    whole.wrong_totals = [f"{part.survey.path.name}: {total}" for part in parts for total in part.wrong_totals]
+    return whole
+
+
+def _joined(whole: Survey, parts: Sequence[Survey]) -> Survey:
+    """Fill in what the parts come to: sums, all that is there once, and damage with the name of its part."""
+    whole.size = sum(part.size for part in parts)
+    whole.profile, whole.library = parts[0].profile, parts[0].library
+    whole.finished = all(part.finished for part in parts)
+    whole.data_crc = all(part.data_crc for part in parts)
+    whole.chunks = sum((part.chunks for part in parts), Counter[str]())
+    whole.chunks_with_crc = sum(part.chunks_with_crc for part in parts)
+    whole.attachments = list({each.name: each for part in parts for each in part.attachments}.values())
+    whole.damage = [
+        Damage(damage.offset, f"{part.path.name}: {damage.reason}", damage.skipped)
+        for part in parts
+        for damage in part.damage
+    ]
+    said = {name: value for part in parts for name, value in part.manifest.items()}
+    whole.manifest = {name: value for name, value in said.items() if name not in (*RESERVED, PART)}
+    if said:
+        whole.manifest["complete"] = all(part.manifest.get("complete") is True for part in parts)
+    return whole
+
+
+def _all(answers: Sequence[bool | None]) -> bool | None:
+    """Whether something holds of every part; None if nobody can tell of one, and of no other that it does not."""
+    if False in answers:
+        return False
+    return None if None in answers else True

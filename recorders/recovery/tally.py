@@ -1,0 +1,57 @@
+"""The tally of a recovery: what was kept of a log, and what is known to be lost."""
+
+from collections import Counter
+from dataclasses import dataclass, field
+
+from recorders.mcap_format.channels import Declared
+from recorders.recovery.salvage import Salvaged, Survey
+
+
+@dataclass
+class Tally:
+    """Counts the messages that are kept.
+
+    Attributes
+    ----------
+    kept : Counter
+        Messages by topic.
+    unprotected : int
+        How many of them stand in no chunk with a CRC.
+    undeclared : int
+        Messages that cannot be kept, as nobody can tell what channel they are on.
+    missing : Counter
+        Messages by topic whose numbers are missing at damage.
+    """
+
+    kept: Counter[str] = field(default_factory=Counter)
+    unprotected: int = 0
+    undeclared: int = 0
+    missing: Counter[str] = field(default_factory=Counter)
+    _last: dict[Declared, tuple[int, int]] = field(default_factory=dict)  # span and sequence
+
+    def add(self, message: Salvaged) -> None:
+        """Take in a message."""
+        channel = message.channel
+        if channel is None:
+            self.undeclared += 1
+            return
+        self.kept[channel.topic] += 1
+        self.unprotected += not message.protected
+        span, sequence = self._last.get(channel, (message.span, message.sequence))
+        if span != message.span and message.sequence > sequence + 1:
+            self.missing[channel.topic] += message.sequence - sequence - 1
+        self._last[channel] = message.span, message.sequence
+
+    def lost(self, found: Survey) -> tuple[Counter[str] | None, bool]:
+        """Return how many messages of each topic are lost, and whether these are all.
+
+        The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage; and
+        without those nothing does.
+        """
+        counts = found.stated_counts
+        if counts is None and isinstance(found.manifest.get("counts"), dict):
+            counts = Counter({topic: n for topic, n in found.manifest["counts"].items() if type(n) is int})
+        if counts is not None:
+            return counts - self.kept, True
+        whole = found.finished and not found.damage
+        return (self.missing, whole) if self.missing or whole else (None, False)

@@ -1,0 +1,1 @@
+"""Rerun scenes of robot, hands and learning; the only room that knows Rerun."""

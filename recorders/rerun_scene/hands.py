@@ -1,0 +1,103 @@
+"""Both hands in a Rerun recording: targets, reached paths and their distance, in space and from behind the robot."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Self
+
+import numpy as np
+import rerun as rr
+from numpy.typing import ArrayLike, NDArray
+
+from recorders.rerun_scene.track import Instants, Track
+
+Floats = NDArray[np.float64]
+
+HANDS = ("left", "right")
+HAND_COLOURS = ((86, 180, 233), (230, 159, 0))  # sky blue, orange: Okabe and Ito, for all kinds of colour vision
+TARGET_COLOUR = (160, 160, 160)
+
+_TARGET_RADIUS_M = 0.012
+_TRAIL_RADIUS_M = 0.004
+_PATH_RADIUS_M = 0.0015
+_CM_PER_M = 100.0
+
+
+@dataclass(frozen=True, eq=False)
+class FrontalPlane:
+    """The plane in which the hands draw, as seen from behind the robot: its left hand on the left.
+
+    Parameters
+    ----------
+    lateral, up : array_like, shape (3,)
+        Unit vectors of the plane, world frame: to the robot's left, and up.
+    """
+
+    lateral: ArrayLike = (0.0, 1.0, 0.0)
+    up: ArrayLike = (0.0, 0.0, 1.0)
+
+    def picture_cm(self, points: Floats) -> Floats:
+        """Return points [m], shape (..., 3), as a picture has them [cm], shape (..., 2): to the right, down."""
+        axes = -np.stack([np.asarray(self.lateral), np.asarray(self.up)], axis=1)  # (3, 2)
+        return np.asarray(points @ axes * _CM_PER_M)
+
+
+class HandScene:
+    """Sends both hands to a recording.
+
+    Parameters
+    ----------
+    recording : RecordingStream
+        Where to.
+    plane : FrontalPlane
+        How they are seen in the plane.
+    """
+
+    def __init__(self, recording: rr.RecordingStream, plane: FrontalPlane) -> None:
+        self._recording = recording
+        self._plane = plane
+
+    def send_still(self) -> Self:
+        """Send names and styles."""
+        for hand, colour in zip(HANDS, HAND_COLOURS, strict=True):
+            style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
+            self._recording.log(f"error/{hand}", style, static=True)
+            for name, shade, radius_m in (
+                ("target", TARGET_COLOUR, _TARGET_RADIUS_M),
+                ("reached", colour, _TRAIL_RADIUS_M),
+            ):
+                solid = rr.Points3D.from_fields(colors=[shade], radii=[radius_m])
+                self._recording.log(f"hands/{hand}/{name}", solid, static=True)
+                flat = rr.Points2D.from_fields(colors=[shade], radii=[radius_m * _CM_PER_M])
+                self._recording.log(f"frontal/{hand}/{name}", flat, static=True)
+        return self
+
+    def send_target_paths(self, targets: Floats) -> None:
+        """Send whole paths of the targets [m], shape (T, 2, 3), to stay."""
+        self._log_paths("target_path", targets, (TARGET_COLOUR, TARGET_COLOUR), static=True)
+
+    def log_paths(self, targets: Floats, reached: Floats) -> None:
+        """Send whole paths [m], shapes (T, 2, 3), of now: those of the next time take their place."""
+        self._log_paths("target_path", targets, (TARGET_COLOUR, TARGET_COLOUR), static=False)
+        self._log_paths("reached_path", reached, HAND_COLOURS, static=False)
+
+    def send(self, instants: Instants, track: Track) -> None:
+        """Send the samples of a track, which stand at these instants."""
+        index, plotted, errors_cm = instants.columns(), track.plotted, track.errors_cm
+        when = Instants(instants.timeline, instants.values[plotted]).columns()
+        for i, hand in enumerate(HANDS):
+            for name, points in (("target", track.targets[:, i]), ("reached", track.reached[:, i])):
+                solid = rr.Points3D.columns(positions=points)
+                self._recording.send_columns(f"hands/{hand}/{name}", index, solid)
+                flat = rr.Points2D.columns(positions=self._plane.picture_cm(points))
+                self._recording.send_columns(f"frontal/{hand}/{name}", index, flat)
+            self._recording.send_columns(f"error/{hand}", when, rr.Scalars.columns(scalars=errors_cm[plotted, i]))
+
+    def _log_paths(self, name: str, points: Floats, colours: Sequence[tuple[int, int, int]], *, static: bool) -> None:
+        for i, hand in enumerate(HANDS):
+            path = points[:, i]
+            solid = rr.LineStrips3D([path], colors=[colours[i]], radii=[_PATH_RADIUS_M])
+            self._recording.log(f"hands/{hand}/{name}", solid, static=static)
+            flat = rr.LineStrips2D(
+                [self._plane.picture_cm(path)], colors=[colours[i]], radii=[_PATH_RADIUS_M * _CM_PER_M]
+            )
+            self._recording.log(f"frontal/{hand}/{name}", flat, static=static)

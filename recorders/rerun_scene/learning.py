@@ -1,0 +1,64 @@
+"""A learner in a Rerun recording: its errors, the drift of what it learns, and the activity of its reservoir."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+import rerun as rr
+from numpy.typing import NDArray
+
+from recorders.rerun_scene.hands import HAND_COLOURS, HANDS
+
+Floats = NDArray[np.float64]
+
+_MAIN, _FAINT = (86, 180, 233), (110, 130, 145)
+_WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, purple, yellow: Okabe and Ito
+_BINS = 40
+
+
+def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str]) -> None:
+    """Send names and colours of the curves; `weights` are the kinds of connections that learn."""
+    for hand, colour in zip(HANDS, HAND_COLOURS, strict=True):
+        style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
+        recording.log(f"learning/error/{hand}", style, static=True)
+    for name in ("a", "b"):
+        names = ["mean", "mean - deviation", "mean + deviation"]
+        style = rr.SeriesLines(names=names, colors=[_MAIN, _FAINT, _FAINT], widths=[2.0, 1.0, 1.0])
+        recording.log(f"drift/{name}", style, static=True)
+    colours = [_WEIGHT_COLOURS[i % len(_WEIGHT_COLOURS)] for i in range(len(weights))]
+    names = [name.replace("_", " to ") for name in weights]
+    recording.log("drift/weights", rr.SeriesLines(names=names, colors=colours, widths=[2.0]), static=True)
+
+
+def log_errors(recording: rr.RecordingStream, hands_cm: Sequence[float]) -> None:
+    """Send the mean error of the left and the right hand [cm], now."""
+    for hand, error_cm in zip(HANDS, hands_cm, strict=True):
+        recording.log(f"learning/error/{hand}", rr.Scalars(error_cm))
+
+
+def log_drift(recording: rr.RecordingStream, *, a: Floats, b: Floats, moved: Mapping[str, Floats]) -> None:
+    """Send mean and spread of a and b, and how far weights have moved on the mean, by kind, now."""
+    for name, values in (("a", a), ("b", b)):
+        mean, spread = float(values.mean()), float(values.std())
+        recording.log(f"drift/{name}", rr.Scalars([mean, mean - spread, mean + spread]))
+    recording.log("drift/weights", rr.Scalars([float(np.abs(change).mean()) for change in moved.values()]))
+
+
+def log_activity(recording: rr.RecordingStream, activity: Floats, *, static: bool = False) -> None:
+    """Send the activity y of the reservoir, shape (T, neurons), as a picture with time to the right."""
+    shades = float(activity.min()), float(activity.max())
+    picture = rr.Tensor(activity.T.astype(np.float32), dim_names=("neuron", "time"), value_range=shades)
+    recording.log("reservoir/activity", picture, static=static)
+
+
+def send_network(
+    recording: rr.RecordingStream, *, a: Floats, b: Floats, moved: Floats, errors_cm: Sequence[float]
+) -> None:
+    """Send how a, b and the changes of the weights are distributed, and the error of every epoch [cm], to stay."""
+    for name, values in (("a", a), ("b", b), ("weights", moved)):
+        counts, edges = np.histogram(values, bins=_BINS)
+        middles, widths = (edges[:-1] + edges[1:]) / 2.0, np.diff(edges)
+        recording.log(f"network/{name}", rr.BarChart(counts, color=_MAIN, abscissa=middles, widths=widths), static=True)
+    if len(errors_cm):
+        epochs = np.arange(1.0, len(errors_cm) + 1.0)
+        chart = rr.BarChart(np.array(errors_cm), color=HAND_COLOURS[1], abscissa=epochs)
+        recording.log("network/errors", chart, static=True)

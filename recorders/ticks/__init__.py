@@ -1,0 +1,1 @@
+"""Joins messages to ticks, from a file or live."""

@@ -1,0 +1,283 @@
+"""Ticks: the three messages of one sample, joined exactly on the stamp of their headers."""
+
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator
+from functools import lru_cache
+from math import isfinite
+from typing import Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from recorders.cdr.codec import decode_as
+from recorders.errors import JointError, MessageError
+from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS
+from recorders.messages.validation import FloatArray, read_only
+from recorders.text.wording import names_text
+
+MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
+
+RANKS = {topic.name: rank for rank, topic in enumerate(LEARNER_TOPICS)}
+"""Place of each of the learner's topics in a tick."""
+
+Check: TypeAlias = Callable[[FloatArray | JointState], None]
+"""Raises JointError or MessageError for a target [m] (3,) or joints that cannot be the robot's."""
+
+_MAX_LAYOUTS = 64
+_REMEMBERED = 8192  # messages of each kind, a few MB
+_MAX_REMEMBERED_SIZE = 2048  # bytes: 15 joints take 460
+
+
+class Tick(NamedTuple):
+    """One sample: the new targets and the joints measured at the same instant.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        The stamp that all three messages carry [ns].
+    left, right : array, shape (3,)
+        Commanded hand positions [m], read-only.
+    joints : JointState
+        Joints at the tick.
+    records : tuple of Stamped
+        The messages themselves, in the order of `LEARNER_TOPICS`.
+    """
+
+    stamp_ns: int
+    left: FloatArray
+    right: FloatArray
+    joints: JointState
+    records: tuple[Stamped, ...]
+
+
+class _OpenTick:
+    """A tick that waits for more messages."""
+
+    __slots__ = ("records", "values")
+
+    def __init__(self) -> None:
+        self.records: list[Stamped | None] = [None] * len(LEARNER_TOPICS)
+        self.values: list[Any] = [None] * len(LEARNER_TOPICS)  # targets (3,) and joints, by rank
+
+
+def pass_all(value: FloatArray | JointState) -> None:
+    """Let every target and all joints pass, where no robot is known that they could be of."""
+
+
+class TickJoiner:
+    """Joins the messages of one cycle to ticks.
+
+    Within a tick the messages may come in any order, and topics may run ahead of one another; on each topic stamps
+    must grow. Messages on other topics are passed over. Between cycles, which repeat the stamps, call `finish` (the
+    cycle is over) or `clear` (it is given up).
+
+    Parameters
+    ----------
+    check : callable
+        What is asked of a target or of joints beyond finite numbers in a target.
+    """
+
+    def __init__(self, check: Check = pass_all) -> None:
+        self._check = check
+        self._open: dict[int, _OpenTick] = {}
+        self._last = [-1] * len(LEARNER_TOPICS)
+
+    def feed(self, record: Stamped) -> tuple[Tick, ...]:
+        """Take in one message and return the tick that it completes, if any.
+
+        Raises
+        ------
+        MessageError
+            If the message has the wrong type, does not decode, holds NaN or infinity in a target, comes twice or out
+            of order, or completes a tick while an earlier one lacks a message; or if it does not pass the check.
+        JointError
+            If its joints do not pass the check.
+        """
+        rank = RANKS.get(record.topic)
+        if rank is None:
+            return ()
+        stamp, value = read_input(record, rank)
+        try:
+            self._check(value)
+        except (JointError, MessageError) as error:
+            raise type(error)(f"{_name(record)}: {error}") from None
+        if stamp <= self._last[rank]:
+            raise _out_of_order(record, stamp, self._last[rank])
+        self._last[rank] = stamp
+        tick = self._open.get(stamp) or self._begin(record, stamp)
+        tick.records[rank] = record
+        tick.values[rank] = value
+        return () if None in tick.records else (self._complete(tick, stamp),)
+
+    @property
+    def idle(self) -> bool:
+        """Whether no tick waits for more of its messages."""
+        return not self._open
+
+    def finish(self) -> None:
+        """End the cycle; raises MessageError, naming what is missing, if a tick is not complete."""
+        unfinished = min(self._open, default=None)
+        try:
+            if unfinished is not None:
+                raise _missing(unfinished, self._open[unfinished], "the cycle is over")
+        finally:
+            self.clear()
+
+    def clear(self) -> None:
+        """Forget the messages of unfinished ticks and begin a new cycle."""
+        self._open.clear()
+        self._last = [-1] * len(LEARNER_TOPICS)
+
+    def _begin(self, record: Stamped, stamp: int) -> _OpenTick:
+        if len(self._open) >= MAX_OPEN:
+            oldest = min(self._open)
+            raise _missing(oldest, self._open[oldest], f"{_name(record)} is {MAX_OPEN} ticks ahead of it")
+        tick = self._open[stamp] = _OpenTick()
+        return tick
+
+    def _complete(self, tick: _OpenTick, stamp: int) -> Tick:
+        del self._open[stamp]
+        if self._open and min(self._open) < stamp:
+            oldest = min(self._open)
+            raise _missing(oldest, self._open[oldest], f"the tick at {stamp} ns is complete")
+        left, right, joints = tick.values
+        return Tick(stamp, left, right, joints, tuple(tick.records))  # type: ignore[arg-type]  # None is none of them
+
+
+def join_ticks(records: Iterable[Stamped], check: Check = pass_all) -> Iterator[Tick]:
+    """Yield the ticks of one cycle, such as a whole episode log.
+
+    Raises
+    ------
+    MessageError, JointError
+        As `TickJoiner.feed` and `TickJoiner.finish` do.
+    """
+    joiner = TickJoiner(check)
+    for record in records:
+        yield from joiner.feed(record)
+    joiner.finish()
+
+
+class JointMap:
+    """Picks joints out of messages by name, in a fixed order; a message may hold other joints too.
+
+    What those are called is not looked at.
+
+    Parameters
+    ----------
+    names : iterable of str
+        The joints wanted, in the order wanted, length n.
+
+    Raises
+    ------
+    JointError
+        If a name is asked for twice.
+    """
+
+    def __init__(self, names: Iterable[str]) -> None:
+        self.names = tuple(names)
+        self._places: dict[tuple[str, ...], np.ndarray[tuple[int], np.dtype[np.intp]]] = {}
+        _refuse_repeated(self.names, self.names, "the joints asked for")
+
+    def positions(self, joints: JointState) -> FloatArray:
+        """Return the joint positions [rad or m] in the order of `names`, shape (n,), read-only.
+
+        Raises
+        ------
+        JointError
+            If a joint that is asked for is missing or occurs twice in the message, or the message holds no positions.
+        """
+        places = self._places.get(joints.name)
+        if places is None:
+            places = self._find(joints.name)
+        if len(joints.position) != len(joints.name):
+            raise JointError(f"expected {len(joints.name)} joint positions, found {len(joints.position)}")
+        return read_only(joints.position[places])
+
+    def _find(self, found: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+        _refuse_repeated(self.names, found, "the joints of the message")
+        at = {name: place for place, name in enumerate(found)}
+        missing = [name for name in self.names if name not in at]
+        if missing:
+            raise JointError(f"no joint {names_text(missing)} in the message; there are: {names_text(found) or 'none'}")
+        if len(self._places) >= _MAX_LAYOUTS:
+            self._places.clear()
+        places = self._places[found] = np.array([at[name] for name in self.names], dtype=np.intp)
+        return places
+
+
+def _refuse_repeated(wanted: tuple[str, ...], found: tuple[str, ...], what: str) -> None:
+    counts = Counter(found)
+    repeated = sorted({name for name in wanted if counts[name] > 1})
+    if repeated:
+        raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(found)}")
+
+
+def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:
+    """Return the stamp [ns] of a message on the topic of a rank, and the target [m] (3,) or the joints that it holds.
+
+    Raises
+    ------
+    MessageError
+        If it has the wrong type, does not decode, or is a target that holds NaN or infinity: which of the joints are a
+        robot's is not known here.
+    """
+    expected, read, read_remembered = _INPUTS[rank]
+    if record.type != expected:
+        raise MessageError(f"{_name(record)}: expected {expected}, found {record.type!r}")
+    data = record.data
+    try:
+        return read_remembered(data) if len(data) <= _MAX_REMEMBERED_SIZE else read(data)
+    except MessageError as error:
+        raise MessageError(f"{_name(record)}: {error}") from None
+
+
+def _read_target(data: bytes) -> tuple[int, FloatArray]:
+    pose = decode_as(PoseStamped, data)
+    _refuse_nan(pose.position, pose.stamp_ns)
+    return pose.stamp_ns, pose.position
+
+
+def _read_joints(data: bytes) -> tuple[int, JointState]:
+    joints = decode_as(JointState, data)
+    return joints.stamp_ns, joints
+
+
+def _refuse_nan(values: FloatArray, stamp: int) -> None:
+    numbers = values.tolist()
+    if isfinite(sum(numbers)):  # a NaN or an infinity never leaves a finite sum
+        return
+    for number in numbers:  # but finite numbers may overflow it
+        if not isfinite(number):
+            raise MessageError(f"expected finite numbers at {stamp} ns, found {number}")
+
+
+def _name(record: Stamped) -> str:
+    return f"{record.topic} #{record.sequence}"
+
+
+def _out_of_order(record: Stamped, stamp: int, last: int) -> MessageError:
+    if stamp == last:
+        return MessageError(f"{_name(record)}: a second message at {stamp} ns, expected one per tick")
+    return MessageError(f"{_name(record)}: stamp {stamp} ns runs backwards, the one before was {last} ns")
+
+
+def _missing(stamp: int, tick: _OpenTick, but: str) -> MessageError:
+    absent = [topic.name for topic, record in zip(LEARNER_TOPICS, tick.records, strict=True) if record is None]
+    present = [_name(record) for record in tick.records if record]
+    return MessageError(f"the tick at {stamp} ns lacks {names_text(absent)}: it has {names_text(present)}, and {but}")
+
+
+# Training feeds the same episode hundreds of times, so the latest messages are remembered by their bytes, which is
+# safe because what is decoded cannot be changed.
+_remembered_target = lru_cache(maxsize=_REMEMBERED)(_read_target)
+_remembered_joints = lru_cache(maxsize=_REMEMBERED)(_read_joints)
+
+# What to expect on each learner topic, by rank: its type, how to read it, and how to read it if it may come again.
+_INPUTS = tuple(
+    (topic.type, _read_joints, _remembered_joints)
+    if topic.type == JointState.TYPE
+    else (topic.type, _read_target, _remembered_target)
+    for topic in LEARNER_TOPICS
+)

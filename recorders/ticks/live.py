@@ -1,0 +1,213 @@
+"""Ticks of what anyone publishes: one bad message is refused, one incomplete tick given up, and the rest goes on."""
+
+from collections.abc import Sequence
+from itertools import combinations
+from typing import NamedTuple
+
+from recorders.cdr.codec import stamp_ns
+from recorders.errors import JointError, MessageError
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, SAMPLE_JOINTS
+from recorders.ticks.joiner import RANKS, Check, pass_all, read_input
+
+MAX_PENDING = 64
+"""Ticks that may wait for more of their messages: how far one publisher may run ahead of another."""
+
+MAX_MESSAGE = 64 << 10
+"""Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
+
+
+class Refused(MessageError):
+    """A message is of no use; `kind` says why in a word or two."""
+
+    def __init__(self, kind: str, line: str) -> None:
+        super().__init__(line)
+        self.kind = kind
+
+
+class _Part(NamedTuple):
+    """A message of a tick that waits, and its producer's number, if it has one."""
+
+    record: Stamped
+    number: int | None
+
+
+class LiveTick(NamedTuple):
+    """A complete tick: its messages in canonical order, and whether one before it, of the same cycle, is missing."""
+
+    stamp_ns: int
+    records: tuple[Stamped, ...]
+    after_gap: bool
+
+
+_JOINTS = RANKS[SAMPLE_JOINTS]
+_APART = 4  # two counters that one tick raises by less than this in all are not one counter over both topics
+
+
+class _Numbers:
+    """The producers' numbers of the latest tick, by which whole ticks that never came are seen.
+
+    Numbers count the messages of one topic, or those of several: then they jump between any two ticks, and say nothing
+    of what is missing. Two topics share a counter if their numbers lie side by side, tick after tick, and never were
+    too near for that, or the same.
+    """
+
+    def __init__(self) -> None:
+        self._latest: Sequence[int | None] = ()
+        self._apart: set[tuple[int, int]] = set()  # pairs of topics, by rank, that do not share a counter
+
+    def begin(self) -> None:
+        """Begin a new cycle, whose numbers follow upon nothing."""
+        self._latest = ()
+
+    @property
+    def known(self) -> bool:
+        """Whether there is a tick before the next."""
+        return bool(self._latest)
+
+    def jump(self, numbers: Sequence[int | None]) -> bool:
+        """Take the numbers of the next tick; returns whether a tick between it and the one before never came."""
+        before, self._latest = self._latest or numbers, tuple(numbers)
+        steps = zip(before, numbers, strict=True)
+        found = [(old, new) for old, new in steps if old is not None and new is not None and new > old]
+        if len(found) < len(numbers):
+            return False
+        pairs = list(combinations(range(len(found)), 2))
+        self._apart |= {pair for pair in pairs if _too_near(*(found[rank] for rank in pair))}
+        shared = any(_side_by_side(*(found[rank] for rank in pair)) for pair in pairs if pair not in self._apart)
+        return not shared and all(new > old + 1 for old, new in found)
+
+
+def _too_near(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether the numbers of two topics in two ticks, each old and new, cannot come from one counter."""
+    raised = sum(new - old for old, new in (one, other))
+    return raised < _APART or bool(set(one) & set(other))
+
+
+def _side_by_side(one: tuple[int, int], other: tuple[int, int]) -> bool:
+    """Whether the numbers of two topics go on as those of one counter do: both of a tick before both of the next."""
+    return max(one[0], other[0]) < min(one[1], other[1])
+
+
+class LiveTicks:
+    """Joins messages of any publishers to ticks, exactly on the stamp.
+
+    Unlike `TickJoiner` it expects nothing of them. A refused message changes nothing. Time is that of the last complete
+    tick, so that no single message can move it. A tick that waits is given up when a later one is complete, as on each
+    topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
+    producers, where they give any. Joints may come more often than targets: joints alone are no tick.
+
+    Parameters
+    ----------
+    check : callable
+        What else is asked of a target or of joints.
+
+    Attributes
+    ----------
+    dropped : int
+        Stamps given up so far, as messages of theirs never came.
+    """
+
+    def __init__(self, check: Check = pass_all) -> None:
+        self._check = check
+        self._pending: dict[int, list[_Part | None]] = {}  # by stamp, in order of arrival
+        self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
+        self._numbers = _Numbers()
+        self.dropped = 0
+        self.begin()
+
+    def begin(self) -> None:
+        """Begin a new cycle: ticks that wait are given up, and time starts anew."""
+        self.dropped += len(self._pending)
+        self._pending.clear()
+        self._refused_at.clear()
+        self._numbers.begin()
+        self._last_ns = -1
+        self._lost = False  # whether a tick was given up since the last complete one
+
+    def feed(self, record: Stamped, *, numbered: bool) -> LiveTick | None:
+        """Take in a message on one of the learner's topics, and return the tick that it completes.
+
+        Parameters
+        ----------
+        record : Stamped
+            The message.
+        numbered : bool
+            Whether its sequence is its producer's.
+
+        Raises
+        ------
+        Refused
+            If the message is of no use.
+        """
+        rank = RANKS[record.topic]
+        try:
+            stamp = self._read(record, rank)
+        except Refused:
+            self._note_refused(record, rank)
+            raise
+        tick = self._find(record, rank, stamp)
+        tick[rank] = _Part(record, record.sequence if numbered else None)
+        present = [part for part in tick if part is not None]
+        return self._complete(stamp, present) if len(present) == len(tick) else None
+
+    def _read(self, record: Stamped, rank: int) -> int:
+        if len(record.data) > MAX_MESSAGE:
+            line = f"{record.topic} #{record.sequence}: {len(record.data)} bytes, expected at most {MAX_MESSAGE}"
+            raise Refused("too large", line)
+        try:
+            stamp, value = read_input(record, rank)
+        except MessageError as error:
+            raise Refused("unreadable", str(error)) from None
+        try:
+            self._check(value)
+        except (JointError, MessageError) as error:
+            kind = "wrong joints" if isinstance(error, JointError) else "implausible"
+            raise Refused(kind, f"{record.topic} #{record.sequence}: {error}") from None
+        return stamp
+
+    def _note_refused(self, record: Stamped, rank: int) -> None:
+        """Note where there was a target, if of no use: joints alone at that stamp are a lost tick."""
+        try:
+            stamp = stamp_ns(record.type, record.data)
+        except MessageError:
+            return
+        if rank == _JOINTS or stamp is None or stamp <= self._last_ns:
+            return
+        self._refused_at[stamp] = None
+        if len(self._refused_at) > MAX_PENDING:
+            del self._refused_at[next(iter(self._refused_at))]
+
+    def _find(self, record: Stamped, rank: int, stamp: int) -> list[_Part | None]:
+        if stamp <= self._last_ns:
+            raise Refused(
+                "not after the last tick",
+                f"{record.topic} #{record.sequence}: stamp {stamp} ns is not after the tick at {self._last_ns} ns; "
+                "time starts anew with a phase marker only",
+            )
+        tick = self._pending.get(stamp)
+        if tick is None:
+            if len(self._pending) >= MAX_PENDING:
+                self._give_up(next(iter(self._pending)))
+            tick = self._pending[stamp] = [None] * len(LEARNER_TOPICS)
+        elif tick[rank] is not None:
+            line = f"{record.topic} #{record.sequence}: a second message at {stamp} ns, expected one per tick"
+            raise Refused("repeated", line)
+        return tick
+
+    def _complete(self, stamp: int, parts: list[_Part]) -> LiveTick:
+        del self._pending[stamp]
+        for earlier in [other for other in self._pending if other < stamp]:
+            self._give_up(earlier)
+        for earlier in [other for other in self._refused_at if other <= stamp]:
+            del self._refused_at[earlier]
+        known, jumped = self._numbers.known, self._numbers.jump([part.number for part in parts])
+        gap = known and (self._lost or jumped)
+        self._last_ns, self._lost = stamp, False
+        return LiveTick(stamp, tuple(part.record for part in parts), gap)
+
+    def _give_up(self, stamp: int) -> None:
+        tick = self._pending.pop(stamp)
+        self.dropped += 1
+        has_target = any(part is not None for rank, part in enumerate(tick) if rank != _JOINTS)
+        self._lost |= has_target or stamp in self._refused_at

@@ -1,0 +1,80 @@
+"""Publishes a node's messages on the keys of their topics, numbered gap-free per topic."""
+
+from collections import Counter
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Self
+
+import zenoh
+
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import Message
+from recorders.messages.record import Stamped
+from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
+from recorders.wire.session import publishing
+
+
+class Producer:
+    """The publishing end of a live node: a robot, a learner, a served controller.
+
+    Nobody acknowledges these messages; a subscriber that falls behind can lose some, and sees so by their numbers.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+
+    Attributes
+    ----------
+    published : int
+        How many messages it has published.
+    """
+
+    def __init__(self, session: zenoh.Session, *, namespace: str = DEFAULT_NAMESPACE) -> None:
+        check_namespace(namespace)
+        self._session = session
+        self._namespace = namespace
+        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._numbered: Counter[str] = Counter()
+        self.published = 0
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    def publish(self, topic: str, message: Message, *, log_time_ns: int) -> Stamped:
+        """Publish one message and return it as it went out.
+
+        Parameters
+        ----------
+        topic : str
+            ROS topic name.
+        message : Message
+            What to say.
+        log_time_ns : int
+            The producer's time [ns], for whoever records.
+        """
+        record = Stamped(topic, message.TYPE, encode(message), self._numbered[topic], log_time_ns)
+        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self.published, (record,)))
+        self._publisher(topic, message.TYPE).put(payload, attachment=attachment)
+        self._numbered[topic] += 1
+        self.published += 1
+        return record
+
+    def _publisher(self, topic: str, type_name: str) -> zenoh.Publisher:
+        if topic not in self._publishers:
+            publisher = publishing(
+                self._session,
+                message_key(self._namespace, topic),
+                encoding=f"application/cdr;{type_name}",  # by which a recorder knows the type of a topic of your own
+                congestion_control=zenoh.CongestionControl.BLOCK,
+            )
+            self._publishers[topic] = self._stack.enter_context(publisher)
+        return self._publishers[topic]

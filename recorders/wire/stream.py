@@ -1,0 +1,158 @@
+"""A stream of messages between one sender and its consumers: offer, consumer, progress. No transport."""
+
+import json
+import re
+from collections.abc import Iterator
+from dataclasses import asdict, dataclass, field
+from typing import Any, Protocol, Self
+
+from recorders.errors import WireError
+from recorders.messages.record import Stamped
+from recorders.text.wording import value_text
+
+PROTOCOL_VERSION = 1
+
+MAX_MESSAGE = 64 << 20
+"""The largest message that travels [bytes]: an uncompressed picture takes 33 MB in 4K."""
+
+WINDOW_BYTES = 64 << 20
+"""How much may be under way unacknowledged, whatever the window allows; a single message may, however large."""
+
+_MAX_INDEX = 2**63 - 1
+
+_OFFER_TYPES: dict[str, type | tuple[type, ...]] = {
+    "run": str,
+    "sender": str,
+    "schedule": dict,
+    "logs": list,
+    "robot": dict,
+    "messages": (int, type(None)),
+    "window": int,
+    "version": int,
+}
+_PROGRESS_TYPES: dict[str, type | tuple[type, ...]] = {
+    "run": str,
+    "next": int,
+    "received": int,
+    "result": (dict, type(None)),
+    "error": (str, type(None)),
+}
+
+
+@dataclass(frozen=True)
+class Offer:
+    """What a sender says of its stream before the first message.
+
+    Parameters
+    ----------
+    run : str
+        32 hexadecimal digits that name the stream: the same logs and schedule give the same run.
+    schedule : dict
+        `epochs` and `phases`, as `replay.sources.schedule.Schedule.to_dict` gives them.
+    logs : list of dict
+        `name` and `ticks_sha256` of each log.
+    robot : dict
+        `toml` and `urdf`: the robot that was recorded. Empty if the logs carry none.
+    messages : int, optional
+        How many messages the stream has; unknown of a live one.
+    sender : str
+        32 hexadecimal digits that tell this sender from others that offer the same run; the transport fills them in.
+    window : int
+        How many messages the transport lets be under way; consumers acknowledge at least every half of it.
+    """
+
+    run: str
+    schedule: dict[str, Any]
+    logs: list[dict[str, Any]]
+    robot: dict[str, str] = field(default_factory=dict)
+    messages: int | None = None
+    sender: str = "0" * 32
+    window: int = 1
+    version: int = PROTOCOL_VERSION
+
+    @property
+    def identity(self) -> tuple[bytes, bytes]:
+        """Run and sender, as the 16 bytes each that every attachment carries."""
+        return bytes.fromhex(self.run), bytes.fromhex(self.sender)
+
+    def to_json(self) -> bytes:
+        """Return the offer as JSON."""
+        return json.dumps(asdict(self)).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes) -> Self:
+        """Read an offer back; raises WireError if it is not one."""
+        fields = _json_object(data, _OFFER_TYPES)
+        offer = cls(**fields)
+        if offer.version != PROTOCOL_VERSION:
+            raise WireError(f"offer: expected protocol version {PROTOCOL_VERSION}, found {offer.version}")
+        if not (_is_name(offer.run) and _is_name(offer.sender) and 1 <= offer.window <= _MAX_INDEX):
+            raise WireError(
+                "offer: expected 32 hexadecimal digits as run and as sender, and a window, "
+                f"found {offer.run[:40]!r}, {offer.sender[:40]!r}, {offer.window}"
+            )
+        return offer
+
+
+class Consumer(Protocol):
+    """What takes a stream: a learner, a recorder. The same object serves every transport."""
+
+    def hello(self, offer: Offer) -> int:
+        """Return the stream index wanted next; raise ReenactError to refuse the offer."""
+
+    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+        """Take the whole stream, from the index named in `hello` on, and return what is to be said of it (JSON)."""
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a consumer has come: its acknowledgement, and its answer to hello and status.
+
+    Parameters
+    ----------
+    run : str
+        The run it consumes, or an empty string.
+    next : int
+        Stream index up to which everything is consumed.
+    received : int
+        Stream index up to which everything has arrived.
+    result : dict, optional
+        What the consumer made of the whole stream, once it is through.
+    error : str, optional
+        Why the consumer refuses, or stopped.
+    """
+
+    run: str = ""
+    next: int = 0
+    received: int = 0
+    result: dict[str, Any] | None = None
+    error: str | None = None
+
+    def to_json(self) -> bytes:
+        """Return the progress as JSON."""
+        return json.dumps(asdict(self)).encode()
+
+    @classmethod
+    def from_json(cls, data: bytes) -> Self:
+        """Read a progress back; raises WireError if it is not one."""
+        progress = cls(**_json_object(data, _PROGRESS_TYPES))
+        if not 0 <= progress.next <= progress.received <= _MAX_INDEX:
+            raise WireError(f"progress: expected 0 <= next <= received, found {progress.next} and {progress.received}")
+        return progress
+
+
+def _is_name(text: str) -> bool:
+    return re.fullmatch("[0-9a-f]{32}", text) is not None
+
+
+def _json_object(data: bytes, types: dict[str, type | tuple[type, ...]]) -> dict[str, Any]:
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError) as error:
+        raise WireError(f"expected JSON, found {value_text(data[:40])}") from error
+    if not isinstance(found, dict) or set(found) != set(types):
+        raise WireError(f"expected an object with {', '.join(types)}, found {value_text(data[:80])}")
+    for name, kind in types.items():
+        if not isinstance(found[name], kind) or isinstance(found[name], bool):
+            raise WireError(f"{name}: found {value_text(found[name])}, which is of the wrong type")
+    return found

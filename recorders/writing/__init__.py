@@ -1,0 +1,1 @@
+"""Writes logs that survive a crash: chunks, part files, background sync."""

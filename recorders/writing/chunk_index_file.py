@@ -1,0 +1,61 @@
+"""The index of a log's chunks while the log is written: on the disk, as a recording of a day has millions of them."""
+
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+from mcap.data_stream import RecordBuilder
+from mcap.records import ChunkIndex
+
+from recorders.files.anonymous_file import NamelessFile
+
+_PIECE = 2**20  # bytes
+
+
+class ChunkIndexFile:
+    """Takes the place of the list in which the library's writer gathers its `ChunkIndex` records until the summary.
+
+    In memory each takes a kilobyte, which is some 100 MB an hour of a busy recording; here they take none, and some
+    100 bytes of the disk. Only the summary, when the log is finished, is put together in memory.
+
+    Parameters
+    ----------
+    near : Path
+        The log; the file stands beside it, without a name.
+
+    Raises
+    ------
+    OSError
+        From every method but `close`, if the file cannot be made, written or read.
+    """
+
+    def __init__(self, near: Path) -> None:
+        self._file = NamelessFile(near)
+
+    def append(self, index: ChunkIndex) -> None:
+        """Take the index of one more chunk."""
+        record: Any = RecordBuilder()  # Any: the library's annotations are not whole
+        index.write(record)
+        self._file.stream.write(record.end())
+
+    def __iter__(self) -> Iterator["_Records"]:
+        """Yield all records, many at once, each time as something that the library can have write itself."""
+        self._file.stream.flush()
+        place, descriptor = 0, self._file.stream.fileno()
+        while piece := os.pread(descriptor, _PIECE, place):
+            yield _Records(piece)
+            place += len(piece)
+
+    def close(self) -> None:
+        """Remove the file; raises nothing."""
+        self._file.discard()
+
+
+class _Records:
+    def __init__(self, data: bytes) -> None:
+        self._data = data
+
+    def write(self, builder: RecordBuilder) -> None:
+        """Write the records as they are."""
+        builder.write(self._data)

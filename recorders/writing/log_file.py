@@ -1,0 +1,198 @@
+"""The file of a log, made for a crash: what is written is soon the operating system's, and in a second the disk's."""
+
+import errno
+import os
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+
+from recorders.errors import LogError
+from recorders.writing.chunk_writer import ChunkWriter, copy_regular
+from recorders.writing.part_file import PartFile
+from recorders.writing.periodic_thread import Periodic
+
+FLUSH_AFTER_S = 0.05  # half of the 100 ms that a crash may cost: the other half is for a machine that is busy
+SYNC_EVERY_S = 1.0
+
+
+class LogFile:
+    """The chunks of a log in its `.part`, and the two threads that hand them on; nothing follows a failure.
+
+    One thread hands over what has waited for long. The other one syncs, which may take its time.
+
+    Parameters
+    ----------
+    path : Path
+        Where the log goes in the end.
+    end : callable
+        Writes the last records to the chunks; told whether the log is complete.
+    overwrite : bool
+        Whether files of this name may be replaced.
+    regular : bool
+        Whether a log in which chunks ended early is copied into regular ones.
+    say : callable
+        Told of a log that a crash left, and that is set aside.
+
+    Attributes
+    ----------
+    part : Path
+        The file while it is written.
+    chunks : ChunkWriter
+        What `change` may act on.
+
+    Raises
+    ------
+    LogError
+        If the file cannot be made.
+    """
+
+    def __init__(
+        self,
+        path: Path,
+        *,
+        end: Callable[[ChunkWriter, bool], None],
+        overwrite: bool,
+        regular: bool,
+        say: Callable[[str], None],
+    ) -> None:
+        self._file = PartFile(path, overwrite=overwrite, say=say)
+        self.part = self._file.part
+        try:
+            self.chunks = ChunkWriter(self._file.stream, self.part)
+        except OSError as error:
+            self._file.close(keep=False)
+            raise self._file.error(error) from error
+        self._end = end
+        self._regular = regular
+        self._lock = threading.Lock()
+        self._sound = True  # the file ends with a whole record, and more may follow
+        self._closed = False
+        self._untold: LogError | None = self._unwritable("an earlier write was interrupted")  # until there is another
+        self._oldest_s = 0.0  # when the first of the pending messages came
+        self._threads = (
+            Periodic(self._flush_late, name="log flush", first_s=FLUSH_AFTER_S),
+            Periodic(self._sync, name="log sync", first_s=SYNC_EVERY_S),
+        )
+
+    def change(self, act: Callable[[], None]) -> None:
+        """Write by an act that writes whole records.
+
+        Raises
+        ------
+        LogError
+            If it fails, or something has failed before. Cut short by a failure or a signal, it is the last.
+        """
+        with self._lock:
+            self._check()
+            if not self.chunks.pending:
+                self._oldest_s = time.monotonic()
+            self._sound = False
+            try:
+                act()
+            except OSError as error:
+                self._untold = None
+                raise self._file.error(error) from error
+            self._sound = True
+
+    def check(self) -> None:
+        """Raise LogError if nothing can be written any more; why a thread failed is told once."""
+        with self._lock:  # while a thread writes, the file does not end with a whole record
+            self._check()
+
+    def _check(self) -> None:
+        if self._sound:
+            return
+        untold, self._untold = self._untold, None
+        raise untold or self._unwritable("the log was closed, or an earlier write failed")
+
+    def close(self) -> None:
+        """Finish the log and give it its name; raises LogError if that fails or a thread has failed."""
+        if self._closed:
+            return
+        self._stop()
+        with self._lock:
+            if self._sound:
+                self._complete()
+                return
+        untold = self._untold
+        self.abort()
+        if untold is not None:
+            raise untold
+
+    def abort(self) -> None:
+        """Finish the log as incomplete, as well as the disk allows, and leave it as `.part`; raises nothing."""
+        if self._closed:
+            return
+        self._stop()
+        with self._lock:
+            self._closed = True
+            self._untold = None
+            if self._sound:
+                self._finish(complete=False)
+            self.chunks.close()
+            self._file.close(keep=self.chunks.messages > 0)
+
+    def _complete(self) -> None:
+        self._closed = True
+        self._sound = False
+        self._untold = None
+        try:
+            self._end(self.chunks, True)
+            self.chunks.finish()
+            if not self._file.is_there():
+                raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
+            if self._regular and not self.chunks.regular:
+                self._file.rewrite(partial(copy_regular, path=self.part))
+            self._file.publish()
+        except (OSError, ValueError) as error:
+            raise self._file.failure(error) from error
+        finally:
+            self.chunks.close()
+            self._file.close(keep=True)
+
+    def _finish(self, *, complete: bool) -> None:
+        self._sound = False
+        with suppress(OSError):  # there is an error already, or an exception under way
+            self._end(self.chunks, complete)
+            self.chunks.finish()
+
+    def _flush_late(self) -> float:
+        """Hand over what has waited for long; returns when to look again [s]."""
+        with self._lock:
+            if not (self._sound and self.chunks.pending):
+                return FLUSH_AFTER_S
+            early_s = self._oldest_s + FLUSH_AFTER_S - time.monotonic()
+            if early_s > 0.0:
+                return early_s
+            self._sound = False
+            try:
+                self.chunks.flush()
+                self._sound = True
+            except OSError as error:
+                self._untold = self._file.error(error)
+        return FLUSH_AFTER_S
+
+    def _sync(self) -> float:
+        """Sync, and see that the file is still there; returns when to do so again [s]."""
+        error: OSError | None = None
+        try:
+            self._file.sync()
+            if self._file.is_there():
+                return SYNC_EVERY_S
+        except OSError as met:
+            error = met
+        with self._lock:
+            if self._sound:
+                self._finish(complete=False)
+                self._untold = self._file.put_back() if error is None else self._file.error(error)
+        return SYNC_EVERY_S
+
+    def _stop(self) -> None:
+        for thread in self._threads:
+            thread.stop()
+
+    def _unwritable(self, why: str) -> LogError:
+        return LogError(f"cannot write {self.part}: {why}")

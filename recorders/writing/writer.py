@@ -1,0 +1,260 @@
+"""The MCAP writer: messages to a log that any ROS 2 tool opens, with a manifest that says what made it."""
+
+import os
+from collections import Counter
+from collections.abc import Callable, Mapping
+from functools import partial
+from pathlib import Path
+from types import MappingProxyType, TracebackType
+from typing import Any, Self, TypeAlias
+
+from recorders.cdr.codec import encode
+from recorders.cdr.rosbags_types import schema_text
+from recorders.errors import LogError, MessageError
+from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.manifest import (
+    FORMAT_VERSION,
+    METADATA_NAME,
+    ContentHash,
+    environment,
+    stated_counts,
+    to_metadata,
+)
+from recorders.messages.message_types import Message
+from recorders.messages.record import Stamped
+from recorders.messages.topics import type_of
+from recorders.text.wording import names_text
+from recorders.writing.chunk_writer import ChunkWriter
+from recorders.writing.log_file import LogFile
+
+RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256", "environment")
+
+_Channel: TypeAlias = tuple[str, str, bool, Declared | None]  # topic, type, numbered by its producer, of another log
+
+MAX_CHANNELS = 2**16 - 1
+"""As many as MCAP's numbers of channels tell apart."""
+
+_MAX_SEQUENCE = 2**32 - 1
+_MAX_TIME_NS = 2**64 - 1
+_NOTHING: Mapping[str, bytes] = MappingProxyType({})
+
+
+class LogWriter:
+    """Writes one log; a context manager, for one thread at a time.
+
+    The file is `PATH.part` until the block ends without an exception; then it gets its name. It begins with its
+    manifest, `complete` false, and ends with it once more, with `complete`, `messages`, `counts` by topic and
+    `content_sha256`. After an exception it is finished too, as not complete, and stays readable as `PATH.part` (it is
+    removed if it holds no message).
+
+    A killed process loses no message that is older than 100 ms, and never more than 64; a power failure costs about a
+    second. What is handed over because it has waited for long ends a chunk at a moment that depends on the clock. Two
+    identical recordings give two identical files nevertheless: a log with such chunks is copied at its end into those
+    that it would have had without a pause.
+
+    Parameters
+    ----------
+    path : path
+        Where the log goes, usually `NAME.mcap`.
+    manifest : mapping
+        What made the log (robot, motion, seeds, parameters): JSON values by name. The writer adds `format_version`
+        and `environment`, and what it says at the end.
+    attachments : mapping of bytes by name
+        Files that belong to the log, such as the URDF and the robot's configuration.
+    overwrite : bool
+        Whether a log of this name may be replaced. A `.part` that nobody writes any more is set aside in any case.
+    regular : bool
+        Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
+    say : callable
+        Told, in one line, of what was set aside.
+
+    Raises
+    ------
+    LogError
+        From every method, if the file exists, cannot be written or is none, or the manifest is not JSON. What goes
+        wrong meanwhile is raised by the next call, once.
+    """
+
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        *,
+        manifest: Mapping[str, Any],
+        attachments: Mapping[str, bytes] = _NOTHING,
+        overwrite: bool = False,
+        regular: bool = True,
+        say: Callable[[str], None] = lambda line: None,
+    ) -> None:
+        self.path = Path(path)
+        self._given = dict(manifest)
+        self._manifest = _with_environment(manifest)
+        self._content = ContentHash()
+        self._counts: Counter[str] = Counter()
+        self._schemas: dict[tuple[str, str, bytes], int] = {}
+        self._channels: dict[_Channel, int] = {}
+        self._numbered: Counter[str] = Counter()
+        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular, say=say)
+        self.part = self._file.part
+        try:
+            self._file.change(lambda: self._begin(attachments))
+        except LogError:
+            self._file.abort()
+            raise
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        if kind is None:
+            self.close()
+        else:
+            self.abort()
+
+    def write(
+        self,
+        topic: str,
+        message: Message | bytes,
+        *,
+        log_time_ns: int,
+        sequence: int | None = None,
+        type_name: str | None = None,
+        opaque: bool = False,
+        declared: Declared | None = None,
+    ) -> None:
+        """Write one message.
+
+        Parameters
+        ----------
+        topic : str
+            ROS topic name; those of `recorders.messages.topics` have a fixed type.
+        message : Message or bytes
+            A message, or CDR bytes that are written as they are.
+        log_time_ns : int
+            Time of recording [ns].
+        sequence : int, optional
+            The producer's number. Without one the messages of a topic are numbered from 0.
+        type_name : str, optional
+            ROS 2 type of bytes on a topic that is not in the table.
+        opaque : bool
+            The bytes are not a ROS 2 message: they go to a channel of their own, without a schema.
+        declared : Declared, optional
+            The channel of bytes that come from another log: its encoding, schema and metadata are taken over, whatever
+            they are.
+
+        Raises
+        ------
+        MessageError
+            If the type is not the topic's or not known, a number is out of range, or it takes one channel too many.
+        LogError
+            If the file cannot be written.
+        """
+        if isinstance(message, bytes):
+            data, found = message, type_name or type_of(topic)
+        else:
+            data, found = encode(message), message.TYPE
+        expected = type_of(topic)
+        if opaque or declared is not None:
+            found = ""
+        elif expected and found != expected:
+            raise MessageError(f"{topic}: expected {expected}, found {found}")
+        number = self._numbered[topic] if sequence is None else sequence
+        if not (0 <= number <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
+            raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
+        channel = (topic, found, sequence is not None, declared)
+        if channel not in self._channels:
+            if len(self._channels) == MAX_CHANNELS:
+                raise MessageError(f"{topic}: a log holds no more than {MAX_CHANNELS} channels")
+            described = declared or (_opaque(topic) if opaque else _standard(topic, found))
+            self._file.change(lambda: self._open_channel(channel, described))
+        self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
+        self._numbered[topic] += sequence is None
+
+    def copy(self, record: Stamped) -> None:
+        """Write a record as it is: bytes, sequence and log time of its own; raises as `write` does."""
+        self.write(
+            record.topic,
+            record.data,
+            log_time_ns=record.log_time_ns,
+            sequence=record.sequence,
+            type_name=record.type,
+        )
+
+    def attach(self, name: str, data: bytes) -> None:
+        """Add an attachment that became known after the beginning; raises LogError if that fails."""
+        self._file.change(lambda: self._file.chunks.add_attachment(name, data))
+
+    def note(self, entries: Mapping[str, Any]) -> None:
+        """Add to the manifest what became known after the beginning; raises LogError if it is not JSON."""
+        given = {**self._given, **entries}
+        self._manifest = _with_environment(given)
+        self._given = given
+        self._file.change(self._describe)
+
+    def flush(self) -> None:
+        """Hand everything written so far to the operating system; raises LogError if that fails."""
+        self._file.change(self._file.chunks.flush)
+
+    def check(self) -> None:
+        """Raise LogError if nothing can be written any more, for whoever has nothing to write just now."""
+        self._file.check()
+
+    def close(self) -> None:
+        """Finish the log and give it its name; raises LogError if that fails."""
+        self._file.close()
+
+    def abort(self) -> None:
+        """Finish the log as incomplete, as well as the disk allows, and leave it as `PATH.part`; raises nothing."""
+        self._file.abort()
+
+    def _begin(self, attachments: Mapping[str, bytes]) -> None:
+        self._describe()
+        for name, data in attachments.items():
+            self._file.chunks.add_attachment(name, data)
+
+    def _describe(self) -> None:
+        """Write the manifest as it is before the end: what comes later in the file replaces it."""
+        self._file.chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, "complete": False}))
+
+    def _end(self, chunks: ChunkWriter, complete: bool) -> None:
+        outcome = {
+            "complete": complete,
+            "messages": self._counts.total(),
+            "counts": stated_counts(self._counts),
+            "content_sha256": self._content.hexdigest(),
+        }
+        chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
+
+    def _open_channel(self, channel: _Channel, declared: Declared) -> None:
+        topic, _, producer, _ = channel
+        schema = 0  # MCAP's number for no schema
+        if declared.schema is not None:
+            known = self._schemas.get(declared.schema)
+            schema = known or self._file.chunks.register_schema(*declared.schema)
+            self._schemas[declared.schema] = schema
+        metadata = {**dict(declared.metadata), "sequence": "producer" if producer else "writer"}
+        self._channels[channel] = self._file.chunks.register_channel(topic, declared.encoding, schema, metadata)
+
+    def _add(self, channel: int, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
+        self._file.chunks.add_message(channel, sequence, log_time_ns, data)
+        self._content.add(topic, sequence, log_time_ns, data)
+        self._counts[topic] += 1
+
+
+def _opaque(topic: str) -> Declared:
+    return Declared(topic, "application/octet-stream")
+
+
+def _standard(topic: str, type_name: str) -> Declared:
+    """Return the channel of messages of a standard ROS 2 type; raises MessageError if there is none of this name."""
+    return Declared(topic, "cdr", schema=(type_name, "ros2msg", schema_text(type_name).encode()))
+
+
+def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
+    taken = [key for key in RESERVED if key in manifest]
+    if taken:
+        raise LogError(f"manifest: {names_text(taken)} is set by the writer; choose another name")
+    complete = {**manifest, "format_version": FORMAT_VERSION, "environment": environment()}
+    to_metadata(complete)  # refuse what is not JSON now, not after the recording
+    return complete

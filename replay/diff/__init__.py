@@ -1,0 +1,1 @@
+"""Names the first message in which two logs part."""

@@ -1,0 +1,1 @@
+"""Golden cases: their format, their tiers and their comparison; knows no learner."""

@@ -1,0 +1,197 @@
+"""Making a golden case: its logs cut down, run once, and kept with everything that the run came to."""
+
+import json
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from recorders.errors import ConfigError, ReenactError
+from recorders.mcap_format.manifest import environment
+from recorders.text.wording import names_text
+from replay.golden.case import (
+    STATES_FILE,
+    STEPS_FILE,
+    Case,
+    Tolerances,
+    check_name,
+    index_file,
+    load_case,
+    own_files,
+)
+from replay.golden.check import check_case
+from replay.golden.finding import PHYSICS
+from replay.golden.folder import CASE_FILE, put, restore
+from replay.golden.learning_tier import short
+from replay.golden.log_tier import describe, index, slim
+from replay.golden.recipe import MAX_CASE_BYTES, EpochEnd, Recipe, Runner
+from replay.sources.scheduled import Replay
+
+Progress = Callable[[float], None]
+
+
+def add_case(
+    folder: Path,
+    recipe: Recipe,
+    runner: Runner,
+    *,
+    reason: str | None = None,
+    progress: Progress = lambda fraction: None,
+) -> Case:
+    """Make a case, or make one anew; that it holds is checked before it takes its place.
+
+    Parameters
+    ----------
+    folder : Path
+        Where it goes; its name is that of the case.
+    recipe : Recipe
+        What is to be run, with the logs wherever they lie; the case gets copies.
+    runner : Runner
+        Runs it.
+    reason : str, optional
+        Why; needed if the case exists, and kept in its history with what changes of the recipe. Tolerances stay.
+    progress : callable
+        Told the fraction done, from 0 to 1.
+
+    Returns
+    -------
+    Case
+
+    Raises
+    ------
+    ConfigError
+        If a name cannot be used, the case exists and there is no reason or its folder holds other files, the case
+        would be too large, or it does not hold.
+    ReenactError
+        If a log cannot be read, or the run fails.
+    """
+    check_name(folder.name)
+    restore(folder)
+    before = _before(folder, reason)
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
+        made = Path(temporary, folder.name)
+        made.mkdir()
+        try:
+            _check(_make(made, recipe, runner, before=before, reason=reason, progress=progress), runner)
+        except ReenactError as error:
+            raise type(error)(_as_given(str(error), made, recipe.logs)) from error
+        put(made, folder)
+    progress(1.0)
+    return load_case(folder)
+
+
+def _as_given(line: str, made: Path, logs: Sequence[Path]) -> str:
+    """Return an error line with the logs as they were given, in place of their copies, which are gone by then."""
+    for log in logs:
+        line = line.replace(str(made / log.name), str(log))
+    return line
+
+
+def _before(folder: Path, reason: str | None) -> Case | None:
+    """Return the case that is to be replaced; what is not its own is not thrown away with it."""
+    if not folder.exists():
+        return None
+    if not (reason or "").strip():
+        raise ConfigError(f"{folder} exists: say with --reason why its expectations change")
+    case = load_case(folder)
+    strangers = sorted({path.name for path in folder.iterdir()} - set(case.file_names))
+    if strangers:
+        raise ConfigError(f"{folder}: expected the files of the case alone, found {strangers[0]!r:.60}; move it away")
+    return case
+
+
+def _make(
+    folder: Path, recipe: Recipe, runner: Runner, *, before: Case | None, reason: str | None, progress: Progress
+) -> Case:
+    kept = replace(recipe, logs=_copies(recipe, folder))
+    _check_size(folder)
+    source = kept.source()
+    episodes = source.episodes if isinstance(source, Replay) else ()
+    digests = [episode.digest for episode in episodes] or [""]
+    logs = tuple(describe(path, ticks_sha256=digest) for path, digest in zip(kept.logs, digests, strict=True))
+    steps, states = _run(kept, runner, progress)
+    files = {STEPS_FILE: steps, STATES_FILE: states}
+    files |= {index_file(path.name): index(path) for path in kept.logs}
+    case = Case(
+        folder=folder,
+        recipe=kept,
+        logs=logs,
+        expected={"run": source.run, **runner.train(kept)},
+        tolerances=Tolerances() if before is None else before.tolerances,
+        environment=environment(),
+    )
+    made = replace(case, history=_history(case, before, reason)).save(files)
+    progress(0.7)
+    return made
+
+
+def _run(recipe: Recipe, runner: Runner, progress: Progress) -> tuple[bytes, bytes]:
+    steps, states = bytearray(), []
+    for event in runner.learn(recipe):
+        if isinstance(event, EpochEnd):
+            states.append(event.state)
+            progress(0.5 * len(states) / recipe.schedule.epochs)  # the rest trains once more, and checks the case
+        else:
+            steps += short(event)
+    return bytes(steps), runner.pack(states)
+
+
+def _copies(recipe: Recipe, folder: Path) -> tuple[Path, ...]:
+    names = [check_name(log.name) for log in recipe.logs]
+    taken = [*names, CASE_FILE, *own_files(names)]
+    if len(set(taken)) != len(taken):
+        raise ConfigError(
+            f"expected logs of different names, none of them {CASE_FILE}, {STEPS_FILE}, {STATES_FILE} or LOG.index, "
+            f"found {names_text(names)}"
+        )
+    copies = tuple(folder / name for name in names)
+    for source, target in zip(recipe.logs, copies, strict=True):
+        slim(source, target, physics=recipe.physics, file_order=recipe.as_recorded)
+    return copies
+
+
+def _history(case: Case, before: Case | None, reason: str | None) -> tuple[Mapping[str, Any], ...]:
+    entry: dict[str, Any] = {"reason": (reason or "").strip(), "digest": case.expected["digest"]}
+    if before is None:
+        return ({**entry, "reason": entry["reason"] or "the first of this name"},)
+    old, new = _asked(before), _asked(case)
+    changes = [
+        f"{name}: {old.get(name)} -> {new.get(name)}" for name in {**old, **new} if old.get(name) != new.get(name)
+    ]
+    return (*before.history, {**entry, "changed": changes} if changes else entry)
+
+
+def _asked(case: Case) -> dict[str, str]:
+    """Return what a case runs and checks, for its history: the settings, and each log by name and hash."""
+    recipe = case.recipe
+    asked = {
+        "logs": [f"{log.name} {log.sha256[:16]}" for log in case.logs],
+        "schedule": recipe.schedule.to_dict(),
+        "as_recorded": recipe.as_recorded,
+        "resume_after": recipe.resume_after,
+        "physics": recipe.physics,
+        **{f"learner {name}": value for name, value in recipe.learner.items()},
+    }
+    return {name: json.dumps(value) for name, value in asked.items()}
+
+
+def _check_size(folder: Path) -> None:
+    sizes = {path.name: path.stat().st_size for path in folder.iterdir()}
+    total = sum(sizes.values())
+    if total > MAX_CASE_BYTES:
+        parts = ", ".join(f"{name} {size}" for name, size in sorted(sizes.items(), key=lambda item: -item[1])[:3])
+        raise ConfigError(
+            f"golden case: expected at most {MAX_CASE_BYTES} bytes, found {total} ({parts}); take fewer epochs, "
+            "fewer neurons or a shorter log"
+        )
+
+
+def _check(case: Case, runner: Runner) -> None:
+    _check_size(case.folder)
+    finding = check_case(case.folder, runner).finding
+    if finding is not None and finding.tier == PHYSICS:
+        raise ConfigError(f"the simulation does not make this log again; leave --physics out: {finding}")
+    if finding is not None:
+        raise ConfigError(f"the case does not hold as soon as it is made: {finding}")

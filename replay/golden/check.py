@@ -1,0 +1,107 @@
+"""Golden-log regression: the cases of a folder checked against the present program."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any, TypeAlias
+
+from replay.golden.case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
+from replay.golden.finding import CASE, Finding, changed_environment, said
+from replay.golden.folder import find_cases
+from replay.golden.learning_tier import check_learning
+from replay.golden.log_tier import altered, check_index
+from replay.golden.physics_tier import check_physics
+from replay.golden.recipe import Recipe, Runner
+
+Changed: TypeAlias = Callable[[Recipe], tuple[str, str, str] | None]
+"""Names the first thing of a case that is not so any more: what, in the case, today."""
+
+PASSED, FAILED = "passed", "failed"
+
+
+def _nothing(recipe: Recipe) -> None:
+    return None
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """What became of one case; it passed if nothing was found."""
+
+    name: str
+    finding: Finding | None
+
+    @property
+    def status(self) -> str:
+        """`passed` or `failed`."""
+        return PASSED if self.finding is None else FAILED
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the verdict for JSON: name, status, tier, first_divergence."""
+        tier = None if self.finding is None else self.finding.tier
+        divergence = None if self.finding is None else self.finding.to_dict()
+        return {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
+
+
+def check_case(folder: Path, runner: Runner, *, changed: Changed = _nothing) -> Verdict:
+    """Check one case: its files, then the learning, then the physics; the first finding ends it.
+
+    A program that crashes is a finding too, of the tier at which it did. `changed` says in what that which a team uses
+    today differs from the case's own copies.
+    """
+    return Verdict(folder.resolve().name, _first(folder, runner, changed))
+
+
+def check_all(
+    folder: Path,
+    runner: Runner,
+    *,
+    changed: Changed = _nothing,
+    progress: Callable[[float], None] = lambda fraction: None,
+) -> Iterator[Verdict]:
+    """Check the cases of a folder, one after the other; a case is named by where it lies in the folder.
+
+    Raises
+    ------
+    ConfigError
+        As `find_cases` does.
+    """
+    cases = find_cases(folder)
+    for place, case in enumerate(cases):
+        verdict = check_case(case, runner, changed=changed)
+        yield verdict if case == folder else replace(verdict, name=case.relative_to(folder).as_posix())
+        progress((place + 1) / len(cases))
+
+
+def summary(verdicts: list[Verdict]) -> Mapping[str, Any]:
+    """Return the verdicts for JSON: checked, failed, cases."""
+    failed = sum(verdict.finding is not None for verdict in verdicts)
+    return {"checked": len(verdicts), "failed": failed, "cases": [verdict.to_dict() for verdict in verdicts]}
+
+
+def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
+    try:
+        case = load_case(folder)
+        for name in case.files:
+            case.read(name)
+        check_steps(case.read(STEPS_FILE))
+        log = _altered_log(case)
+        own = changed(case.recipe)
+    except Exception as error:
+        return Finding(CASE, "file", "a sound golden case", said(error))
+    if log is not None:
+        return log
+    if own is not None:
+        return Finding(CASE, *own, note="what is used today is not what the case was made with")
+    finding = check_learning(case, runner) or check_physics(case, runner)
+    return None if finding is None else replace(finding, environment=changed_environment(case.environment))
+
+
+def _altered_log(case: Case) -> Finding | None:
+    for path, entry in zip(case.recipe.logs, case.logs, strict=True):
+        check_size(path)
+        indexed = case.read(index_file(entry.name))
+        check_index(index_file(entry.name), indexed)
+        finding = altered(path, entry, indexed)
+        if finding is not None:
+            return finding
+    return None

@@ -1,0 +1,166 @@
+"""The logs of a golden case: cut down to what the case needs, and checked message by message against digests."""
+
+import hashlib
+import struct
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+from recorders.errors import LogError
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
+from recorders.reading.parts import Log
+from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import Reader, open_log
+from recorders.writing.writer import RESERVED, LogWriter
+from replay.golden.finding import LOG, Finding, said
+from replay.sources.stream_digest import framed
+
+_LEARNED = (*(topic.name for topic in LEARNER_TOPICS), SESSION_PHASE)
+CASE_TOPICS = (*_LEARNED, LEFT_MEASURED, RIGHT_MEASURED)
+
+_KEY = struct.Struct("<BIQ")  # place of the topic above, sequence, first bytes of the digest
+_MESSAGE = "message"
+
+
+@dataclass(frozen=True)
+class LogEntry:
+    """What a case keeps of one of its logs: name, SHA-256 of the file, of its ticks, and of its attachments."""
+
+    name: str
+    sha256: str
+    ticks_sha256: str
+    attachments: dict[str, str]
+
+    def to_dict(self) -> dict[str, object]:
+        """Return the entry for JSON."""
+        return asdict(self)
+
+
+class _Key(NamedTuple):
+    """A message in brief; two keys are equal if the messages are."""
+
+    topic: int
+    sequence: int
+    digest: int
+
+    @property
+    def place(self) -> dict[str, str | int]:
+        """Topic and sequence, as a finding has them."""
+        return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
+
+
+def slim(source: Log, target: Path, *, physics: bool, file_order: bool = False) -> None:
+    """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
+
+    Parameters
+    ----------
+    source : Path or Parts
+        The log, or a session in parts, which becomes one log.
+    target : Path
+        Where the copy goes.
+    physics : bool
+        Whether the hands as measured are needed, which no learner hears.
+    file_order : bool
+        Whether the order of the file counts, and not that of the log times.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, or the copy cannot be written.
+    """
+    reader = open_log(source)
+    if isinstance(source, Path) and set(reader.topics) <= set(CASE_TOPICS):
+        target.write_bytes(source.read_bytes())
+        return
+    manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
+    attachments = {name: reader.attachment(name) for name in reader.attachments}
+    with LogWriter(target, manifest=manifest, attachments=attachments) as writer:
+        for record in reader.records(topics=CASE_TOPICS if physics else _LEARNED, file_order=file_order):
+            writer.copy(record)
+
+
+def describe(path: Path, *, ticks_sha256: str) -> LogEntry:
+    """Return what a case keeps of a log; raises LogError if it cannot be read."""
+    return LogEntry(path.name, file_sha256(path), ticks_sha256, _attachments(LogReader(path)))
+
+
+def index(path: Path) -> bytes:
+    """Return a short digest for each message of a log, in file order; raises LogError if it cannot be read."""
+    return b"".join(_KEY.pack(*_key(record)) for record in LogReader(path).records(topics=CASE_TOPICS, file_order=True))
+
+
+def altered(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
+    """Return the first thing in which a log is not what it was when the case was made."""
+    if file_sha256(path) == entry.sha256:
+        return None
+    try:
+        return _altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
+    except Exception as error:
+        return Finding(LOG, "file", "an undamaged log", said(error), {"log": entry.name})
+
+
+def check_index(name: str, indexed: bytes) -> None:
+    """Check a file of what `index` returned; raises LogError if it is not whole messages of known topics."""
+    if len(indexed) % _KEY.size or any(key.topic >= len(CASE_TOPICS) for key in _keys(indexed)):
+        raise LogError(f"{name}: expected entries of {_KEY.size} bytes of known topics, found others")
+
+
+def file_sha256(path: Path) -> str:
+    """Return the SHA-256 of a file."""
+    return hashlib.sha256(path.read_bytes()).hexdigest()
+
+
+def _keys(indexed: bytes) -> list[_Key]:
+    return [_Key(*fields) for fields in _KEY.iter_unpack(indexed)]
+
+
+def _altered_message(path: Path, expected: Sequence[_Key]) -> Finding | None:
+    found = _found(path)
+    seen: set[_Key] = set()
+    for place, key in enumerate(expected):
+        if (other := next(found, None)) != key:
+            return _parted(path.name, key, other, seen, expected[place + 1 :])
+        seen.add(key)
+    extra = next(found, None)
+    return None if extra is None else _finding(path.name, extra, "absent", "present", "extra")
+
+
+def _parted(log: str, key: _Key, other: _Key | None, seen: set[_Key], later: Sequence[_Key]) -> Finding:
+    if other is None or other in later:
+        return _finding(log, key, "present", "absent", "missing, or moved")
+    if other in seen:
+        return _finding(log, other, "once", "again", "repeated")
+    if other[:2] == key[:2]:
+        return _finding(log, key, f"digest {key.digest:016x}", f"{other.digest:016x}", "changed")
+    return _finding(log, other, "absent", "present", "extra")
+
+
+def _finding(log: str, key: _Key, expected: str, found: str, note: str) -> Finding:
+    return Finding(LOG, _MESSAGE, expected, found, {"log": log, **key.place}, note)
+
+
+def _altered_rest(path: Path, entry: LogEntry) -> Finding:
+    """Name what differs in a log whose messages do not."""
+    attachments = _attachments(LogReader(path))
+    for name in {**entry.attachments, **attachments}:
+        expected, found = entry.attachments.get(name, "absent"), attachments.get(name, "absent")
+        if expected != found:
+            return Finding(LOG, f"attachment {name}", f"SHA-256 {expected}", found, {"log": entry.name})
+    return Finding(
+        LOG, "file", f"SHA-256 {entry.sha256}", file_sha256(path), {"log": entry.name}, "its messages are the same"
+    )
+
+
+def _found(path: Path) -> Iterator[_Key]:
+    return map(_key, LogReader(path).records(topics=CASE_TOPICS, file_order=True))
+
+
+def _key(record: Stamped) -> _Key:
+    digest = hashlib.sha256(framed(record)).digest()
+    return _Key(CASE_TOPICS.index(record.topic), record.sequence, int.from_bytes(digest[:8], "little"))
+
+
+def _attachments(reader: Reader) -> dict[str, str]:
+    return {name: hashlib.sha256(reader.attachment(name)).hexdigest() for name in reader.attachments}

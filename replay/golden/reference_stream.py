@@ -1,0 +1,73 @@
+"""What a golden case feeds a learner: said a second time and simply, as the engine cannot find itself wrong."""
+
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import zip_longest
+
+from recorders.cdr.codec import decode, encode
+from recorders.messages.message_types import String
+from recorders.messages.phase import Phase
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
+from recorders.reading.reader import LogReader
+from replay.diff.divergence import first_divergence
+from replay.golden.case import Case
+from replay.golden.finding import LEARNING, Finding, of_message
+from replay.golden.recipe import Recipe
+from replay.sources.scheduled import typed
+
+_INPUTS = tuple(topic.name for topic in LEARNER_TOPICS)
+
+
+def altered_stream(case: Case) -> Finding | None:
+    """Return the first message at which the stream of the present program is not that of the case."""
+    streams = expected_stream(case), case.recipe.source().stream()
+    for expected, found in zip_longest(*map(_by_marker, streams), fillvalue=[]):
+        divergence = first_divergence(expected, found)
+        if divergence is not None:
+            finding = of_message(LEARNING, divergence)
+            return replace(finding, place={**_cycle_of(expected or found, case), **finding.place})
+    return None
+
+
+def expected_stream(case: Case) -> Iterator[Stamped]:
+    """Yield the messages of the run, phase markers included."""
+    recipe = case.recipe
+    if recipe.as_recorded:
+        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE), file_order=True))
+        return
+    presentations = enumerate(_presentations(recipe, len(case.logs)))
+    for number, (epoch, cycle, phase, log) in presentations:
+        marker = Phase(str(case.expected.get("run")), epoch, cycle, phase, case.logs[log].ticks_sha256)
+        yield Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, encode(marker.to_message()), number, 0)
+        yield from map(typed, LogReader(recipe.logs[log]).records(topics=_INPUTS))
+
+
+def _by_marker(stream: Iterator[Stamped]) -> Iterator[list[Stamped]]:
+    """Yield presentations: a phase marker and what follows it up to the next."""
+    presentation: list[Stamped] = []
+    for message in stream:
+        if message.topic == SESSION_PHASE and presentation:
+            yield presentation
+            presentation = []
+        presentation.append(message)
+    yield presentation
+
+
+def _cycle_of(presentation: list[Stamped], case: Case) -> dict[str, str | int]:
+    """Epoch, cycle, phase and log of a presentation; cycles repeat the sequences and stamps of their messages."""
+    marker = decode(presentation[0].type, presentation[0].data) if presentation else None
+    if not isinstance(marker, String):
+        return {}
+    phase = Phase.from_message(marker)
+    names = {log.ticks_sha256: log.name for log in case.logs}
+    log = names.get(phase.log, case.logs[0].name)  # a recorded session is one log, and its markers name another
+    return {"epoch": phase.epoch, "cycle": phase.cycle, "phase": phase.phase, "log": log}
+
+
+def _presentations(recipe: Recipe, logs: int) -> Iterator[tuple[int, int, str, int]]:
+    phases = [phase for phase, cycles in recipe.schedule.phases for _ in range(cycles)]
+    for epoch in range(recipe.schedule.epochs):
+        for cycle, phase in enumerate(phases):
+            for log in range(logs):
+                yield epoch, cycle, phase, log

@@ -1,0 +1,194 @@
+"""Plain playback: the messages of some logs in one ordered stream, sliced, renamed, once or again and again."""
+
+import hashlib
+import heapq
+import json
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import count, islice
+
+from recorders.errors import ConfigError, LogError
+from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.manifest import content_sha256
+from recorders.messages.record import Stamped
+from recorders.messages.topic_patterns import chosen
+from recorders.reading.parts import Log
+from recorders.reading.raw_messages import FOREVER_NS
+from recorders.reading.session_reader import Reader, SessionReader, open_log
+from recorders.text.quantities import MAX_TIME_NS, seconds_text
+from recorders.text.wording import names_text
+from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
+from recorders.wire.stream import Offer
+from replay.sources.scheduled import check_renames, check_size, read_robot
+
+
+@dataclass(frozen=True)
+class PlaybackConfig:
+    """What is played.
+
+    Parameters
+    ----------
+    topics : frozenset of str
+        Patterns of topics to play, such as `/hand/*`, by the names in the logs; all if empty.
+    renames : mapping of str to str
+        Topic names to use in place of those in the logs; no two may become one.
+    start_ns, end_ns : int
+        Slice of the recorded time, counted from the earliest message of all logs [ns]; to the end if `end_ns` is None.
+    loops : int
+        How often to play it all; 0: for ever.
+    """
+
+    topics: frozenset[str] = frozenset()
+    renames: Mapping[str, str] = field(default_factory=dict)
+    start_ns: int = 0
+    end_ns: int | None = None
+    loops: int = 1
+
+    def __post_init__(self) -> None:
+        """Check ranges."""
+        if not 0 <= self.start_ns <= MAX_TIME_NS or (self.end_ns is not None and self.end_ns <= self.start_ns):
+            raise ConfigError(
+                f"slice: expected 0 <= start < end and start up to {seconds_text(MAX_TIME_NS)} s, found {self.span}"
+            )
+        if self.loops < 0:
+            raise ConfigError(f"loops: expected 0 for ever, or a number, found {self.loops}")
+
+    @property
+    def sliced(self) -> bool:
+        """Whether a part of the recorded time is left out."""
+        return self.start_ns > 0 or self.end_ns is not None
+
+    @property
+    def span(self) -> str:
+        """The slice in words."""
+        end = "the end" if self.end_ns is None else f"{seconds_text(self.end_ns)} s"
+        return f"{seconds_text(self.start_ns)} s to {end}"
+
+
+class Playback:
+    """The stream that logs and a `PlaybackConfig` make.
+
+    Messages of several logs are merged by log time; every log's own order is kept, also where its times fall.
+
+    Raises
+    ------
+    LogError
+        If there is no log, one cannot be read, none has any of the topics, or nothing is to be played.
+    ConfigError
+        If two topics would be played as one.
+    WireError
+        If a topic that is played could not be published.
+    """
+
+    def __init__(self, paths: Sequence[Log], config: PlaybackConfig | None = None) -> None:
+        if not paths:
+            raise LogError("expected at least one log, found none")
+        self._config = config or PlaybackConfig()
+        self._readers = [open_log(path) for path in paths]
+        self._played = self._choose()
+        self._check_names()
+        self._first_ns = self._survey()
+        if next(self._once(), None) is None:
+            raise LogError(self._nothing_found())
+
+    def offer(self) -> Offer:
+        """Return what the consumers are told before the first message."""
+        contents = [_content(reader) for reader in self._readers]
+        config = self._config
+        what = [contents, sorted(config.topics), sorted(config.renames.items()), config.start_ns, config.end_ns]
+        return Offer(
+            run=hashlib.sha256(json.dumps([*what, config.loops]).encode()).hexdigest()[:32],
+            schedule={},
+            logs=[
+                {"name": reader.path.name, "sha256": digest}
+                for reader, digest in zip(self._readers, contents, strict=True)
+            ],
+            robot=read_robot(self._readers[0]),
+            messages=self._count(),
+        )
+
+    def stream(self, start: int = 0) -> Iterator[Stamped]:
+        """Yield the messages from index `start` on."""
+        rounds = range(self._config.loops) if self._config.loops else count()
+        return islice((message for _ in rounds for message in self._once()), start, None)
+
+    @property
+    def channels(self) -> tuple[Declared, ...]:
+        """The channels of what is played, by the names that it is played under."""
+        renames, played = self._config.renames, self._played
+        return tuple(
+            replace(channel, topic=renames.get(channel.topic, channel.topic))
+            for channel in dict.fromkeys(channel for reader in self._readers for channel in reader.channels)
+            if channel.topic in played
+        )
+
+    def _once(self) -> Iterator[Stamped]:
+        config = self._config
+        begin_ns, end_ns = 0, FOREVER_NS
+        if config.sliced:
+            begin_ns = self._first_ns + config.start_ns
+            end_ns = FOREVER_NS if config.end_ns is None else self._first_ns + config.end_ns
+        logs = (reader.records(topics=self._played, start_ns=begin_ns, end_ns=end_ns) for reader in self._readers)
+        for record in heapq.merge(*logs, key=lambda record: record.log_time_ns):
+            topic = config.renames.get(record.topic, record.topic)
+            yield record if topic == record.topic else record._replace(topic=topic)
+
+    def _survey(self) -> int:
+        """Check that all that is played can be, so that nobody learns in the middle that it cannot.
+
+        Returns the log time of the earliest message of all logs [ns], which need not be the first of its file; of those
+        that are played, where no slice counts from it.
+        """
+        first_ns = FOREVER_NS
+        for reader in self._readers:
+            for record in reader.records(topics=None if self._config.sliced else self._played):
+                first_ns = min(first_ns, record.log_time_ns)
+                if record.topic in self._played:
+                    check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
+        return first_ns
+
+    def _nothing_found(self) -> str:
+        if not self._config.sliced:
+            return f"expected messages in {names_text(str(reader.path) for reader in self._readers)}, found none"
+        return (
+            f"expected messages in the slice from {self._config.span}, found none; "
+            "--start and --end count seconds from the first message of all logs"
+        )
+
+    def _count(self) -> int | None:
+        """Return how many messages will be played, as the logs say; None for a part of them, or for ever."""
+        config = self._config
+        if config.loops == 0 or config.sliced:
+            return None
+        return config.loops * sum(
+            count for reader in self._readers for topic, count in reader.counts.items() if topic in self._played
+        )
+
+    def _check_names(self) -> None:
+        """Check that every topic that is played gets a key, and one of its own."""
+        by_key: dict[str, str] = {}
+        for topic in sorted(self._played):
+            name = self._config.renames.get(topic, topic)
+            other = by_key.setdefault(message_key(DEFAULT_NAMESPACE, name), topic)
+            if other != topic:
+                raise ConfigError(
+                    f"expected each topic under a name of its own, found {other} and {topic} both as {name}; "
+                    "choose one with --topic, or another name with --map"
+                )
+
+    def _choose(self) -> frozenset[str]:
+        """Return the topics that are played, by the names in the logs."""
+        found = {topic for reader in self._readers for topic in reader.topics}
+        check_renames(self._config.renames, found, where=names_text(str(reader.path) for reader in self._readers))
+        return chosen(self._config.topics or found, found, option="--topic")
+
+
+def _content(reader: Reader) -> str:
+    """Return the hash that names a log's content: its own, or that of the file if it has none."""
+    if isinstance(reader, SessionReader):
+        return content_sha256(reader.records(file_order=True))
+    recorded = reader.manifest.get("content_sha256")
+    if isinstance(recorded, str):
+        return recorded
+    with reader.path.open("rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()

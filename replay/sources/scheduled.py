@@ -1,0 +1,286 @@
+"""The replay engine: logs and a training schedule become one ordered stream of messages and phase markers."""
+
+import hashlib
+import json
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from itertools import chain, count, islice
+
+from recorders.cdr.codec import encode
+from recorders.errors import JointError, LogError, MessageError, MotionError
+from recorders.messages.phase import Phase
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
+from recorders.reading.parts import Log
+from recorders.reading.session_reader import Reader, open_log
+from recorders.text.wording import names_text
+from recorders.ticks.joiner import TickJoiner
+from recorders.wire.stream import MAX_MESSAGE, Offer
+from replay.sources.schedule import Schedule
+from replay.sources.stream_digest import StreamDigest
+
+CACHE_BYTES = 64 << 20
+"""A log whose messages take less is kept in memory, since every cycle presents it again."""
+
+ROBOT_FILES = {"toml": "robot.toml", "urdf": "robot.urdf"}
+
+_NEEDED = tuple(topic.name for topic in LEARNER_TOPICS)
+_NO_RENAMES: Mapping[str, str] = {}
+
+
+class Episode:
+    """The ticks of one log, read once or as often as they are asked for.
+
+    Parameters
+    ----------
+    path : Path or Parts
+        A log, or a session in parts.
+    renames : mapping of str to str
+        Our topic names for those that the log uses, so that a log recorded by others trains; those of topics that it
+        does not have count for nothing.
+
+    Attributes
+    ----------
+    topics : tuple of str
+        All topics of the log, by its own names.
+    count : int
+        How many messages a presentation has.
+    digest : str
+        SHA-256 over the ticks in canonical order, hexadecimal: the log as the learner sees it.
+    robot : dict
+        `toml` and `urdf` of the robot, as the log carries them; empty if it carries none.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, is a recorded session, or lacks a topic that the learner needs.
+    MessageError
+        If a message is not what it should be, or a tick is not complete.
+    """
+
+    def __init__(self, path: Log, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        self._reader = open_log(path)
+        self.path = self._reader.path
+        self.topics = tuple(self._reader.topics)
+        self._renames = {foreign: ours for foreign, ours in renames.items() if foreign in self.topics}
+        self.robot = read_robot(self._reader)
+        self._cache: list[Stamped] | None = []
+        self._survey()
+
+    def __iter__(self) -> Iterator[Stamped]:
+        """Yield the messages in log order."""
+        return iter(self._cache) if self._cache is not None else self._read()
+
+    @property
+    def kept(self) -> bool:
+        """Whether the messages are in memory."""
+        return self._cache is not None
+
+    def _read(self) -> Iterator[Stamped]:
+        return renamed(self._reader, self._renames, _NEEDED)
+
+    def _survey(self) -> None:
+        """Read the log through once: check, count and hash it and, if it is small, keep it."""
+        self._check_topics()
+        digest, joiner, size = StreamDigest(), TickJoiner(), 0
+        self.count = 0
+        for message in self._read():
+            check_size(message, self.path)
+            with naming(self.path):
+                for tick in joiner.feed(message):
+                    digest.update(tick.records)
+            self.count += 1
+            size += len(message.data)
+            if self._cache is not None:
+                self._cache.append(message)
+            if size > CACHE_BYTES:
+                self._cache = None
+        with naming(self.path):
+            joiner.finish()
+        self.digest = digest.hexdigest()
+
+    def _check_topics(self) -> None:
+        there = {topic for topic, count in self._reader.counts.items() if count > 0}
+        found = {self._renames.get(topic, topic) for topic in there}
+        missing = [topic for topic in _NEEDED if topic not in found]
+        if missing:
+            others = names_text(self._nameable(there, missing))
+            choice = f", or rename with --map one of {others}" if others else "; it has no other topic to rename"
+            raise LogError(
+                f"{self.path}: expected messages on {names_text(missing)}, found none; record with explore{choice}"
+            )
+        if SESSION_PHASE in found:
+            raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
+
+    def _nameable(self, there: Collection[str], missing: Collection[str]) -> list[str]:
+        """Return the topics that are neither ours nor renamed already, and may be of the type of a missing one."""
+        free = set(there) - set(_NEEDED) - self._renames.keys()
+        types = {"", *map(type_of, missing)}
+        return sorted(topic for topic in free if self._reader.topics.get(topic, "") in types)
+
+
+def renamed(
+    reader: Reader, renames: Mapping[str, str], topics: Collection[str], *, file_order: bool = False
+) -> Iterator[Stamped]:
+    """Yield the messages of a log on some topics, by our names for them, those without a type as of our topic's.
+
+    Parameters
+    ----------
+    reader : Reader
+        The log.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+    topics : collection of str
+        The topics, by our names.
+    file_order : bool
+        Whether they come in the order of the file, and not of log time.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, has no topic of a name that is to be replaced, or one of another type than our topic.
+    """
+    if not renames:
+        yield from map(typed, reader.records(topics=topics, file_order=file_order))
+        return
+    check_renames(renames, reader.topics, where=str(reader.path))
+    _check_types(renames, reader.topics, where=str(reader.path))
+    for record in reader.records(file_order=file_order):
+        topic = renames.get(record.topic, record.topic)
+        if topic in topics:
+            yield typed(record._replace(topic=topic))
+
+
+def check_size(record: Stamped, path: Log, *, hint: str = "") -> None:
+    """Raise LogError if a message is larger than those that travel: better at the start than in the middle."""
+    if len(record.data) > MAX_MESSAGE:
+        raise LogError(
+            f"{path}: {record.topic} #{record.sequence}: expected at most {MAX_MESSAGE} bytes in a message, "
+            f"found {len(record.data)}{hint}"
+        )
+
+
+def typed(record: Stamped) -> Stamped:
+    """Return a message with the type of its topic in the table of topics, if its writer has named none."""
+    return record if record.type else record._replace(type=type_of(record.topic))
+
+
+def check_renames(renames: Mapping[str, str], topics: Collection[str], *, where: str) -> None:
+    """Check that there is a topic for every name that is to be replaced: a slip of the pen would else change nothing.
+
+    Raises
+    ------
+    LogError
+        If there is none; the line names those that there are, and the log or logs, `where`.
+    """
+    if unknown := sorted(renames.keys() - set(topics)):
+        found = names_text(sorted(set(topics) - renames.keys())) or "none"
+        raise LogError(f"{where}: --map: expected a topic {names_text(unknown)}, found none; there are: {found}")
+
+
+def _check_types(renames: Mapping[str, str], topics: Mapping[str, str], *, where: str) -> None:
+    for foreign, ours in sorted(renames.items()):
+        if (found := topics[foreign]) and type_of(ours) not in ("", found):
+            raise LogError(
+                f"{where}: --map {foreign}={ours}: expected a topic of {type_of(ours)}, found one of {found[:80]!r}"
+            )
+
+
+def read_robot(reader: Reader) -> dict[str, str]:
+    """Return `toml` and `urdf` of the robot that a log carries; empty if it lacks one, as another recorder's does.
+
+    Raises
+    ------
+    LogError
+        If an attachment is not text.
+    """
+    if not set(ROBOT_FILES.values()) <= set(reader.attachments):
+        return {}
+    try:
+        return {key: reader.attachment(name).decode() for key, name in ROBOT_FILES.items()}
+    except UnicodeDecodeError as error:
+        raise LogError(f"{reader.path}: expected the robot's files to be UTF-8 text, found other bytes") from error
+
+
+@contextmanager
+def naming(path: Log) -> Iterator[None]:
+    """Put the log's path before what is wrong with one of its messages."""
+    try:
+        yield
+    except (MessageError, JointError, MotionError) as error:
+        raise type(error)(f"{path}: {error}") from error
+
+
+class Replay:
+    """One run: every message that a schedule makes of some logs, by index.
+
+    Parameters
+    ----------
+    paths : sequence of Path or Parts
+        Logs; a cycle presents them in this order, each under a phase marker of its own.
+    schedule : Schedule
+        Epochs and phases.
+    renames : mapping of str to str
+        Our topic names for those that the logs use.
+
+    Raises
+    ------
+    LogError
+        If there is no log, one cannot be read, the logs are of different robots, or none of them has a topic that is to
+        be renamed.
+    MessageError
+        If a message is not what it should be.
+    """
+
+    def __init__(self, paths: Sequence[Log], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        if not paths:
+            raise LogError("expected at least one log, found none")
+        self.schedule = schedule
+        self.episodes = [Episode(path, renames=renames) for path in paths]
+        self.robot = self.episodes[0].robot
+        for episode in self.episodes[1:]:
+            if episode.robot != self.robot:
+                raise LogError(f"{episode.path}: recorded with another robot than {self.episodes[0].path}")
+        topics = {topic for episode in self.episodes for topic in episode.topics}
+        check_renames(renames, topics, where=names_text(str(path) for path in paths))
+        digests = [episode.digest for episode in self.episodes]
+        self.run = hashlib.sha256(json.dumps([schedule.to_dict(), digests]).encode()).hexdigest()[:32]
+
+    def __len__(self) -> int:
+        """Messages of the whole run, phase markers included."""
+        return self.schedule.epochs * self.schedule.cycles * sum(1 + episode.count for episode in self.episodes)
+
+    @property
+    def kept(self) -> bool:
+        """Whether all the logs are in memory."""
+        return all(episode.kept for episode in self.episodes)
+
+    def offer(self) -> Offer:
+        """Return what the consumers are told before the first message."""
+        return Offer(
+            run=self.run,
+            schedule=self.schedule.to_dict(),
+            logs=[{"name": episode.path.name, "ticks_sha256": episode.digest} for episode in self.episodes],
+            robot=self.robot,
+            messages=len(self),
+        )
+
+    def stream(self, start: int = 0) -> Iterator[Stamped]:
+        """Yield the messages of the run from index `start` on; presentations before it are not read."""
+        index = 0
+        for marker, episode in self.presentations():
+            end = index + 1 + episode.count
+            if end > start:
+                skip = max(0, start - index)
+                yield from islice(chain((marker,), episode), skip, None)
+            index = end
+
+    def presentations(self) -> Iterator[tuple[Stamped, Episode]]:
+        """Yield the phase marker of every presentation, and the log that is presented under it."""
+        number = count()
+        for epoch in range(self.schedule.epochs):
+            for cycle, phase in self.schedule.epoch():
+                for episode in self.episodes:
+                    data = encode(Phase(self.run, epoch, cycle, phase, episode.digest).to_message())
+                    marker = Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, next(number), log_time_ns=0)
+                    yield marker, episode

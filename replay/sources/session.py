@@ -1,0 +1,96 @@
+"""A recorded session as a stream: the learner's messages and the phase markers, as they were recorded."""
+
+from collections.abc import Iterator, Mapping
+from itertools import islice
+
+from recorders.cdr.codec import decode
+from recorders.errors import LogError
+from recorders.messages.message_types import String
+from recorders.messages.phase import Phase
+from recorders.messages.record import Stamped
+from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.reading.parts import Log
+from recorders.reading.session_reader import open_log
+from recorders.wire.stream import Offer
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import check_size, naming, read_robot, renamed
+
+_NO_RENAMES: Mapping[str, str] = {}
+_TOPICS = frozenset({SESSION_PHASE, *(topic.name for topic in LEARNER_TOPICS)})
+
+
+class RecordedSession:
+    """The stream of one recorded session, live or replayed.
+
+    Parameters
+    ----------
+    path : Path or Parts
+        A log or a session in parts, with phase markers.
+    epochs : int, optional
+        How many epochs the session had; needed if the log does not say, as the rates fall over them.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+
+    Attributes
+    ----------
+    run : str
+        The run that the markers name.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read, has no markers or those of several runs, or nobody says how many epochs there were.
+    """
+
+    def __init__(self, path: Log, *, epochs: int | None = None, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+        self._reader = open_log(path)
+        self.path = self._reader.path
+        self._renames = dict(renames)
+        self._robot = read_robot(self._reader)
+        self._count, runs = 0, list[str]()
+        for message in self.stream():
+            self._count += 1
+            check_size(message, self.path)
+            if message.topic == SESSION_PHASE:
+                runs.append(_phase(path, message).run)
+        if len(set(runs)) != 1:
+            found = f"those of {len(set(runs))}" if runs else "none"
+            raise LogError(f"{path}: expected the phase markers of one recorded run, found {found}")
+        self.run = runs[0]
+        self.schedule = self._find_schedule(epochs)
+
+    def offer(self) -> Offer:
+        """Return what the consumers are told before the first message."""
+        return Offer(
+            run=self.run,
+            schedule=self.schedule,
+            logs=[{"name": self.path.name}],
+            robot=self._robot,
+            messages=self._count,
+        )
+
+    def __len__(self) -> int:
+        """Messages of the stream."""
+        return self._count
+
+    def stream(self, start: int = 0) -> Iterator[Stamped]:
+        """Yield the messages in the order of the file, from index `start` on."""
+        return islice(renamed(self._reader, self._renames, _TOPICS, file_order=True), start, None)
+
+    def _find_schedule(self, epochs: int | None) -> dict[str, object]:
+        if epochs is not None:
+            return Schedule(epochs=epochs).to_dict()
+        recorded = self._reader.manifest.get("schedule")
+        if not isinstance(recorded, dict):
+            raise LogError(f"{self.path}: the log does not say how many epochs the session had; give --epochs")
+        return Schedule.from_dict(recorded).to_dict()
+
+
+def _phase(path: Log, message: Stamped) -> Phase:
+    with naming(path):
+        marker = decode(message.type, message.data)
+        if not isinstance(marker, String):
+            raise LogError(
+                f"{path}: {message.topic} #{message.sequence}: expected {String.TYPE}, found {message.type!r}"
+            )
+        return Phase.from_message(marker)

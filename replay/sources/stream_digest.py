@@ -1,0 +1,57 @@
+"""The stream digest: what a learner was fed, as one hash that any transport must reproduce."""
+
+import hashlib
+import struct
+from collections.abc import Iterable
+
+from recorders.messages.record import Stamped
+
+_FRAME = struct.Struct("<HII")  # topic length, sequence, data length
+
+
+def framed(record: Stamped) -> bytes:
+    """Return topic, sequence and bytes of a message, unambiguously joined. Its log time does not enter."""
+    name, _, data, sequence, _ = record
+    topic = name.encode()
+    return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
+
+
+def link(records: Iterable[Stamped]) -> bytes:
+    """Return what one link of the stream digest hashes: a tick's records in canonical order, or one phase marker."""
+    return b"".join(map(framed, records))
+
+
+class StreamDigest:
+    """Chained SHA-256 over completed ticks and phase markers.
+
+    Each link hashes the digest before it and the records of one tick in canonical order, so that the 32 bytes of
+    the digest are all there is to keep in a checkpoint.
+
+    Parameters
+    ----------
+    value : bytes
+        Digest to go on from, 32 bytes; zeros at the start of a stream.
+    """
+
+    def __init__(self, value: bytes = bytes(32)) -> None:
+        self._value = value
+
+    def update(self, records: Iterable[Stamped]) -> None:
+        """Add one link: the records of a completed tick, in canonical order, or one phase marker."""
+        self.extend((link(records),))
+
+    def extend(self, links: Iterable[bytes]) -> None:
+        """Add links that were joined beforehand, by `link`."""
+        value = self._value
+        for data in links:
+            value = hashlib.sha256(value + data).digest()
+        self._value = value
+
+    @property
+    def value(self) -> bytes:
+        """The digest, 32 bytes."""
+        return self._value
+
+    def hexdigest(self) -> str:
+        """Return the digest as 64 hexadecimal digits."""
+        return self._value.hex()

@@ -1,0 +1,152 @@
+"""Served controllers that a stream awaits: they acknowledge nothing, but are there and hear its first message."""
+
+import json
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from typing import Any, Self
+
+import zenoh
+
+from recorders.errors import WireError
+from recorders.nodes.keys import controller_key
+from recorders.wire.frames import message_key
+
+_MAX_STATUS = 1 << 20  # anybody may answer [bytes]
+_MAX_TOPICS = 100
+_ANSWER_S = 5.0
+_RETRY_S = 0.01
+
+
+class AwaitedControllers:
+    """The controllers that a stream awaits, from the first message on: one that goes before the end fails it.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+    """
+
+    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+        self._session = session
+        self._namespace = namespace
+        self._names: list[str] = []
+        self._gone: list[str] = []
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def add(self, name: str) -> None:
+        """Await one that answers."""
+
+        def on_token(sample: zenoh.Sample) -> None:
+            if sample.kind == zenoh.SampleKind.DELETE:
+                self._gone.append(name)
+
+        key = controller_key(self._namespace, name, "alive")
+        self._stack.enter_context(self._session.liveliness().declare_subscriber(key, on_token))
+        self._names.append(name)
+
+    def check(self) -> None:
+        """Check that they are there, and were all the time.
+
+        Raises
+        ------
+        WireError
+            If one was stopped, or the connection to it cut, even if it is back: what was sent meanwhile was lost.
+        """
+        if self._gone:
+            raise _lost(self._gone[0])
+
+    def results(self) -> dict[str, dict[str, Any]]:
+        """Return what each says of itself, by name; sent behind the stream, the question finds that it has all of it.
+
+        Raises
+        ------
+        WireError
+            If one does not answer, or was lost before.
+        """
+        results = {name: controller_status(self._session, name, namespace=self._namespace) for name in self._names}
+        self.check()
+        for name, status in results.items():
+            if status is None:
+                raise _lost(name)
+        return {name: status for name, status in results.items() if status is not None}
+
+
+def _lost(name: str) -> WireError:
+    return WireError(
+        f"controller {name!r} was lost before the end of the replay: it was stopped, or the connection cut; "
+        "what it did not answer is lost: start it again, then the replay"
+    )
+
+
+def controller_status(session: zenoh.Session, name: str, *, namespace: str) -> dict[str, Any] | None:
+    """Return what a served controller says of itself; None if none of this name answers.
+
+    Raises
+    ------
+    WireError
+        If whoever answers is no controller.
+    """
+    for reply in session.get(controller_key(namespace, name, "status"), timeout=_ANSWER_S):
+        if reply.ok is not None and len(reply.ok.payload) <= _MAX_STATUS:
+            return _parsed(name, reply.ok.payload.to_bytes())
+    return None
+
+
+def await_matching(
+    publisher_on: Callable[[str], zenoh.Publisher], status: dict[str, Any], *, namespace: str, wait_s: float
+) -> None:
+    """Wait until what is put on a controller's topics reaches somebody: before, it would be lost without a word.
+
+    Parameters
+    ----------
+    publisher_on : callable
+        Returns the publisher on a key.
+    status : dict
+        As `controller_status` returns it: the controller has subscribed already.
+    namespace : str
+        First part of every key.
+    wait_s : float
+        How long that may take [s].
+
+    Raises
+    ------
+    WireError
+        If it takes longer.
+    """
+    deadline_s = time.monotonic() + wait_s
+    for topic in status["topics"]:
+        publisher = publisher_on(message_key(namespace, topic))
+        while not matches(publisher):
+            if time.monotonic() > deadline_s:
+                raise WireError(
+                    f"controller {status['name']!r} answers, but nothing that is put on {topic} reaches it within "
+                    f"{wait_s:g} s; may this session write there?"
+                )
+            time.sleep(_RETRY_S)
+
+
+def matches(publisher: zenoh.Publisher) -> bool:
+    """Whether anybody subscribes to what a publisher puts."""
+    status: Any = publisher.matching_status  # typed as a bool, which it is not
+    return bool(status.matching)
+
+
+def _parsed(name: str, data: bytes) -> dict[str, Any]:
+    try:
+        found = json.loads(data)
+    except (ValueError, RecursionError):
+        found = None
+    topics = found.get("topics") if isinstance(found, dict) else None
+    named = isinstance(topics, list) and len(topics) <= _MAX_TOPICS and all(isinstance(topic, str) for topic in topics)
+    if found is None or not named or found.get("name") != name:
+        raise WireError(f"expected the status of controller {name!r}, found {data[:80]!r}")
+    return dict(found)

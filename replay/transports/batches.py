@@ -1,0 +1,24 @@
+"""Cuts a stream into what travels in one payload."""
+
+from collections.abc import Iterator, Sequence
+
+from recorders.messages.record import Stamped
+
+_BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
+
+
+def batches(messages: Iterator[Stamped], size: int) -> Iterator[Sequence[Stamped]]:
+    """Cut a stream into chunks of so many messages, and no more than so many bytes."""
+    chunk: list[Stamped] = []
+    chunk_bytes = 0
+    for message in messages:
+        if chunk and chunk_bytes + len(message.data) > _BATCH_BYTES:
+            yield chunk
+            chunk, chunk_bytes = [], 0
+        chunk.append(message)
+        chunk_bytes += len(message.data)
+        if len(chunk) == size:  # at once: a live stream goes on only when this message has gone out
+            yield chunk
+            chunk, chunk_bytes = [], 0
+    if chunk:
+        yield chunk

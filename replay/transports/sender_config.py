@@ -1,0 +1,57 @@
+"""Whom a stream is sent to over Zenoh, and how."""
+
+from dataclasses import dataclass
+
+from recorders.errors import ConfigError
+from recorders.text.wording import names_text
+from recorders.wire.frames import DEFAULT_NAMESPACE, check_name, check_namespace
+
+_LONGEST_WAIT_S = 86_400.0
+
+
+@dataclass(frozen=True)
+class SenderConfig:
+    """Whom to feed, and how.
+
+    Parameters
+    ----------
+    consumers : tuple of str
+        Names of the consumers that are awaited; the window is the slowest one's. A served controller may be one of
+        them: it is awaited, acknowledges nothing, and its result is its status. Without any, whoever listens may lose
+        messages.
+    namespace : str
+        First part of every key.
+    window : int
+        How many messages may be under way unacknowledged.
+    batch : int
+        How many messages travel in one payload; with 1, each travels on the key of its own topic.
+    wait_s : float
+        How long a consumer may take to appear [s].
+    patience_s : float
+        How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
+
+    Raises
+    ------
+    ConfigError, WireError
+        If a number is out of range, or a name cannot be part of a key.
+    """
+
+    consumers: tuple[str, ...] = ("learner",)
+    namespace: str = DEFAULT_NAMESPACE
+    window: int = 1024
+    batch: int = 64
+    wait_s: float = 10.0
+    patience_s: float = 30.0
+
+    def __post_init__(self) -> None:
+        """Check names and ranges."""
+        for name in self.consumers:
+            check_name(name)
+        check_namespace(self.namespace)
+        if len(set(self.consumers)) != len(self.consumers):
+            raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
+        if not 1 <= self.batch <= self.window:
+            raise ConfigError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
+        for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
+            if not 0.0 <= seconds <= _LONGEST_WAIT_S:
+                raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")

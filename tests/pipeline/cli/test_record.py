@@ -1,0 +1,584 @@
+"""The recorder: any publisher's messages to MCAP, in order, with gaps counted, finished cleanly whatever ends it."""
+
+import json
+import random
+import signal
+import subprocess
+import sys
+import threading
+import time
+from collections import Counter
+from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack, contextmanager, suppress
+from itertools import islice
+from pathlib import Path
+from typing import Any
+
+import pytest
+import zenoh
+from episodes import write_episode
+from live import robot as live_robot
+from live import spawn
+from processes import complaint, reenact, start, wait_for_line
+from short_motion import write_short_motion
+
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import load_robot
+from recorders.cdr.codec import decode_as, encode
+from recorders.errors import LogError, WireError
+from recorders.messages.message_types import Float64MultiArray, PoseStamped, String
+from recorders.messages.record import Stamped
+from recorders.messages.topics import (
+    LEARNER_DIGEST,
+    LEARNER_ERROR,
+    LEARNER_OUTPUT,
+    LEARNER_STATUS,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    ROBOT_DESCRIPTION,
+    SESSION_PHASE,
+)
+from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import open_log
+from recorders.recording.config import RecordConfig, Recording
+from recorders.recording.live_recorder import LiveRecorder
+from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.publisher import Producer
+from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.stream import Offer
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
+
+
+@contextmanager
+def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, subprocess.Popen[str]]]:
+    """Start a recorder; yields a session that it hears, and its process."""
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        with start("record", "--out", "log.mcap", "--connect", endpoint, "--json", *options, cwd=folder) as process:
+            wait_for_line(process, "records reenact/**")
+            with session.declare_publisher("reenact/anything") as publisher:
+                await_that(lambda: bool(publisher.matching_status.matching))
+            yield session, process
+            process.kill()
+
+
+@contextmanager
+def endless_replay(log: Path, endpoint: str) -> Iterator[subprocess.Popen[str]]:
+    arguments = ("--epochs", 100_000, "--connect", endpoint, "--await", "recorder")
+    with start("replay", log, *arguments, cwd=log.parent) as process:
+        yield process
+        process.kill()
+
+
+@contextmanager
+def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subprocess.Popen[str]]]:
+    """A recorder that writes `run.mcap` beside the log, and the endless replay that awaits it, under way."""
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))),
+        start("record", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=log.parent) as process,
+    ):
+        wait_for_line(process, "records reenact/**")
+        with endless_replay(log, endpoint) as replay:
+            wait_for_line(process, "takes run")
+            yield process, replay
+
+
+def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
+    process.send_signal(number)
+    printed, complaints = process.communicate(timeout=60)
+    assert process.returncode == 0, complaints
+    return dict(json.loads(printed))
+
+
+def stop_once_all_is_there(
+    session: zenoh.Session, process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT
+) -> dict[str, object]:
+    """Stop a recorder when it has what was put before."""
+    await_arrival(session)
+    return stop(process, number)
+
+
+def await_that(holds: Callable[[], bool]) -> None:
+    deadline = time.monotonic() + 60
+    while not holds():
+        assert time.monotonic() < deadline, "it does not come about"
+        time.sleep(0.01)
+
+
+def handed_over(part: Path) -> list[Stamped]:
+    """Return what another process finds in a log that is being written."""
+    found: list[Stamped] = []
+    with suppress(LogError):
+        for record in LogReader(part):
+            found.append(record)  # one by one: the last step raises
+    return found
+
+
+def bare(record: Stamped) -> tuple[str, int, bytes]:
+    return record.topic, record.sequence, record.data
+
+
+def await_arrival(session: zenoh.Session) -> None:
+    """Wait until the recorder answers: what was put before the question has come there before it."""
+    replies = session.get("reenact/@consumer/recorder/status", timeout=30.0)
+    assert any(reply.ok is not None for reply in replies)
+
+
+def pose(index: int) -> PoseStamped:
+    return PoseStamped(index * 1_000, [0.1 * index, 0.2, 0.3])
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_a_producers_messages_keep_their_numbers_and_bytes(tmp_path: Path, number: signal.Signals) -> None:
+    with recorder(tmp_path) as (session, process):
+        with Producer(session) as producer:
+            sent = [producer.publish(LEFT_TARGET, pose(index), log_time_ns=0) for index in range(500)]
+        result = stop_once_all_is_there(session, process, number)
+    recorded = list(LogReader(tmp_path / "log.mcap"))
+    assert [(record.topic, record.sequence, record.data) for record in recorded] == [
+        (record.topic, record.sequence, record.data) for record in sent
+    ]
+    assert result["messages"] == 500
+    assert result["gaps"] == {}
+    assert LogReader(tmp_path / "log.mcap").manifest["complete"] is True
+
+
+def test_gaps_are_counted(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        with Producer(session) as producer:
+            records = [producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)]
+        for sequence in (1, 2, 6, 7, 10):
+            frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (records[0]._replace(sequence=sequence),))
+            payload, attachment = pack(frame)
+            session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
+        result = stop_once_all_is_there(session, process)
+    assert result["gaps"] == {RIGHT_TARGET: 5}
+
+
+def test_a_late_message_is_no_second_gap(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        with Producer(session) as producer:
+            record = producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)
+        for sequence in (5, 3, 6, 0, 1):  # 0: the producer begins anew
+            frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
+            payload, attachment = pack(frame)
+            session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
+        result = stop_once_all_is_there(session, process)
+    assert (result["gaps"], result["messages"]) == ({RIGHT_TARGET: 4}, 6)
+
+
+@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
+def test_what_had_arrived_when_it_was_stopped_is_recorded(tmp_path: Path, number: signal.Signals) -> None:
+    payload = random.Random(1).randbytes(8 << 20)  # it is received far faster than it is written
+    with recorder(tmp_path) as (session, process):
+        with session.declare_publisher("reenact/raw", congestion_control=zenoh.CongestionControl.BLOCK) as publisher:
+            for _ in range(15):
+                publisher.put(payload)
+        await_arrival(session)
+        process.send_signal(number)
+        printed, complaints = process.communicate(timeout=60)
+    assert process.returncode == 0, complaints
+    result = json.loads(printed)
+    assert result["messages"] == 15
+    assert result["refused"] == {}
+    assert LogReader(tmp_path / "log.mcap").counts == {"/raw": 15}
+
+
+def test_a_foreign_attachment_keeps_nothing_from_being_recorded_and_what_is_refused_is_counted(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        for key, payload, attachment in (
+            ("hand/left/target", encode(pose(1)), bytes(33)),
+            ("notes", b"{}", b"hello"),
+            ("large", bytes(MAX_PAYLOAD + 1), None),
+            ("replay/batch", b"no batch", b"hello"),
+        ):
+            blocking = zenoh.CongestionControl.BLOCK
+            session.put(f"reenact/{key}", payload, attachment=attachment, congestion_control=blocking)
+        session.delete("reenact/notes")
+        result = stop_once_all_is_there(session, process)
+    recorded = {record.topic: record for record in LogReader(tmp_path / "log.mcap")}
+    assert recorded[LEFT_TARGET].data == encode(pose(1))
+    assert recorded["/notes"].data == b"{}"
+    assert (result["messages"], result["opaque"]) == (2, {"/notes": 1})
+    assert isinstance(result["refused"], dict)
+    assert sorted(reason.split(": ")[0] for reason in result["refused"]) == ["/large", "/replay/batch"]
+
+
+def test_what_is_not_of_the_type_that_its_encoding_names_is_opaque(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        for name, payload in (("junk", b"junk"), ("pose", encode(pose(1)))):
+            session.put(f"reenact/a/{name}", payload, encoding=f"application/cdr;{PoseStamped.TYPE}")
+        session.put("reenact/a/image", b"\x00\x01\x00\x00\xff\xff", encoding="application/cdr;sensor_msgs/msg/Image")
+        result = stop_once_all_is_there(session, process)
+    recorded = {record.topic: record.type for record in LogReader(tmp_path / "log.mcap")}
+    assert recorded == {"/a/junk": "", "/a/pose": PoseStamped.TYPE, "/a/image": ""}
+    assert result["opaque"] == {"/a/junk": 1, "/a/image": 1}
+
+
+def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp_path: Path) -> None:
+    with recorder(tmp_path) as (session, process):
+        plain = {"camera/raw": b"\x00\x01\x02", "hand/left/target": b"no pose at all", "notes": b"{}"}
+        for key, payload in plain.items():
+            session.put(f"reenact/{key}", payload)
+        with Producer(session) as producer:
+            producer.publish("/my/values", Float64MultiArray([1.0, 2.0]), log_time_ns=0)
+            producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
+        result = stop_once_all_is_there(session, process)
+    recorded = {record.topic: record for record in LogReader(tmp_path / "log.mcap")}
+    assert {topic: recorded[topic].data for topic in ("/camera/raw", "/hand/left/target", "/notes")} == {
+        f"/{key}": payload for key, payload in plain.items()
+    }
+    assert recorded["/my/values"].type == Float64MultiArray.TYPE
+    assert recorded[LEARNER_OUTPUT].type == Float64MultiArray.TYPE
+    assert recorded["/hand/left/target"].type == ""
+    assert result["opaque"] == {"/camera/raw": 1, "/hand/left/target": 1, "/notes": 1}
+
+
+def test_a_topic_too_many_for_a_log_is_refused_and_ends_nothing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorders.writing.writer.MAX_CHANNELS", 3)
+    told: list[str] = []
+    with recording_here(tmp_path / "log.mcap", say=told.append) as (producer, live, stopped):
+        for index in range(20):
+            producer.publish(f"/values/{index % 5}", Float64MultiArray([1.0]), log_time_ns=0)
+        await_that(lambda: live.recording.messages + live.recording.refused.total() == 20)
+        stopped()
+    assert LogReader(tmp_path / "log.mcap").counts == {f"/values/{index}": 4 for index in range(3)}
+    assert told == ["refused a message on one topic more: a log holds no more than 65535 channels"]
+
+
+def test_topics_are_chosen(tmp_path: Path) -> None:
+    with recorder(tmp_path, "--include", "/hand/*", "--exclude", "/hand/right/*") as (session, process):
+        with Producer(session) as producer:
+            for topic in (LEFT_TARGET, RIGHT_TARGET):
+                producer.publish(topic, pose(1), log_time_ns=0)
+            producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
+        stop_once_all_is_there(session, process)
+    assert LogReader(tmp_path / "log.mcap").counts == {LEFT_TARGET: 1}
+
+
+def test_files_are_split_by_size(tmp_path: Path) -> None:
+    with recorder(tmp_path, "--split", "10KB") as (session, process):
+        with Producer(session) as producer:
+            for index in range(300):
+                producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
+        result = stop_once_all_is_there(session, process)
+    assert isinstance(result["paths"], list)
+    assert len(result["paths"]) > 2
+    assert [record.sequence for record in open_log(tmp_path / "log.mcap")] == list(range(300))
+    Path(tmp_path, result["paths"][-1]).unlink()
+    with pytest.raises(LogError, match=f"part {len(result['paths']) - 1} is missing"):
+        open_log(tmp_path)
+
+
+@contextmanager
+def recording_here(out: Path, **options: Any) -> Iterator[tuple[Producer, LiveRecorder, Callable[[], Recording]]]:
+    """Record in this process; yields who is recorded, the recorder, and what stops it and returns the recording."""
+    over, endpoint = threading.Event(), free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Producer(elsewhere) as producer,
+        Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        stack.callback(over.set)  # or the recorder would outlive a test that fails
+        live = LiveRecorder(out, **options)
+        recording = pool.submit(live.run, receiver, stopped=over.is_set)
+
+        def stopped() -> Recording:
+            over.set()
+            return recording.result(timeout=60)
+
+        yield producer, live, stopped
+
+
+def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
+    looks: list[Recording] = []
+    options = {"config": RecordConfig(split_ns=1), "on_progress": looks.append}
+    with (
+        recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
+    ):
+        await_that(lambda: len(looks) > 2)
+        assert [path.name for path in tmp_path.iterdir()] == ["log_000.mcap.part"]
+        for index in range(3):
+            producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
+        await_that(lambda: live.recording.messages == 3)
+        paths = stopped().paths
+    assert [path.name for path in paths] == ["log_000.mcap", "log_001.mcap", "log_002.mcap"]
+    assert [[record.sequence for record in LogReader(path)] for path in paths] == [[0], [1], [2]]
+
+
+def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(tmp_path: Path) -> None:
+    told: list[str] = []
+    now_ns = 1_700_000_000_000_000_001
+    shown = iter([0, 0, 5, 5 - 3600 * 10**9, -now_ns, 6])  # the first names the file
+    options = {"clock": lambda: now_ns + next(shown), "say": told.append}
+    with (
+        recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
+    ):
+        for index in range(5):
+            producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
+        await_that(lambda: live.recording.messages == 5)
+        stopped()
+    times_ns = [record.log_time_ns - now_ns for record in LogReader(tmp_path / "log.mcap")]
+    assert times_ns == [0, 5, 5, 5, 6]
+    assert told == ["the clock on the wall stepped back by 3600 s: log time waits until it has caught up"]
+
+
+def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_recorded(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):
+        arguments = ("record", "--out", "run.mcap", "--connect", endpoint, "--until-end", "--json")
+        with start(*arguments, cwd=tmp_path) as process:
+            wait_for_line(process, "records reenact/**")
+            replaying = ("replay", log, "--epochs", 3, "--connect", endpoint, "--await", "recorder", "--json")
+            replayed = reenact(*replaying, cwd=tmp_path)
+            assert replayed.returncode == 0, replayed.stderr
+            process.communicate(timeout=60)
+    recorded = reenact("train", "run.mcap", "--as-recorded", "--out", "a.npz", "--json", cwd=tmp_path)
+    direct = reenact("train", log, "--epochs", 3, "--out", "b.npz", "--json", cwd=tmp_path)
+    assert recorded.returncode == 0, recorded.stderr
+    for key in ("digest", "stream_digest", "steps", "ticks", "train_cm"):
+        assert json.loads(recorded.stdout)[key] == json.loads(direct.stdout)[key]
+    assert reenact("diff", "a.npz", "b.npz", cwd=tmp_path).returncode == 0
+
+
+def test_the_recording_of_a_live_session_has_the_robots_description_and_the_learners_last_words(
+    tmp_path: Path,
+) -> None:
+    endpoint, robot = free_endpoint(), load_robot("asimo")
+    consumers = {"learn": ("--out", "c.npz"), "record": ("--out", "session.mcap", "--until-end", "--json")}
+    with live_robot(endpoint), ExitStack() as stack:
+        for verb, options in consumers.items():
+            process = stack.enter_context(start(verb, *options, "--connect", endpoint, cwd=tmp_path))
+            stack.callback(process.kill)
+        explorer = stack.enter_context(
+            spawn(
+                "explore",
+                connect=endpoint,
+                motion=str(write_short_motion(tmp_path / "short.csv")),
+                seed=3,
+                phases=[["washout", 1], ["learn", 1], ["evaluate", 1]],
+                settle_ns=100_000_000,
+                consumers=["learner", "recorder"],
+            )
+        )
+        _, complaints = explorer.communicate(timeout=60)
+        assert explorer.returncode == 0, complaints
+        result = json.loads(process.communicate(timeout=30)[0])
+    recorded = list(LogReader(tmp_path / "session.mcap"))
+    counts = Counter(record.topic for record in recorded)
+    assert [counts[topic] for topic in (SESSION_PHASE, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR)] == [3, 3, 3, 1]
+    (description,) = (record for record in recorded if record.topic == ROBOT_DESCRIPTION)
+    assert decode_as(String, description.data).data == robot.urdf_text
+    assert recorded.index(description) < [record.topic for record in recorded].index(SESSION_PHASE)
+    assert result["gaps"] == {}
+    said = [record for record in recorded if record.topic == LEARNER_DIGEST]
+    learned = Controller.load(tmp_path / "c.npz")
+    assert json.loads(decode_as(String, said[-1].data).data)["state"] == learned.digest
+
+
+def test_until_end_waits_for_as_long_as_the_sender_awaits_another(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)  # twice as long as a sender is silent
+    log = write_episode(tmp_path / "episode.mcap", samples=4)
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
+        Receiver(elsewhere) as slow,
+        Producer(elsewhere) as producer,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        last_words = Slow(3.0, lambda: producer.publish(LEARNER_OUTPUT, Float64MultiArray([1.0]), log_time_ns=0))
+        over = threading.Event()
+        stack.callback(over.set)  # or the recorder would outlive a test that fails
+        live = LiveRecorder(tmp_path / "run.mcap")
+        recording = pool.submit(live.run, receiver, stopped=over.is_set, until_end=True)
+        consuming = pool.submit(slow.serve, last_words)
+        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
+        replayed = reenact("replay", log, *arguments, cwd=tmp_path)
+        assert replayed.returncode == 0, replayed.stderr
+        consuming.result(timeout=30)
+        recording.result(timeout=30)
+    assert LogReader(tmp_path / "run.mcap").counts[LEARNER_OUTPUT] == 1
+
+
+class Slow:
+    """A consumer that thinks the whole stream over before it has its say."""
+
+    def __init__(self, seconds: float, say: Callable[[], object]) -> None:
+        self._seconds = seconds
+        self._say = say
+
+    def hello(self, offer: Offer) -> int:
+        return 0
+
+    def consume(self, messages: Iterator[Stamped]) -> dict[str, object]:
+        count = len(list(messages))
+        time.sleep(self._seconds)
+        self._say()
+        return {"count": count}
+
+
+def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=4)
+    endpoint = free_endpoint()
+
+    def fail() -> None:
+        raise WireError("nothing comes of it")
+
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        Receiver(session) as receiver,
+        ThreadPoolExecutor() as pool,
+        start("record", "--until-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process,
+    ):
+        consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=60.0)
+        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
+        replayed = reenact("replay", log, *arguments, cwd=tmp_path)
+        assert "learner: nothing comes of it" in complaint(replayed)
+        assert isinstance(consuming.exception(timeout=30), WireError)
+        printed, complaints = process.communicate(timeout=30)
+    assert process.returncode == 0, complaints
+    assert json.loads(printed)["broken"] == []
+    assert LogReader(tmp_path / "run.mcap").counts[SESSION_PHASE] == 7
+
+
+def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    with recording_endlessly(log) as (process, replay):
+        await_that(lambda: bool(handed_over(tmp_path / "run.mcap.part")))
+        replay.kill()
+        result = stop(process)
+    records = list(LogReader(tmp_path / "run.mcap"))
+    assert len(records) == result["messages"] > 0
+    assert result["broken"] == ["the recorder was stopped"]
+    sent = Replay([log], Schedule(epochs=100_000)).stream()
+    assert [bare(record) for record in records] == [bare(record) for record in islice(sent, len(records))]
+
+
+def test_a_recorder_that_is_stopped_tells_the_sender(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    with recording_endlessly(log) as (process, replay):
+        stop(process)
+        said = replay.communicate(timeout=20)[1]
+    assert replay.returncode == 2
+    assert said.endswith("reenact: recorder: the recorder was stopped\n")
+
+
+def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_recorded(tmp_path: Path) -> None:
+    log = write_episode(tmp_path / "episode.mcap", samples=20)
+    endpoint, over = free_endpoint(), threading.Event()
+    config = ReceiverConfig(name="recorder", live=True, silence_s=1.0)
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        Receiver(session, config=config) as receiver,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        live = LiveRecorder(tmp_path / "run.mcap")
+        recording = pool.submit(live.run, receiver, stopped=over.is_set)
+        with endless_replay(log, endpoint) as replay:
+            stack.callback(over.set)  # or the recorder would outlive a test that fails
+            await_that(lambda: live.recording.messages > 0)
+            replay.send_signal(signal.SIGSTOP)
+            await_that(lambda: bool(live.recording.broken))
+            messages = live.recording.messages
+            replay.send_signal(signal.SIGCONT)
+            said = replay.communicate(timeout=60)[1]
+        over.set()
+        result = recording.result(timeout=60)
+    assert replay.returncode == 2
+    assert "reenact: recorder: the sender fell silent" in said
+    assert (result.messages, result.gaps, len(result.broken)) == (messages, {}, 1)
+
+
+def test_two_recorders_of_one_name_are_one_too_many(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):
+        with start("record", "--out", "a.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
+            wait_for_line(process, "records reenact/**")
+            second = reenact("record", "--out", "b.mcap", "--connect", endpoint, cwd=tmp_path)
+            assert "a consumer 'recorder' is in namespace 'reenact' already" in complaint(second)
+            stop(process)
+    assert not (tmp_path / "b.mcap").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "published", "said"),
+    [
+        ((), False, "nothing is recorded: nobody published on reenact/**, or this session may not read it;"),
+        (
+            ("--exclude", "*"),
+            True,
+            "nothing is recorded: no message that came on reenact/** (1) is on a topic to record",
+        ),
+        (("--exclude", "/notes"), False, "nothing is recorded: nobody published on reenact/**,"),
+    ],
+)
+def test_a_recorder_that_has_nothing_says_why(
+    tmp_path: Path, options: tuple[str, ...], published: bool, said: str
+) -> None:
+    with recorder(tmp_path, *options) as (session, process):
+        if published:
+            session.put("reenact/notes", b"{}")
+        await_arrival(session)
+        process.send_signal(signal.SIGINT)
+        _, complaints = process.communicate(timeout=30)
+    assert process.returncode == 0
+    assert complaints.startswith(said)
+    assert complaints.count("\n") == 1
+
+
+def test_a_recorder_says_where_it_is(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with start("record", "--out", "log.mcap", "--listen", endpoint, cwd=tmp_path) as process:
+        line = wait_for_line(process, "records")
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert line == f"recorder records reenact/** at {endpoint} to log.mcap; Ctrl-C ends it\n"
+
+
+def test_a_name_that_is_taken_is_said_before_anybody_is_looked_for(tmp_path: Path) -> None:
+    (tmp_path / "there.mcap").write_bytes(b"")
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):  # so that another cannot
+        for name, expected in (("there.mcap", "there.mcap exists"), ("new.mcap", "something else listens there")):
+            assert expected in complaint(reenact("record", "--out", name, "--listen", endpoint, cwd=tmp_path))
+    assert [path.name for path in tmp_path.iterdir()] == ["there.mcap"]
+
+
+def test_bad_input_is_one_clear_line(tmp_path: Path) -> None:
+    for name in ("there.mcap", "parts_2.mcap"):
+        (tmp_path / name).write_bytes(b"")
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))):
+        for options, expected in (
+            (("--out", "there.mcap"), "there.mcap exists"),
+            (("--out", "parts.mcap", "--split", "1h"), "parts_2.mcap exists"),
+            (("--out", "log.mcap", "--split", "10 apples"), "--split"),
+            (("--out", "nowhere/log.mcap"), "nowhere"),
+        ):
+            assert expected in complaint(reenact("record", *options, "--connect", endpoint, cwd=tmp_path))
+
+
+def test_recording_needs_no_drake(tmp_path: Path) -> None:
+    program = (
+        "import sys, recorders.recording.live_recorder; "
+        "print(sorted({'pydrake', 'pinocchio', 'numba'} & set(sys.modules)))"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout == "[]\n"

@@ -1,0 +1,46 @@
+"""Records of kinds that nobody knows, MCAP's of later or other programs' own, are passed over wherever they stand."""
+
+import struct
+import zlib
+
+import pytest
+from every_record import packed
+from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message
+
+from recorders.mcap_format.records import MAGIC
+from recorders.reading.reader import LogReader
+from recorders.recovery.log_info import summarise
+from recorders.recovery.recover import recover
+
+CHANNEL = Channel(1, "/x", "x", {}, 0)
+MESSAGES = [packed(Message(1, 10 * k, b"data", 0, k)) for k in range(6)]
+KINDS = [0x10, 0x42, 0x7F, 0x80, 0xFF]
+
+
+def unknown(kind, size):
+    return struct.pack("<BQ", kind, size) + bytes(size)
+
+
+def write(path, kind):
+    """Write a log with such records in a chunk, beside it, and in the summary."""
+    data = unknown(kind, 0) + packed(CHANNEL)
+    data += b"".join(message + unknown(kind, 7) for message in MESSAGES[:3])
+    chunk = packed(Chunk("", data, 20, 0, zlib.crc32(data), len(data)))
+    beside = b"".join(unknown(kind, 300) + message for message in MESSAGES[3:])
+    raw = MAGIC + packed(Header("", "other")) + unknown(kind, 1) + chunk + beside
+    raw += packed(DataEnd(zlib.crc32(raw)))
+    summary = packed(CHANNEL) + unknown(kind, 5)
+    head = packed(Footer(len(raw), 0, 0))[:-4]
+    path.write_bytes(raw + summary + head + struct.pack("<I", zlib.crc32(summary + head)) + MAGIC)
+
+
+@pytest.mark.parametrize("kind", KINDS, ids=hex)
+def test_they_are_passed_over(tmp_path, kind):
+    path, out = tmp_path / "log.mcap", tmp_path / "recovered.mcap"
+    write(path, kind)
+    assert [record.sequence for record in LogReader(path)] == [0, 1, 2, 3, 4, 5]
+    summary = summarise(path)
+    assert (summary.sound, summary.to_dict()["messages"]) == (True, 6)
+    recovery = recover(path, out)
+    assert (recovery.complete, recovery.damage, recovery.kept) == (True, (), {"/x": 6})
+    assert list(LogReader(out)) == list(LogReader(path))

@@ -1,0 +1,170 @@
+"""What the writer's threads do: late messages are handed over, and equal recordings are equal files nevertheless."""
+
+import os
+import threading
+import time
+from pathlib import Path
+
+import pytest
+
+from recorders.errors import LogError
+from recorders.messages.message_types import String
+from recorders.messages.topics import SESSION_PHASE
+from recorders.reading.reader import LogReader
+from recorders.writing.chunk_writer import FLUSH_EVERY
+from recorders.writing.writer import LogWriter
+
+
+def phases(log, numbers):
+    for number in numbers:
+        log.write(SESSION_PHASE, String(str(number)), log_time_ns=number)
+
+
+def handed_over(part):
+    """Return how many messages another process would find."""
+    found = 0
+    try:
+        for _ in LogReader(part):
+            found += 1
+    except LogError:
+        pass
+    return found
+
+
+def await_all(log, count):
+    deadline = time.monotonic() + 30
+    while handed_over(log.part) < count:
+        assert time.monotonic() < deadline, "nothing is handed over"
+        time.sleep(0.01)
+
+
+def write(path, *, pauses, regular=True):
+    with LogWriter(path, manifest={"seed": 3}, attachments={"a.toml": b"a"}, regular=regular) as log:
+        phases(log, range(FLUSH_EVERY - 10))
+        if pauses:
+            await_all(log, FLUSH_EVERY - 10)
+        log.write("/late", b"\x00\x01\x00\x00", log_time_ns=5, type_name="std_msgs/msg/Empty")
+        log.write("/raw", b"anything", log_time_ns=5, opaque=True)
+        log.note({"run": "a"})
+        phases(log, range(5))
+        log.attach("b.json", b"{}")
+        phases(log, range(3))
+        if pauses:
+            await_all(log, FLUSH_EVERY)
+        phases(log, range(2 * FLUSH_EVERY + 7))
+    return path
+
+
+def test_a_pause_leaves_no_trace_in_the_file(tmp_path):
+    paused = write(tmp_path / "paused.mcap", pauses=True)
+    assert paused.read_bytes() == write(tmp_path / "straight.mcap", pauses=False).read_bytes()
+    live = write(tmp_path / "live.mcap", pauses=True, regular=False)
+    assert live.read_bytes() != paused.read_bytes()
+    assert list(LogReader(live)) == list(LogReader(paused))
+    assert LogReader(live).manifest == LogReader(paused).manifest
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["live.mcap", "paused.mcap", "straight.mcap"]
+
+
+def test_a_flush_leaves_no_trace_either(tmp_path):
+    for name in ("a.mcap", "b.mcap"):
+        with LogWriter(tmp_path / name, manifest={}) as log:
+            phases(log, range(10))
+            if name == "b.mcap":
+                log.flush()
+                assert handed_over(log.part) == 10
+            phases(log, range(10))
+    assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_what_a_thread_meets_is_raised_once_by_the_next_call(tmp_path):
+    for act in (lambda log: phases(log, [0]), LogWriter.flush, LogWriter.check, LogWriter.close):
+        log = _failed(tmp_path)
+        with pytest.raises(LogError, match=r"cannot write .*log.mcap.part: Bad file descriptor"):
+            act(log)
+        if act is not LogWriter.close:
+            with pytest.raises(LogError, match="the log was closed, or an earlier write failed"):
+                log.flush()
+        log.close()
+        log.abort()
+        log.part.unlink()
+
+
+def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    flush, lock = log._file.chunks.flush, log._file._lock
+    writing, asked = threading.Event(), threading.Event()
+
+    class Watched:
+        def __enter__(self):
+            asked.set()
+            lock.acquire()
+
+        def __exit__(self, *error):
+            lock.release()
+
+    def slow():  # holds the lock, until the check asks for it
+        log._file._lock = Watched()
+        writing.set()
+        assert asked.wait(30)
+        flush()
+
+    monkeypatch.setattr(log._file.chunks, "flush", slow)
+    phases(log, [0])
+    assert writing.wait(30)
+    log.check()
+    log.close()
+    assert LogReader(log.path).manifest["complete"] is True
+
+
+def _failed(folder):
+    """Return a writer whose file went away under it, once its thread has met that."""
+    log = LogWriter(folder / "log.mcap", manifest={})
+    phases(log, range(10))
+    read_only = os.open(os.devnull, os.O_RDONLY)
+    os.dup2(read_only, _descriptor(log.part))  # as a file system does that turns read-only
+    os.close(read_only)
+    deadline = time.monotonic() + 30
+    while log._file._sound:
+        assert time.monotonic() < deadline, "the thread meets nothing"
+        time.sleep(0.01)
+    return log
+
+
+def _descriptor(path):
+    for link in Path("/proc/self/fd").iterdir():
+        if link.resolve() == path.resolve():
+            return int(link.name)
+    raise AssertionError(f"{path} is not open")
+
+
+def test_the_disk_takes_the_log_every_second_and_at_the_end(tmp_path, monkeypatch):
+    synced = []
+    sync = os.fsync
+
+    def watched(descriptor):
+        synced.append(Path(f"/proc/self/fd/{descriptor}").readlink())
+        sync(descriptor)
+
+    monkeypatch.setattr(os, "fsync", watched)
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    assert synced == [tmp_path]
+    deadline = time.monotonic() + 30
+    while len(synced) < 3:
+        assert time.monotonic() < deadline, "nothing is synced"
+        time.sleep(0.01)
+    assert set(synced[1:]) == {log.part}
+    log.close()
+    assert synced[-2:] == [log.part, tmp_path]
+
+
+def test_no_thread_outlives_its_log(tmp_path):
+    before = threading.active_count()
+    with LogWriter(tmp_path / "log.mcap", manifest={}):
+        assert threading.active_count() == before + 2
+    assert threading.active_count() == before
+    log = LogWriter(tmp_path / "other.mcap", manifest={})
+    log.abort()
+    assert threading.active_count() == before
+    with pytest.raises(LogError):
+        LogWriter(tmp_path / "none" / "log.mcap", manifest={})
+    assert threading.active_count() == before

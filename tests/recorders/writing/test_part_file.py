@@ -1,0 +1,220 @@
+"""The file of a log while it is written: one writer's alone, whole under its name, and never another's."""
+
+import errno
+import fcntl
+import os
+import shutil
+import time
+
+import pytest
+
+from recorders.errors import LogError
+from recorders.mcap_format.manifest import content_sha256
+from recorders.messages.message_types import String
+from recorders.messages.topics import SESSION_PHASE
+from recorders.reading.reader import LogReader
+from recorders.writing.part_file import PartFile
+from recorders.writing.writer import LogWriter
+
+
+def write(log, count):
+    for number in range(count):
+        log.write(SESSION_PHASE, String(str(number)), log_time_ns=number)
+
+
+def error_meanwhile(log):
+    """Wait until a thread of the writer has failed, and return what is told of it."""
+    deadline = time.monotonic() + 30
+    while time.monotonic() < deadline:
+        try:
+            log.check()
+        except LogError as error:
+            return str(error)
+        time.sleep(0.02)
+    raise AssertionError("nothing failed")
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_log_that_is_being_written_has_one_writer(tmp_path, overwrite):
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, manifest={}) as log:
+        write(log, 5)
+        with pytest.raises(LogError, match=r"log.mcap.part is (being written by another|left from an unfinished)"):
+            LogWriter(path, manifest={}, overwrite=overwrite)
+        write(log, 5)
+    assert len(list(LogReader(path))) == 10
+    assert list(tmp_path.iterdir()) == [path]
+
+
+def test_a_log_that_came_into_being_meanwhile_is_not_replaced(tmp_path):
+    path = tmp_path / "log.mcap"
+    log = LogWriter(path, manifest={})
+    write(log, 5)
+    path.write_bytes(b"precious")
+    with pytest.raises(LogError, match=r"log.mcap has come into being meanwhile: the finished log is .*log.mcap.part$"):
+        log.close()
+    assert path.read_bytes() == b"precious"
+    assert LogReader(log.part).manifest["complete"] is True
+
+
+def test_a_file_system_without_hard_links_will_do(tmp_path, monkeypatch):
+    def no_links(*args):
+        raise OSError(errno.EPERM, "no hard links here")
+
+    monkeypatch.setattr(os, "link", no_links)
+    path = tmp_path / "log.mcap"
+    with LogWriter(path, manifest={}) as log:
+        write(log, 5)
+    assert len(list(LogReader(path))) == 5
+    path.unlink()
+    late = LogWriter(path, manifest={})
+    path.write_bytes(b"precious")
+    with pytest.raises(LogError, match="has come into being meanwhile"):
+        late.close()
+    assert path.read_bytes() == b"precious"
+
+
+@pytest.mark.parametrize("waits", [False, True])
+def test_a_log_whose_folder_is_removed_is_put_back(tmp_path, waits):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    log = LogWriter(folder / "log.mcap", manifest={"seed": 3})
+    write(log, 100)
+    shutil.rmtree(folder)
+    expected = r"log.mcap.part was removed while it was written: what had been recorded is there again$"
+    if waits:
+        assert error_meanwhile(log).endswith("what had been recorded is there again")
+        log.close()  # told once
+    else:
+        with pytest.raises(LogError, match=expected):
+            log.close()
+    assert list(folder.iterdir()) == [log.part]
+    reader = LogReader(log.part)
+    assert reader.manifest["messages"] == len(list(reader)) == 100
+    assert reader.manifest["complete"] is not waits
+    assert reader.manifest["content_sha256"] == content_sha256(reader)
+
+
+def test_a_log_that_cannot_be_put_back_says_so(tmp_path):
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    log = LogWriter(folder / "log.mcap", manifest={})
+    write(log, 100)
+    shutil.rmtree(folder)
+    folder.write_text("a file in the folder's place")
+    with pytest.raises(LogError, match=r"removed while it was written, and cannot be put back: "):
+        log.close()
+    log.close()
+    assert folder.read_text() == "a file in the folder's place"
+
+
+def test_a_log_whose_folder_is_moved_is_found_in_its_new_place(tmp_path):
+    folder, elsewhere = tmp_path / "folder", tmp_path / "elsewhere"
+    folder.mkdir()
+    log = LogWriter(folder / "log.mcap", manifest={})
+    write(log, 100)
+    folder.rename(elsewhere)
+    folder.mkdir()
+    (folder / "log.mcap.part").write_bytes(b"another's")
+    error = error_meanwhile(log)
+    assert error.endswith(f"was moved while it was written: the log is {elsewhere / 'log.mcap.part'}")
+    with pytest.raises(LogError, match="the log was closed, or an earlier write failed"):
+        write(log, 1)
+    log.close()
+    assert len(list(LogReader(elsewhere / "log.mcap.part"))) == 100
+    assert (folder / "log.mcap.part").read_bytes() == b"another's"
+
+
+def test_without_a_message_nothing_of_anothers_is_removed(tmp_path):
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    log.part.unlink()
+    log.part.write_bytes(b"another's")
+    log.abort()
+    assert log.part.read_bytes() == b"another's"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_what_crashes_left_is_set_aside_in_order_said_and_never_lost(tmp_path, overwrite):
+    path, part = tmp_path / "log.mcap", tmp_path / "log.mcap.part"
+    told = []
+    for number in range(12):
+        part.write_bytes(b"%d" % number)
+        LogWriter(path, manifest={}, overwrite=overwrite, say=told.append).abort()  # it leaves nothing of its own
+        if number == 3:
+            (tmp_path / "log.mcap.part.0002").unlink()  # its number is not given away again
+    kept = [entry.read_bytes() for entry in sorted(tmp_path.iterdir())]
+    assert kept == [b"0", *(b"%d" % number for number in range(2, 12))]
+    assert told[-1] == (
+        f"{part} was left by a recording that did not come to its end; it is now {part}.0012, and `reenact recover` "
+        "makes a log of it"
+    )
+    assert len(told) == 12
+
+
+def test_an_empty_file_that_a_crash_left_goes(tmp_path):
+    (tmp_path / "log.mcap.part").touch()
+    with LogWriter(tmp_path / "log.mcap", manifest={}):
+        pass
+    assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap"]
+
+
+def test_where_nothing_tells_whether_another_writes_it_is_refused_unless_told(tmp_path, monkeypatch):
+    def no_locks(*args):
+        raise OSError(errno.ENOLCK, "no locks here")
+
+    monkeypatch.setattr(fcntl, "flock", no_locks)
+    part = tmp_path / "log.mcap.part"
+    part.write_bytes(b"precious")
+    with pytest.raises(LogError, match=r"log.mcap.part is left from an unfinished recording, or another writes it"):
+        LogWriter(tmp_path / "log.mcap", manifest={})
+    assert part.read_bytes() == b"precious"
+    LogWriter(tmp_path / "log.mcap", manifest={}, overwrite=True).close()
+    assert (tmp_path / "log.mcap.part.0001").read_bytes() == b"precious"
+
+
+def seen_while_rewriting(folder):
+    """Rewrite a file, and return what stands in its folder meanwhile."""
+    file = PartFile(folder / "log.mcap", overwrite=False)
+    file.stream.write(b"old")
+    seen = []
+
+    def copy(source, target):
+        target.write(source.read() + b" and new")
+        target.flush()
+        seen.extend(entry.name for entry in folder.iterdir())
+
+    file.rewrite(copy)
+    file.publish()
+    assert (folder / "log.mcap").read_bytes() == b"old and new"
+    return sorted(seen)
+
+
+def test_a_rewriting_that_is_killed_leaves_nothing_and_no_file_of_anothers_is_touched(tmp_path):
+    for name in ("log.mcap.part.tmp", "log.mcap.part.tmp1"):
+        (tmp_path / name).write_bytes(b"precious")
+    assert seen_while_rewriting(tmp_path) == ["log.mcap.part", "log.mcap.part.tmp", "log.mcap.part.tmp1"]
+    assert {entry.name for entry in tmp_path.iterdir()} == {"log.mcap", "log.mcap.part.tmp", "log.mcap.part.tmp1"}
+    assert (tmp_path / "log.mcap.part.tmp").read_bytes() == b"precious"
+    assert (tmp_path / "log.mcap.part.tmp1").read_bytes() == b"precious"
+
+
+def test_a_file_system_without_nameless_files_will_do(tmp_path, monkeypatch):
+    monkeypatch.setattr(os, "O_TMPFILE", os.O_DIRECTORY)  # as an older file system, which cannot write to a folder
+    (tmp_path / "log.mcap.part.tmp1").write_bytes(b"precious")
+    assert seen_while_rewriting(tmp_path) == ["log.mcap.part", "log.mcap.part.tmp1", "log.mcap.part.tmp2"]
+    assert {entry.name for entry in tmp_path.iterdir()} == {"log.mcap", "log.mcap.part.tmp1"}
+    assert (tmp_path / "log.mcap.part.tmp1").read_bytes() == b"precious"
+
+
+def test_a_rewriting_that_fails_leaves_the_file_as_it_was(tmp_path):
+    def fail(source, target):
+        target.write(b"half")
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    file = PartFile(tmp_path / "log.mcap", overwrite=False)
+    file.stream.write(b"old")
+    with pytest.raises(OSError, match="No space left"):
+        file.rewrite(fail)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap.part"]
+    assert file.part.read_bytes() == b"old"
+    file.close(keep=True)

@@ -1,0 +1,47 @@
+"""The stream digest depends on what was sent and in which order, and on nothing else."""
+
+from recorders.messages.record import Stamped
+from replay.sources.stream_digest import StreamDigest, framed
+
+TICK = [Stamped("/a", "t", b"1", 0, 5), Stamped("/b", "t", b"2", 0, 6)]
+
+
+def digest(*ticks: list[Stamped]) -> str:
+    stream = StreamDigest()
+    for tick in ticks:
+        stream.update(tick)
+    return stream.hexdigest()
+
+
+def test_log_times_do_not_enter() -> None:
+    later = [record._replace(log_time_ns=record.log_time_ns + 1) for record in TICK]
+    assert digest(TICK) == digest(later)
+
+
+def test_everything_else_does() -> None:
+    changed = [
+        [TICK[0]._replace(topic="/c"), TICK[1]],
+        [TICK[0]._replace(sequence=1), TICK[1]],
+        [TICK[0]._replace(data=b"3"), TICK[1]],
+        TICK[::-1],
+        TICK[:1],
+        [],
+    ]
+    digests = {digest(tick) for tick in [TICK, *changed]}
+    assert len(digests) == 1 + len(changed)
+
+
+def test_how_ticks_are_cut_enters() -> None:
+    assert digest(TICK) != digest(TICK[:1], TICK[1:])
+
+
+def test_framing_is_unambiguous() -> None:
+    assert framed(Stamped("/ab", "t", b"c", 0, 0)) != framed(Stamped("/a", "t", b"bc", 0, 0))
+
+
+def test_it_goes_on_from_its_value() -> None:
+    first = StreamDigest()
+    first.update(TICK)
+    second = StreamDigest(first.value)
+    second.update(TICK)
+    assert second.hexdigest() == digest(TICK, TICK)
