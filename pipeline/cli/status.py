@@ -1,5 +1,6 @@
 """The verb status: what runs in a namespace."""
 
+import json
 import sys
 from collections.abc import Callable
 from contextlib import ExitStack
@@ -80,19 +81,22 @@ def _finding(session: "SessionConfig", namespace: str, stack: ExitStack) -> "Cal
     return find
 
 
-def _show(found: "list[NodeStatus]", nobody: str, *, as_json: bool) -> None:
+def _show(found: "list[NodeStatus]", nobody: str, *, as_json: bool) -> bool:
+    """Show the nodes once; False if nobody reads it any more."""
     from pipeline.terminal.status_table import status_table
 
+    read = True
     if as_json:
-        _print_json(found)
+        read = _print_json(found)
     elif found:
-        console.table(status_table(found))
+        read = console.table(status_table(found))
     if not found:
         console.say(nobody)
+    return read
 
 
 def _watch(find: "Callable[[], list[NodeStatus]]", stopped: Callable[[], bool], nobody: str, *, as_json: bool) -> None:
-    """Show the nodes again and again: in place on a terminal, else one below the other."""
+    """Show the nodes again and again, as long as they are read: in place on a terminal, else one below the other."""
     import time
 
     from rich.console import Console
@@ -102,8 +106,7 @@ def _watch(find: "Callable[[], list[NodeStatus]]", stopped: Callable[[], bool], 
     from pipeline.terminal.status_table import status_table
 
     if as_json or not sys.stdout.isatty():
-        while not stopped():
-            _show(find(), nobody, as_json=as_json)
+        while not stopped() and _show(find(), nobody, as_json=as_json):
             time.sleep(_EVERY_S)
         return
     with Live(console=Console(highlight=False), auto_refresh=False) as live:
@@ -113,5 +116,5 @@ def _watch(find: "Callable[[], list[NodeStatus]]", stopped: Callable[[], bool], 
             time.sleep(_EVERY_S)
 
 
-def _print_json(found: "list[NodeStatus]") -> None:
-    console.show({"nodes": [node.to_dict() for node in found]}, as_json=True)
+def _print_json(found: "list[NodeStatus]") -> bool:
+    return console.block(json.dumps({"nodes": [node.to_dict() for node in found]}, allow_nan=False))

@@ -23,7 +23,17 @@ from rich.table import Table
 
 from pipeline.terminal.escaping import printable, wrapped
 
-errors = Console(stderr=True, highlight=False, soft_wrap=True)
+
+class _Lines(Console):
+    """Standard error, whose reader may go away: rich would end the program then."""
+
+    def on_broken_pipe(self) -> None:
+        """Print nothing more."""
+        self.quiet = True
+        os.dup2(os.open(os.devnull, os.O_WRONLY), self.file.fileno())
+
+
+errors = _Lines(stderr=True, highlight=False, soft_wrap=True)
 
 
 @contextmanager
@@ -86,12 +96,14 @@ def line(text: str) -> None:
     block(printable(text))
 
 
-def block(text: str) -> None:
-    """Print lines of our own; a reader who has gone away (`| head`) is no failure of ours."""
+def block(text: str) -> bool:
+    """Print lines of our own; a reader who has gone away (`| head`) is no failure of ours: False then."""
     try:
         print(text, flush=True)
     except BrokenPipeError:
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return False
+    return True
 
 
 def show(result: Mapping[str, Any], *, as_json: bool) -> None:
@@ -123,12 +135,12 @@ def entries(texts: Mapping[str, str]) -> None:
     block("\n".join(lines))
 
 
-def table(content: Table) -> None:
-    """Print a table, as wide as it needs to be where there is no terminal."""
+def table(content: Table) -> bool:
+    """Print a table, as wide as it needs to be where there is no terminal; False if its reader has gone away."""
     console = Console(highlight=False, width=None if sys.stdout.isatty() else 120)
     with console.capture() as captured:
         console.print(content)
-    block(captured.get().rstrip("\n"))
+    return block(captured.get().rstrip("\n"))
 
 
 def _flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

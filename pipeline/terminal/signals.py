@@ -1,10 +1,16 @@
 """The signals that end a verb: as exceptions, or as a question that a loop asks, where they are its ordinary end."""
 
+import os
 import signal
 import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from functools import partial
 from types import FrameType
+from typing import Any
+
+_AGAIN_S = 0.01
 
 
 def end_by_exceptions() -> None:
@@ -18,6 +24,8 @@ def end_by_exceptions() -> None:
     for number in _endings():
         if number != signal.SIGINT:
             signal.signal(number, _exit)
+    if getattr(sys.unraisablehook, "func", None) is not _send_again:
+        sys.unraisablehook = partial(_send_again, sys.unraisablehook)
 
 
 @contextmanager
@@ -50,3 +58,21 @@ def _endings() -> tuple[signal.Signals, ...]:
 
 def _exit(signum: int, frame: FrameType | None) -> None:
     sys.exit(128 + signum)
+
+
+def _send_again(otherwise: Callable[[Any], Any], unraisable: Any) -> None:
+    """Send a signal again, whose exception fell into a finalizer or a callback: Python drops it there.
+
+    A little later, as what is raised in here would be dropped as well.
+    """
+    error = unraisable.exc_value
+    if isinstance(error, KeyboardInterrupt):
+        number = int(signal.SIGINT)
+    elif isinstance(error, SystemExit) and error.code in [128 + number for number in _endings()]:
+        number = int(error.code) - 128
+    else:
+        otherwise(unraisable)
+        return
+    again = threading.Timer(_AGAIN_S, os.kill, (os.getpid(), number))
+    again.daemon = True
+    again.start()

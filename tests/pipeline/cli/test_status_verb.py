@@ -141,6 +141,14 @@ def test_a_watch_goes_on_until_ctrl_c_and_listens_nowhere(lab: Lab, tmp_path: Pa
     assert (process.returncode, said) == (0, "")
 
 
+def test_a_watch_that_nobody_reads_any_more_ends(lab: Lab, tmp_path: Path) -> None:
+    with start("status", "--watch", "--json", "--connect", lab.endpoint, cwd=tmp_path) as process:
+        assert process.stdout is not None
+        assert process.stdout.readline()
+        process.stdout.close()
+        assert process.wait(timeout=60) == 0
+
+
 def test_a_watch_begins_before_anybody_is_there(tmp_path: Path) -> None:
     endpoint = free_endpoint()
     with start("status", "--watch", "--json", "--connect", endpoint, cwd=tmp_path) as process:
