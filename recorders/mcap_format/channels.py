@@ -5,9 +5,12 @@ from dataclasses import dataclass, field
 from mcap.opcode import Opcode
 from mcap.records import Channel, Schema
 
-from recorders.mcap_format.errors import TooLarge
+from recorders.mcap_format.errors import Redeclared, TooLarge
 from recorders.mcap_format.lengths import MAX_CHANNEL, MAX_DECLARED
 from recorders.mcap_format.records import Record, parse
+from recorders.text.wording import names_text
+
+_SHOWN = 300  # characters of a line
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,6 +33,9 @@ class Declared:
     encoding: str
     metadata: tuple[tuple[str, str], ...] = ()
     schema: tuple[str, str, bytes] | None = None
+
+    def __str__(self) -> str:
+        return names_text([self.topic if self.schema is None else f"{self.topic} ({self.type})"], limit=_SHOWN)
 
     @property
     def type(self) -> str:
@@ -54,6 +60,8 @@ class Declarations:
         ------
         TooLarge
             If these and all before are more than are held.
+        Redeclared
+            If the channel was of another topic or type until now; from here on it is of this one.
         LogError
             If it is malformed.
         """
@@ -81,9 +89,13 @@ class Declarations:
             tuple(channel.metadata.items()),
             self.schemas.get(channel.schema_id),
         )
-        if self.channels.get(channel.id) != found:  # others' writers declare a channel in every chunk
-            self._take(record)
-            self.channels[channel.id] = found
+        known = self.channels.get(channel.id)
+        if known == found:  # others' writers declare a channel in every chunk
+            return
+        self._take(record)
+        self.channels[channel.id] = found
+        if known is not None and (known.topic, known.type) != (found.topic, found.type):
+            raise Redeclared(record.offset, f"channel {channel.id} is declared as {found}, elsewhere as {known}")
 
     def copy(self) -> "Declarations":
         """Return the same, to learn more by itself."""

@@ -54,6 +54,10 @@ class TooLarge(DamagedLog):
         return f"too large to be read at byte {self.offset}: {self.reason}"
 
 
+class Redeclared(DamagedLog):
+    """A channel is declared as another than it was: nothing but their places tell its messages apart."""
+
+
 def damaged(offset: int, what: str) -> DamagedLog:
     """Return the error for a log in which something at `offset` is not what its writer wrote."""
     return DamagedLog(offset, what)

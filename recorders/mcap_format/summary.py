@@ -68,6 +68,9 @@ class Channels:
             self._declare(channel, declared)
 
     def _declare(self, channel: int, declared: tuple[str, str]) -> None:
+        known = self.topics.get(channel)
+        if known and not declared[1] and known[0] == declared[0]:
+            declared = known  # its schema was not met before it, but the summary knows it
         self.topics[channel] = declared
         self.chosen[channel] = declared if self.wanted is None or declared[0] in self.wanted else None
 

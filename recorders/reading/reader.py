@@ -69,8 +69,8 @@ class LogReader:
         A log of our own writer goes by the order of the file, whatever its times. Of a log in order one chunk is held
         at a time; where chunks overlap in time they are merged, and those that overlap are held.
 
-        With a time, chunks that hold none of it are not read, if a sound summary says where they are; damage in them
-        is not noticed then.
+        With a time, chunks of a log of our own writer that hold none of it, as a sound summary says, are not read, and
+        damage in them is not noticed then. What others state of times is not relied upon: such a log is looked through.
 
         Parameters
         ----------
@@ -90,12 +90,12 @@ class LogReader:
         """
         walk = MessageWalk(Channels(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
         order = _BY_FILE if file_order else self._order
-        if not (order.by_file or order.risen):
+        if not order.by_file and (walk.sliced or not order.risen):
             return self._merged(walk)
         walk.ordered = not order.by_file
-        jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns) if walk.sliced else _NO_JUMPS
-        if jumps:
-            walk.channels.learn_from(self._index.channels)
+        jumps = _NO_JUMPS
+        if walk.sliced and self._order.by_file:
+            jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns)
         return self._walk(walk, jumps, lambda record: None)
 
     @property
@@ -193,6 +193,7 @@ class LogReader:
 
     def _walk(self, walk: MessageWalk, jumps: Mapping[int, int], notice: Callable[[Record], None]) -> Iterator[Stamped]:
         reached_ns = 0
+        walk.channels.learn_from(self._index.channels)
         with self._open() as file:
             try:
                 for batch in LogScan(file, walk, self._index.chunks, jumps).batches(notice):
@@ -214,6 +215,7 @@ class LogReader:
     def _pieces(self) -> Pieces:
         """Where the messages stand of a log whose order is another than that of the file, up to the first damage."""
         pieces = Pieces()
+        pieces.channels.learn_from(self._index.channels)
         try:
             with self._open() as file:
                 for _ in LogScan(file, pieces, self._index.chunks, _NO_JUMPS).batches(lambda record: None):

@@ -152,12 +152,20 @@ class LogSummary:
             "attachments": (stated.attachment_count, len(found.attachments)),
             "metadata records": (stated.metadata_count, found.metadata_count),
         }
-        totals |= self._declared_totals(stated)
+        totals |= self._declared_totals(stated) | self._time_totals(stated)
         by_topic = found.stated_counts or Counter()
         totals |= {f"messages on {topic}": (by_topic[topic], counts[topic]) for topic in by_topic}
         if by_topic:
             totals |= {f"messages on {topic}": (0, counts[topic]) for topic in counts if topic not in by_topic}
         return (f"{said} {what}, found {there}" for what, (said, there) in totals.items() if said != there)
+
+    def _time_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
+        """Return stated and found times of the first and the last message; some writers state none, which is 0."""
+        said = stated.message_start_time, stated.message_end_time
+        if self.times_ns is None or self.undeclared or not any(said):
+            return {}
+        first, last = zip(said, self.times_ns, strict=True)
+        return {"ns as the time of the first message": first, "ns as that of the last": last}
 
     def _declared_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
         """Return stated and found numbers of channels and schemas; some writers count those that they left out."""

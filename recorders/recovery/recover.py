@@ -206,12 +206,17 @@ class _Copy:
             attachments=tuple(entry.name for entry in found.attachments),
             lost_attachments=tuple((+expected).elements()),
             damage=tuple(found.damage),
-            complete=found.finished and exact and not lost and self._is_all(),
+            complete=found.finished and exact and not (lost or tally.undeclared or +expected) and self._is_all(),
         )
 
     def _is_all(self) -> bool:
-        """Whether the log's own manifest, if it has one, says that this is all of a finished recording."""
-        manifest = self._found.manifest
+        """Whether the log's own summary and manifest, if it has them, say that this is all of a finished recording."""
+        found, manifest = self._found, self._found.manifest
+        stated = found.summary.statistics if found.summary else None
+        if stated is not None and (
+            stated.metadata_count > found.metadata_count or stated.attachment_count > len(found.attachments)
+        ):
+            return False
         if not manifest:
             return True
         return manifest.get("complete") is True and manifest.get("content_sha256") == self._content.hexdigest()

@@ -15,7 +15,7 @@ from recorders.errors import LogError
 from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.channels import Declarations, Declared
 from recorders.mcap_format.chunk_contents import MESSAGE, split
-from recorders.mcap_format.errors import DamagedLog, TooLarge
+from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge
 from recorders.mcap_format.records import Record, chunk_data, parse, read_record
 from recorders.mcap_format.unread import Unread
 from recorders.recovery.resync import carries_crc
@@ -190,10 +190,10 @@ class Survey:
             self._learn(declarations, record)
 
     def _learn(self, declarations: Declarations, record: Record) -> None:
-        """Take in a declaration, or note where there are more of them than are held."""
+        """Take in a declaration, or note where it is of another channel than before, or one too many."""
         try:
             declarations.learn(record)
-        except TooLarge as error:
+        except (TooLarge, Redeclared) as error:
             if all(damage.reason != error.reason for damage in self.damage):
                 self.damage.append(Damage(record.offset, error.reason, 0))
 

@@ -6,6 +6,8 @@ from dataclasses import dataclass, field
 from recorders.mcap_format.channels import Declared
 from recorders.recovery.salvage import Salvaged, Survey
 
+_UNDECLARED = "on channels that are not declared"
+
 
 @dataclass
 class Tally:
@@ -45,13 +47,14 @@ class Tally:
     def lost(self, found: Survey) -> tuple[Counter[str] | None, bool]:
         """Return how many messages of each topic are lost, and whether these are all.
 
-        The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage; and
-        without those nothing does.
+        The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage, and
+        what cannot be kept; and without those nothing does.
         """
         counts = found.stated_counts
         if counts is None and isinstance(found.manifest.get("counts"), dict):
             counts = Counter({topic: n for topic, n in found.manifest["counts"].items() if type(n) is int})
-        if counts is not None:
-            return counts - self.kept, True
+        if counts is not None:  # where every message is kept, they may be on other topics than is stated
+            return (counts - self.kept if self.kept.total() < counts.total() else Counter()), True
         whole = found.finished and not found.damage
-        return (self.missing, whole) if self.missing or whole else (None, False)
+        missing = self.missing + Counter({_UNDECLARED: self.undeclared})
+        return (missing, whole) if missing or whole else (None, False)

@@ -4,6 +4,7 @@ import zlib
 from bisect import bisect_right
 from collections import Counter
 from collections.abc import Callable
+from contextlib import suppress
 from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
@@ -13,7 +14,7 @@ from recorders.errors import LogError
 from recorders.mcap_format.attachments import attachment_head, check_attachment
 from recorders.mcap_format.channels import Declarations
 from recorders.mcap_format.chunk_contents import MESSAGE, checked, declarations
-from recorders.mcap_format.errors import DamagedLog, TooLarge, damaged
+from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge, damaged
 from recorders.mcap_format.lengths import Expansion
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata, to_metadata
 from recorders.mcap_format.records import (
@@ -241,7 +242,8 @@ class Walk:
             self._take_unprotected(record)
         else:
             for each in declarations(data, record.offset):
-                self.declarations.learn(each)
+                with suppress(Redeclared):  # noted where the messages are read
+                    self.declarations.learn(each)
             self.chunks_with_crc += 1
             self.first_protected = record.offset if self.first_protected is None else self.first_protected
         self.chunks[chunk_head(record).compression] += 1
