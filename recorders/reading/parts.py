@@ -186,7 +186,9 @@ def _whole(parts: Sequence[Path]) -> Parts:
     told = [_part(path) for path in parts]  # a damaged one says nothing, and whoever reads it will say so
     if len({part.session for part in told if part}) > 1:
         raise LogError(f"{name}: expected the parts of one session, found those of several; name those you mean")
-    numbers = [part.number if part else _number(path) for path, part in zip(parts, told, strict=True)]
+    named = [part.number if part else _number(path) for path, part in zip(parts, told, strict=True)]
+    order = sorted(range(len(parts)), key=named.__getitem__)  # what a part says of itself, whatever it is called now
+    parts, told, numbers = [parts[row] for row in order], [told[row] for row in order], sorted(named)
     first = 0 if any(told) else numbers[0]
     end = numbers[-1] + (2 if told[-1] and told[-1].more else 1)
     if len(numbers) != end - first or numbers != list(range(first, end)):

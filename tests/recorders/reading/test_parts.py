@@ -40,6 +40,14 @@ def test_it_reads_as_the_log_in_one_piece_does_however_it_is_named(log: Path, pa
     assert one_session(list(reversed(parts))) == Parts(tuple(parts))
 
 
+def test_parts_whose_names_were_swapped_go_by_what_they_say_of_themselves(log: Path, parts: list[Path]) -> None:
+    aside = parts[0].rename(parts[0].with_suffix(".aside"))
+    parts[2].rename(parts[0])
+    aside.rename(parts[2])
+    for session in (find_log(parts[0].parent), one_session(parts)):
+        assert list(open_log(session)) == list(LogReader(log))
+
+
 def test_slices_and_topics_are_those_of_the_whole(log: Path, parts: list[Path]) -> None:
     whole, reader = LogReader(log), open_log(Parts(tuple(parts)))
     times_ns = sorted({record.log_time_ns for record in whole})
