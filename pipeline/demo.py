@@ -58,11 +58,16 @@ class Demo:
 
     Attributes
     ----------
-    trials : the controller on pattern 1, pattern 2 and the drawing, in this order
-    errors_cm : eq. (10) of every epoch
-    zenoh_digest, file_digest : state digests of the learner fed over Zenoh and of the one trained from the file
-    seconds : time of each stage [s]
-    controller, logs : files
+    trials : (Trial, Trial, Trial)
+        The controller on pattern 1, pattern 2 and the drawing, in this order.
+    errors_cm : list of float
+        Eq. (10) of every epoch.
+    zenoh_digest, file_digest : str
+        State digests of the learner fed over Zenoh and of the one trained from the file.
+    seconds : dict of str to float
+        Time of each stage [s].
+    controller, logs : Path and list of Path
+        Files.
     """
 
     trials: tuple[Trial, Trial, Trial]

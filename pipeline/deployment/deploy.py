@@ -68,9 +68,12 @@ class Driven:
 
     Attributes
     ----------
-    joints : joints measured at the end of the hold of each target [rad or m], shape (T, n)
-    reached : where the hands physically were then [m], left then right, shape (T, 2, 3)
-    errors : their distances from that target
+    joints : ndarray
+        Joints measured at the end of the hold of each target [rad or m], shape (T, n).
+    reached : ndarray
+        Where the hands physically were then [m], left then right, shape (T, 2, 3).
+    errors : HandErrors
+        Their distances from that target.
     """
 
     joints: Floats
@@ -84,10 +87,14 @@ class Deployment:
 
     Attributes
     ----------
-    motion : name of the motion
-    period_s : how long each target was held [s]
-    targets : hand positions asked for [m], left then right, shape (T, 6)
-    learned, teacher : where the robot went
+    motion : str
+        Name of the motion.
+    period_s : float
+        How long each target was held [s].
+    targets : ndarray
+        Hand positions asked for [m], left then right, shape (T, 6).
+    learned, teacher : Driven
+        Where the robot went.
     """
 
     motion: str

@@ -36,7 +36,8 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zen
 
     Yields
     ------
-    A session that reaches both, and the robot.
+    (zenoh.Session, RemoteRobot)
+        A session that reaches both, and the robot.
 
     Raises
     ------

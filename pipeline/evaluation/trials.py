@@ -28,13 +28,19 @@ class Trial:
     Attributes
     ----------
     name : str
-    targets : hand positions asked for [m], left then right, shape (T, 6)
-    joints : postures answered [rad or m], shape (T, n)
-    reached : hand positions of these postures [m], shape (T, 2, 3)
-    errors : eq. (10) and its parts
-    teacher : the same for the teacher's own postures; None where the motion was not recorded
-    linear : the same for linear least squares, fitted to this motion as recorded, or to the recording that was named;
-        None where there is neither
+    targets : ndarray
+        Hand positions asked for [m], left then right, shape (T, 6).
+    joints : ndarray
+        Postures answered [rad or m], shape (T, n).
+    reached : ndarray
+        Hand positions of these postures [m], shape (T, 2, 3).
+    errors : HandErrors
+        Eq. (10) and its parts.
+    teacher : HandErrors or None
+        The same for the teacher's own postures; None where the motion was not recorded.
+    linear : HandErrors or None
+        The same for linear least squares, fitted to this motion as recorded, or to the recording that was named; None
+        where there is neither.
     """
 
     name: str

@@ -80,15 +80,24 @@ class Demonstrated:
 
     Attributes
     ----------
-    path : the log
-    ticks : number of ticks in it
-    duration_s : how long the motion takes [s]
-    peak_m_s : the highest speed of a hand's target [m/s]
-    longest_gap_s : the longest time between two poses shown, across which was interpolated [s]
-    out_of_reach : what of it was, and what became of that
-    source : where it came from, as the manifest says
-    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
-    content_sha256 : the log's content hash
+    path : Path
+        The log.
+    ticks : int
+        Number of ticks in it.
+    duration_s : float
+        How long the motion takes [s].
+    peak_m_s : float
+        The highest speed of a hand's target [m/s].
+    longest_gap_s : float
+        The longest time between two poses shown, across which was interpolated [s].
+    out_of_reach : OutOfReach
+        What of it was, and what became of that.
+    source : dict of str to object
+        Where it came from, as the manifest says.
+    teacher_error_cm : float
+        Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
+    content_sha256 : str
+        The log's content hash.
     """
 
     path: Path
@@ -121,14 +130,22 @@ def demonstrate(
 
     Parameters
     ----------
-    robot : who follows
-    shown : paths of one hand or both; a hand that is not shown is held still in the centre of its pattern
-    config : how the paths become targets
-    seed : names the start posture
-    out : path of the log
-    overwrite : whether a log at `out` may be replaced
-    progress : called with the fraction done, 0 to 1
-    say : told, in one line, of a log that a crash left at `out`, and that is set aside
+    robot : RobotConfig
+        Who follows.
+    shown : Shown
+        Paths of one hand or both; a hand that is not shown is held still in the centre of its pattern.
+    config : DemonstrationConfig
+        How the paths become targets.
+    seed : int
+        Names the start posture.
+    out : str or Path
+        Path of the log.
+    overwrite : bool
+        Whether a log at `out` may be replaced.
+    progress : callable
+        Called with the fraction done, 0 to 1.
+    say : callable
+        Told, in one line, of a log that a crash left at `out`, and that is set aside.
 
     Raises
     ------

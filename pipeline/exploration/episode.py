@@ -24,10 +24,13 @@ class ExplorationConfig:
 
     Attributes
     ----------
-    state_period_ns : period of the robot's own messages [ns]; the default is 50 Hz
-    settle_ns : how long the first target of an open motion is held before the recording [ns]; a closed motion settles
-        during one unrecorded cycle, for the last part of which, this long, a robot that can be placed takes part
-    start_spread : the start posture is drawn this far about the comfort posture, in parts of each joint's range
+    state_period_ns : int
+        Period of the robot's own messages [ns]; the default is 50 Hz.
+    settle_ns : int
+        How long the first target of an open motion is held before the recording [ns]; a closed motion settles during
+        one unrecorded cycle, for the last part of which, this long, a robot that can be placed takes part.
+    start_spread : float
+        The start posture is drawn this far about the comfort posture, in parts of each joint's range.
     """
 
     state_period_ns: int = 20_000_000
@@ -55,7 +58,8 @@ class Plan:
     Attributes
     ----------
     settling, holds : sequence of Hold
-    closing : target of the last tick [m], shape (2, 3): the first one of a closed motion, the last one of an open one
+    closing : ndarray
+        Target of the last tick [m], shape (2, 3): the first one of a closed motion, the last one of an open one.
     """
 
     settling: Sequence[Hold]

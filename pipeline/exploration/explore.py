@@ -29,10 +29,14 @@ class Exploration:
 
     Attributes
     ----------
-    path : the log
-    ticks : number of ticks in it, one more than the motion has samples
-    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
-    content_sha256 : the log's content hash
+    path : Path
+        The log.
+    ticks : int
+        Number of ticks in it, one more than the motion has samples.
+    teacher_error_cm : float
+        Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
+    content_sha256 : str
+        The log's content hash.
     """
 
     path: Path
@@ -66,16 +70,26 @@ def explore(
 
     Parameters
     ----------
-    robot, motion : what moves, and how
-    seed : names the start posture
-    out : path of the log
-    teacher, simulation, config : parameters, all of them written to the manifest
-    notes : what else the manifest is to say, such as where the motion came from
-    must_reach : whether a motion that leaves the robot's reach is refused
-    overwrite : whether a log at `out` may be replaced
-    progress : called with the fraction done, 0 to 1
-    on_message : told of what is written: topic, message, time [ns]
-    say : told, in one line, of a log that a crash left at `out`, and that is set aside
+    robot, motion : RobotConfig and Motion
+        What moves, and how.
+    seed : int
+        Names the start posture.
+    out : str or Path
+        Path of the log.
+    teacher, simulation, config : TeacherConfig and SimulationConfig and ExplorationConfig
+        Parameters, all of them written to the manifest.
+    notes : mapping of str to object
+        What else the manifest is to say, such as where the motion came from.
+    must_reach : bool
+        Whether a motion that leaves the robot's reach is refused.
+    overwrite : bool
+        Whether a log at `out` may be replaced.
+    progress : callable
+        Called with the fraction done, 0 to 1.
+    on_message : callable
+        Told of what is written: topic, message, time [ns].
+    say : callable
+        Told, in one line, of a log that a crash left at `out`, and that is set aside.
 
     Raises
     ------

@@ -155,12 +155,18 @@ class LiveExploration:
 
     Attributes
     ----------
-    run : names the session
-    robot, motion : their names
-    real_time : whether the robot's time ran with the clock on the wall; such a session cannot be repeated to the bit
-    ticks, messages : how many were streamed
-    teacher_error_cm : distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands
-    consumers : what each awaited consumer made of the stream, by name
+    run : str
+        Names the session.
+    robot, motion : str
+        Their names.
+    real_time : bool
+        Whether the robot's time ran with the clock on the wall; such a session cannot be repeated to the bit.
+    ticks, messages : int
+        How many were streamed.
+    teacher_error_cm : float
+        Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
+    consumers : dict of str to dict of str to object
+        What each awaited consumer made of the stream, by name.
     """
 
     run: str

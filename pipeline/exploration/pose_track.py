@@ -28,8 +28,10 @@ class HandPath:
 
     Attributes
     ----------
-    times_s : strictly increasing times [s], shape (N,); those of both hands count from the same instant
-    points : positions, in whatever unit and axes the source has, shape (N, 3)
+    times_s : ndarray
+        Strictly increasing times [s], shape (N,); those of both hands count from the same instant.
+    points : ndarray
+        Positions, in whatever unit and axes the source has, shape (N, 3).
     """
 
     times_s: Floats
@@ -49,7 +51,7 @@ class PoseTrack:
     ----------
     seen : int
         Messages taken in, of use or not.
-    left_out : Counter of str
+    left_out : counter of str
         Poses left out, by reason.
     """
 

@@ -32,9 +32,12 @@ class Motion:
     Attributes
     ----------
     name : str
-    times_s : strictly increasing times of the samples [s], shape (T,), T >= 2
-    left, right : hand targets [m], world frame, shape (T, 3)
-    closed : whether the first sample follows the last, so that the motion can go round and round
+    times_s : ndarray
+        Strictly increasing times of the samples [s], shape (T,), T >= 2.
+    left, right : ndarray
+        Hand targets [m], world frame, shape (T, 3).
+    closed : bool
+        Whether the first sample follows the last, so that the motion can go round and round.
 
     Raises
     ------

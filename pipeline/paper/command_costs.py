@@ -28,10 +28,14 @@ class CommandCost:
 
     Attributes
     ----------
-    name : the controller
-    mean_cm : eq. (10) of the postures at the end of each target, on the motion of the comparison [cm]
-    microseconds : time of one step, as called from Python [us]
-    steps : how many steps it takes for each target
+    name : str
+        The controller.
+    mean_cm : float
+        Eq. (10) of the postures at the end of each target, on the motion of the comparison [cm].
+    microseconds : float
+        Time of one step, as called from Python [us].
+    steps : int
+        How many steps it takes for each target.
     """
 
     name: str

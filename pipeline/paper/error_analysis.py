@@ -23,10 +23,14 @@ class Direction:
 
     Attributes
     ----------
-    name : what the direction is
-    pattern_1_cm, pattern_2_cm : how far the targets of each pattern spread about their centres
-    missed_cm : by the pattern that the networks learned, how far their hands miss pattern 1
-    followed : by the same, the part of pattern 1's movement in this direction that their hands follow; 1 is all of it
+    name : str
+        What the direction is.
+    pattern_1_cm, pattern_2_cm : float
+        How far the targets of each pattern spread about their centres.
+    missed_cm : mapping of str to float
+        By the pattern that the networks learned, how far their hands miss pattern 1.
+    followed : mapping of str to float
+        By the same, the part of pattern 1's movement in this direction that their hands follow; 1 is all of it.
     """
 
     name: str
@@ -88,10 +92,14 @@ class Depth:
 
     Attributes
     ----------
-    motion, hand : what is done, and "left" or "right"
-    out_cm : how far its targets are at most from the centre of that hand's pattern
-    missed_cm : distance from the target
-    in_plane_cm, off_plane_cm : the same within the plane, and ahead of it or behind
+    motion, hand : str
+        What is done, and "left" or "right".
+    out_cm : float
+        How far its targets are at most from the centre of that hand's pattern.
+    missed_cm : float
+        Distance from the target.
+    in_plane_cm, off_plane_cm : float
+        The same within the plane, and ahead of it or behind.
     """
 
     motion: str

@@ -53,10 +53,14 @@ class Picture:
 
     Attributes
     ----------
-    name : of its file, without folder
-    figure : the paper's number of it
-    says : what it shows, for those who read it and those who cannot see it
-    key : how it is to be read; it stands in the picture too
+    name : str
+        Of its file, without folder.
+    figure : str
+        The paper's number of it.
+    says : str
+        What it shows, for those who read it and those who cannot see it.
+    key : str
+        How it is to be read; it stands in the picture too.
     """
 
     name: str

@@ -33,14 +33,20 @@ class Networks:
 
     Attributes
     ----------
-    pattern : name of the pattern that they learned
+    pattern : str
+        Name of the pattern that they learned.
     seeds : tuple of int, one for each network
-    curves_cm : eq. (10) of every epoch of each network [cm], shape (networks, epochs)
-    controllers : what was learned, in the order of the seeds
-    trials : by motion, each network tried on it, in the order of the seeds
-    linear : by motion, linear least squares fitted to the samples that the networks learned from
-    from_recorded_cm : how far each network's hands are from where they were recorded, on the pattern that it learned
-        [cm], mean over time and hands, shape (networks,)
+    curves_cm : ndarray
+        Eq. (10) of every epoch of each network [cm], shape (networks, epochs).
+    controllers : tuple of Controller
+        What was learned, in the order of the seeds.
+    trials : mapping of str to tuple of Trial
+        By motion, each network tried on it, in the order of the seeds.
+    linear : mapping of str to HandErrors
+        By motion, linear least squares fitted to the samples that the networks learned from.
+    from_recorded_cm : ndarray
+        How far each network's hands are from where they were recorded, on the pattern that it learned [cm], mean over
+        time and hands, shape (networks,).
     """
 
     pattern: str

@@ -31,11 +31,16 @@ class Row:
 
     Attributes
     ----------
-    what : the quantity
-    ours, papers, teacher, linear : its values
-    seeds : of the networks, or of what else is drawn
-    commands : that give it, in the folder of the report
-    printed : the name under which they print ours, for each seed
+    what : str
+        The quantity.
+    ours, papers, teacher, linear : str
+        Its values.
+    seeds : str
+        Of the networks, or of what else is drawn.
+    commands : tuple of str
+        That give it, in the folder of the report.
+    printed : str
+        The name under which they print ours, for each seed.
     """
 
     what: str

@@ -17,9 +17,12 @@ class LinkPose:
 
     Attributes
     ----------
-    parent, child : link names
-    translation : origin of the child in the parent [m], shape (3,)
-    rotation : quaternion x, y, z, w of the child in the parent, shape (4,)
+    parent, child : str
+        Link names.
+    translation : ndarray
+        Origin of the child in the parent [m], shape (3,).
+    rotation : ndarray
+        Quaternion x, y, z, w of the child in the parent, shape (4,).
     """
 
     parent: str

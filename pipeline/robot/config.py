@@ -43,14 +43,22 @@ class RobotConfig:
     ----------
     name : str
     joints : tuple of str, length n
-    lower, upper : position limits [rad or m], shape (n,)
-    weights : cost of leaving the comfort posture, relative to each joint's range, shape (n,)
-    comfort : comfort posture [rad or m], shape (n,); also the constant on which learned outputs are centred
-    left_hand, right_hand : names of the links whose origins are the hand positions
-    gaze_joint, gaze_frame : the joint that turns the gaze, and a link it moves (x ahead, z along the joint's axis)
-    left_centre, right_centre : middle of each hand's pattern [m], world frame, shape (3,)
-    lateral, up : unit vectors of the plane in which the hands draw, world frame, shape (3,)
-    urdf_text, toml_text : the two files as they were read, for a log's attachments
+    lower, upper : ndarray
+        Position limits [rad or m], shape (n,).
+    weights : ndarray
+        Cost of leaving the comfort posture, relative to each joint's range, shape (n,).
+    comfort : ndarray
+        Comfort posture [rad or m], shape (n,); also the constant on which learned outputs are centred.
+    left_hand, right_hand : str
+        Names of the links whose origins are the hand positions.
+    gaze_joint, gaze_frame : str
+        The joint that turns the gaze, and a link it moves (x ahead, z along the joint's axis).
+    left_centre, right_centre : ndarray
+        Middle of each hand's pattern [m], world frame, shape (3,).
+    lateral, up : ndarray
+        Unit vectors of the plane in which the hands draw, world frame, shape (3,).
+    urdf_text, toml_text : str
+        The two files as they were read, for a log's attachments.
     """
 
     name: str

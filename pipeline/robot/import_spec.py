@@ -59,13 +59,20 @@ class RobotSource:
 
     Attributes
     ----------
-    package : installed Python package that brings the model; None if the model lies beside `import.toml`
-    urdf : path of the model among the package's files, or its name beside `import.toml`
-    base : where the model's root stands in the world
-    drop : joints that are left out, with all that hangs on them
-    frozen : posture of joints that do not move in our robot [rad or m]; 0 for those not named
-    virtual : joints added between ground and root, from the ground up
-    frames : frames added
+    package : str or None
+        Installed Python package that brings the model; None if the model lies beside `import.toml`.
+    urdf : str
+        Path of the model among the package's files, or its name beside `import.toml`.
+    base : Place
+        Where the model's root stands in the world.
+    drop : tuple of str
+        Joints that are left out, with all that hangs on them.
+    frozen : tuple of (str, float)
+        Posture of joints that do not move in our robot [rad or m]; 0 for those not named.
+    virtual : tuple of VirtualJoint
+        Joints added between ground and root, from the ground up.
+    frames : tuple of AddedFrame
+        Frames added.
     """
 
     package: str | None

@@ -136,13 +136,20 @@ class RobotStatus:
 
     Attributes
     ----------
-    robot : name of the robot
-    real_time : whether its time runs with the clock on the wall, or waits for commands
-    time_ns : the robot's time [ns]
-    period_ns : how long a command holds [ns]
-    commands, refused : how many commands it has carried out and refused
-    slipped_s : how far its time has fallen behind the clock on the wall [s]
-    joints : names of its joints, in order; none if it does not say
+    robot : str
+        Name of the robot.
+    real_time : bool
+        Whether its time runs with the clock on the wall, or waits for commands.
+    time_ns : int
+        The robot's time [ns].
+    period_ns : int
+        How long a command holds [ns].
+    commands, refused : int
+        How many commands it has carried out and refused.
+    slipped_s : float
+        How far its time has fallen behind the clock on the wall [s].
+    joints : tuple of str
+        Names of its joints, in order; none if it does not say.
     """
 
     robot: str

@@ -155,7 +155,8 @@ class Node:
 
         Yields
         ------
-        What looks at robots that come later.
+        RobotCheck
+        Looks at robots that come later.
 
         Raises
         ------

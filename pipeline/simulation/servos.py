@@ -29,8 +29,10 @@ class Gains(NamedTuple):
 
     Attributes
     ----------
-    stiffness : [N m/rad or N/m]
-    damping : [N m s/rad or N s/m]
+    stiffness : ndarray
+        [N m/rad or N/m].
+    damping : ndarray
+        [N m s/rad or N s/m].
     """
 
     stiffness: Floats
@@ -42,8 +44,10 @@ class Demand(NamedTuple):
 
     Attributes
     ----------
-    positions, velocities : desired ones [rad, rad/s or m, m/s]
-    feed_forward : added to what the servos exert [N m or N]
+    positions, velocities : ndarray
+        Desired ones [rad, rad/s or m, m/s].
+    feed_forward : ndarray
+        Added to what the servos exert [N m or N].
     """
 
     positions: Floats
@@ -56,12 +60,18 @@ class JointSpace:
 
     Attributes
     ----------
-    plant, model : the plant, and its only model instance
-    joints, motors : those of Drake
-    effort_limits : of the motors [N m or N], shape (n,)
-    step_ns : step of the dynamics [ns]
-    v : places of the joints among the plant's velocities, shape (n,); from `finalize` on
-    x : places of their positions, then velocities, in the plant's state, shape (2 n,); from `finalize` on
+    plant, model : object
+        The plant, and its only model instance.
+    joints, motors : list of object
+        Those of Drake.
+    effort_limits : ndarray
+        Of the motors [N m or N], shape (n,).
+    step_ns : int
+        Step of the dynamics [ns].
+    v : ndarray of int
+        Places of the joints among the plant's velocities, shape (n,); from `finalize` on.
+    x : ndarray of int
+        Places of their positions, then velocities, in the plant's state, shape (2 n,); from `finalize` on.
 
     Raises
     ------

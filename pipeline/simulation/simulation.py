@@ -27,10 +27,14 @@ class SimulationConfig:
 
     Attributes
     ----------
-    step_ns : step of the dynamics [ns]
-    control_ns : period at which lag filter and gravity feed-forward are renewed [ns], a multiple of `step_ns`
-    lag_s : time constant with which the servos' set point follows the command [s]
-    bandwidth : natural frequency of every servo [rad/s]; critically damped
+    step_ns : int
+        Step of the dynamics [ns].
+    control_ns : int
+        Period at which lag filter and gravity feed-forward are renewed [ns], a multiple of `step_ns`.
+    lag_s : float
+        Time constant with which the servos' set point follows the command [s].
+    bandwidth : float
+        Natural frequency of every servo [rad/s]; critically damped.
     """
 
     step_ns: int = 1_000_000

@@ -30,8 +30,10 @@ class Miss(NamedTuple):
 
     Attributes
     ----------
-    sample : index of the sample
-    short_m : distance of each hand from its target [m], shape (2,)
+    sample : int
+        Index of the sample.
+    short_m : ndarray
+        Distance of each hand from its target [m], shape (2,).
     """
 
     sample: int
@@ -44,10 +46,14 @@ class OutOfReach:
 
     Attributes
     ----------
-    handled : one of `CHOICES`
-    samples : how many of the samples
-    first_s : time of the first of them [s]; None if there is none
-    hand, worst_cm : the hand that was farthest from its target, and how far it stayed [cm]; None if there is none
+    handled : str
+        One of `CHOICES`.
+    samples : int
+        How many of the samples.
+    first_s : float or None
+        Time of the first of them [s]; None if there is none.
+    hand, worst_cm : str or None and float or None
+        The hand that was farthest from its target, and how far it stayed [cm]; None if there is none.
     """
 
     handled: str

@@ -23,13 +23,19 @@ class TeacherConfig:
 
     Attributes
     ----------
-    period_ns : control period [ns]
-    gain : approach of the hands to their targets, kp [1/s]
-    damping : lambda of the damped inverse; bounds joint speeds near singular postures
-    comfort_gain : approach to the comfort posture within the null space, alpha [1/s]; below 1 postures drift from
-        cycle to cycle, at 0 by up to 58 % of a joint's range
-    barrier : weight of the log barrier at the joint limits, relative to the comfort term
-    margin : smallest distance kept from a limit, as a part of the joint's range
+    period_ns : int
+        Control period [ns].
+    gain : float
+        Approach of the hands to their targets, kp [1/s].
+    damping : float
+        lambda of the damped inverse; bounds joint speeds near singular postures.
+    comfort_gain : float
+        Approach to the comfort posture within the null space, alpha [1/s]; below 1 postures drift from cycle to cycle,
+        at 0 by up to 58 % of a joint's range.
+    barrier : float
+        Weight of the log barrier at the joint limits, relative to the comfort term.
+    margin : float
+        Smallest distance kept from a limit, as a part of the joint's range.
     """
 
     period_ns: int = 5_000_000
@@ -117,10 +123,14 @@ class Unreachable:
 
     Attributes
     ----------
-    sample : index of the sample
-    hand : "left" or "right"
-    point : the target [m]
-    short_m : distance that remains [m]
+    sample : int
+        Index of the sample.
+    hand : str
+        "left" or "right".
+    point : (float, float, float)
+        The target [m].
+    short_m : float
+        Distance that remains [m].
     """
 
     sample: int
@@ -166,7 +176,9 @@ def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH
 
     Returns
     -------
-    posture reached (n,), and the distance of each hand from its target [m], shape (2,); above `bound_m` is out of reach
+    (ndarray, ndarray)
+        Posture reached (n,), and the distance of each hand from its target [m], shape (2,); above `bound_m` is out of
+        reach.
     """
     for _ in range(_REACH_STEPS):
         short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)

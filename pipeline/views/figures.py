@@ -50,10 +50,13 @@ class MotionTest:
     Attributes
     ----------
     title : str
-    targets : positions asked for [m], left hand then right, shape (T, 6)
-    reached : positions reached [m], left then right, shape (T, 2, 3)
+    targets : ndarray
+        Positions asked for [m], left hand then right, shape (T, 6).
+    reached : ndarray
+        Positions reached [m], left then right, shape (T, 2, 3).
     errors : HandErrors
-    lateral, up : unit vectors of the robot's plane, to its left and up, world frame, shape (3,)
+    lateral, up : array_like
+        Unit vectors of the robot's plane, to its left and up, world frame, shape (3,).
 
     Raises
     ------

@@ -29,7 +29,8 @@ class View:
 
     Attributes
     ----------
-    azimuth_deg, elevation_deg : direction of the spectator as the robot sees it, to its left and up; 0, 0 is ahead
+    azimuth_deg, elevation_deg : float
+        Direction of the spectator as the robot sees it, to its left and up; 0, 0 is ahead.
     """
 
     azimuth_deg: float = 30.0

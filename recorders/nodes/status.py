@@ -58,13 +58,20 @@ class NodeStatus:
 
     Attributes
     ----------
-    kind, name : what and who it is
-    state : what it does at the moment
-    since_s : how long it has been there, by its own monotonic clock [s]; None if it does not say
-    counts : what it has counted since then, by name
-    rates_hz : how fast each count has grown over the last seconds, by the same clock [Hz]
-    latency_us : latencies of late, `p50`, `p90`, `p99` and `max` [us]; None where there are none
-    digests : digests, by name
+    kind, name : str
+        What and who it is.
+    state : str
+        What it does at the moment.
+    since_s : float or None
+        How long it has been there, by its own monotonic clock [s]; None if it does not say.
+    counts : mapping of str to int
+        What it has counted since then, by name.
+    rates_hz : mapping of str to float
+        How fast each count has grown over the last seconds, by the same clock [Hz].
+    latency_us : mapping of str to float or None
+        Latencies of late, `p50`, `p90`, `p99` and `max` [us]; None where there are none.
+    digests : mapping of str to str
+        Digests, by name.
     """
 
     kind: str
@@ -172,7 +179,8 @@ def declared_node(session: zenoh.Session, source: NodeSource, *, namespace: str)
 
     Yields
     ------
-    The meter that the answers come from.
+    NodeMeter
+        The answers come from it.
     """
     meter = NodeMeter(source)
     key = node_key(namespace, source.kind, source.name, "status")

@@ -46,13 +46,20 @@ class Recording:
 
     Attributes
     ----------
-    paths : files, in order
-    messages, size : how many messages, and how many bytes of them
-    gaps : messages that producers numbered and that did not arrive, by topic
-    opaque : messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic
-    refused : messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting
-    broken : why the latest of the streams that awaited this and never came to their end did not
-    left_out : how many messages were on topics that are not to be recorded
+    paths : list of Path
+        Files, in order.
+    messages, size : int
+        How many messages, and how many bytes of them.
+    gaps : counter of str
+        Messages that producers numbered and that did not arrive, by topic.
+    opaque : counter of str
+        Messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic.
+    refused : counter of str
+        Messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting.
+    broken : deque of str
+        Why the latest of the streams that awaited this and never came to their end did not.
+    left_out : int
+        How many messages were on topics that are not to be recorded.
     """
 
     paths: list[Path] = field(default_factory=list)

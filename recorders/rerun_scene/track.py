@@ -30,10 +30,14 @@ class Track:
 
     Attributes
     ----------
-    times_ns : from the start of the motion [ns], shape (T,)
-    joints : postures [rad or m], shape (T, n)
-    targets, reached : hand positions [m], left then right, shape (T, 2, 3)
-    scored : rows whose error is plotted, shape (T,); all if left out
+    times_ns : Times
+        From the start of the motion [ns], shape (T,).
+    joints : ndarray
+        Postures [rad or m], shape (T, n).
+    targets, reached : ndarray
+        Hand positions [m], left then right, shape (T, 2, 3).
+    scored : ndarray of bool or None
+        Rows whose error is plotted, shape (T,); all if left out.
     """
 
     times_ns: Times

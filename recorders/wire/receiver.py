@@ -127,7 +127,7 @@ class Receiver:
 
     Attributes
     ----------
-    refused : Counter of str
+    refused : counter of str
         How many messages were refused, by topic and reason.
     channels : ChannelTables
         What the senders of streams tell of the channels that they play.

@@ -48,7 +48,7 @@ class LiveStream:
 
     Attributes
     ----------
-    refused : Counter of str
+    refused : counter of str
         How many messages were refused, by topic and reason.
     gaps : int
         How many times ticks were missing between two others.
