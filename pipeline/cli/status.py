@@ -44,7 +44,7 @@ def status(
 
     check_namespace(namespace)
     session = session_config(None, connect, zenoh_config, listens=False, wait_s=0.0 if watch else wait)
-    nobody = f"no node runs in namespace '{namespace}' at {', '.join(session.connect)}"
+    nobody = f"no node runs in namespace '{namespace}' at {', '.join(session.connect or session.listen)}"
     if watch:
         with until_stopped() as stopped, ExitStack() as stack:
             _watch(_finding(session, namespace, stack), stopped, nobody, as_json=as_json)

@@ -197,6 +197,15 @@ def test_no_node_is_one_line_and_status_1(capsys: pytest.CaptureFixture[str]) ->
     assert line.startswith(f"no node runs: nothing listens at {endpoint}")
 
 
+def test_where_nobody_was_found_is_named_also_if_a_file_has_it_listen(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    endpoint, file = free_endpoint(), tmp_path / "zenoh.json5"
+    file.write_text(json.dumps({"listen": {"endpoints": [endpoint]}}))
+    assert status("--zenoh-config", str(file)) == 1
+    assert capsys.readouterr().err == f"no node runs in namespace 'reenact' at {endpoint}\n"
+
+
 def test_what_strangers_say_is_spelt_out(capsys: pytest.CaptureFixture[str]) -> None:
     endpoint = free_endpoint()
     text = json.dumps(NodeStatus("robot", "evil", "\x1b[2J\r", 1.0, {"\x1b]0;x\a": 1}).to_dict())
