@@ -84,9 +84,11 @@ class GoldenItem(pytest.Item):
         from pipeline.golden.runner import GoldenRunner  # noqa: PLC0415  # costs nothing where no case is run
         from replay.golden.check import check_case  # noqa: PLC0415
 
-        finding = check_case(self.path, GoldenRunner()).finding
-        if finding is not None:
-            raise GoldenFailure(finding)
+        verdict = check_case(self.path, GoldenRunner())
+        if verdict.finding is not None:
+            raise GoldenFailure(verdict.finding)
+        if verdict.physics is not None:
+            self.add_report_section("call", "golden", f"physics {verdict.physics}")
 
     def repr_failure(  # type: ignore[override]  # pytest's own style is a literal that it does not export
         self, excinfo: pytest.ExceptionInfo[BaseException], style: None = None

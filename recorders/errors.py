@@ -48,6 +48,24 @@ class WireError(ReenactError):
     """A network session could not be opened, a consumer did not answer, or a stream has a gap."""
 
 
+class MissingExtra(ReenactError):
+    """A package that is installed with one of the extras is needed, and is not there.
+
+    Parameters
+    ----------
+    package : str
+        The package, as it is imported.
+    extra : str
+        The extra that installs it.
+    """
+
+    def __init__(self, package: str, extra: str) -> None:
+        super().__init__(
+            f"this needs the package {package}, which is not installed; `pip install 'reenact[{extra}]'` installs it"
+        )
+        self.extra = extra
+
+
 class LearningError(ReenactError):
     """A training came to its end, and nothing was learned."""
 

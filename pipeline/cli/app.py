@@ -16,6 +16,7 @@ from pipeline.cli import view as viewing
 from pipeline.cli.interrupts import words
 from pipeline.cli.options import help_without_verb
 from pipeline.cli.usage import Verbs, usage_line
+from pipeline.extras import missing_extra
 from pipeline.terminal import console
 from pipeline.terminal.escaping import printable
 from pipeline.terminal.signals import end_by_exceptions
@@ -94,6 +95,11 @@ def main(arguments: list[str] | None = None) -> None:
         _fail(str(error), error.exit_status)
     except OSError as error:
         _fail(f"{error.filename or 'system'}: {error.strerror or error}", 2)
+    except ModuleNotFoundError as error:
+        missing = missing_extra(error)
+        if missing is None:
+            raise
+        _fail(str(missing), missing.exit_status)
     except MemoryError:
         _fail("there is not enough memory for this; close other programs, or take a smaller input", 2)
     except usage_error as error:

@@ -102,6 +102,9 @@ def check(
     robot: Annotated[
         str | None, typer.Option(help="Your robot, to be that of every case's logs: its folder.", metavar="DIR")
     ] = None,
+    physics: Annotated[
+        bool, typer.Option("--physics", help="Fail where the simulation of a case cannot be checked.")
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Check golden cases against the present program.
@@ -121,6 +124,10 @@ def check(
         console.show(summary(verdicts), as_json=True)
     else:
         for verdict in verdicts:
-            console.line(f"{verdict.status}  {verdict.name}" + (f"  {verdict.finding}" if verdict.finding else ""))
+            notes = verdict.finding or (verdict.physics and f"physics {verdict.physics}")
+            console.line(f"{verdict.status}  {verdict.name}" + (f"  {notes}" if notes else ""))
+    missing = next((verdict.not_checked for verdict in verdicts if verdict.not_checked), None)
+    if physics and missing is not None:
+        raise missing
     if any(verdict.finding for verdict in verdicts):
         raise typer.Exit(CheckFailed.exit_status)

@@ -8,6 +8,7 @@ from typing import Any
 
 from pipeline.evaluation.errors import HandErrors
 from pipeline.evaluation.trials import try_samples
+from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
 from pipeline.golden.own_settings import read_settings
@@ -56,9 +57,17 @@ class GoldenRunner:
         }
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
-        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""
-        from pipeline.exploration.reproduce import simulate  # noqa: PLC0415  # Drake: most cases do without
+        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now.
 
+        Raises
+        ------
+        MissingExtra
+            If Drake is not installed.
+        """
+        try:
+            from pipeline.exploration.reproduce import simulate  # noqa: PLC0415  # Drake: most cases do without
+        except ModuleNotFoundError as error:
+            raise missing_extra(error) or error from None
         return simulate(log, ticks=ticks)
 
     def changed_robot(self, log: Path) -> str:

@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, TypeAlias
 
+from recorders.errors import MissingExtra
 from replay.golden.case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
 from replay.golden.finding import CASE, Finding, changed_environment, said
 from replay.golden.folder import find_cases
@@ -25,10 +26,21 @@ def _nothing(recipe: Recipe) -> None:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one case; it passed if nothing was found."""
+    """What became of one case; it passed if nothing was found.
+
+    Attributes
+    ----------
+    name : str
+        The case.
+    finding : Finding, optional
+        The first thing that does not hold.
+    not_checked : MissingExtra, optional
+        Why the physics of the case was not checked, though it has one.
+    """
 
     name: str
     finding: Finding | None
+    not_checked: MissingExtra | None = None
 
     @property
     def status(self) -> str:
@@ -36,10 +48,16 @@ class Verdict:
         return PASSED if self.finding is None else FAILED
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the verdict for JSON: name, status, tier, first_divergence."""
+        """Return the verdict for JSON: name, status, tier, first_divergence, and what physics lacks."""
         tier = None if self.finding is None else self.finding.tier
         divergence = None if self.finding is None else self.finding.to_dict()
-        return {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
+        verdict = {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
+        return verdict | {"physics": self.physics}
+
+    @property
+    def physics(self) -> str | None:
+        """What to install for the physics of the case to be checked; None if nothing is missing."""
+        return None if self.not_checked is None else f"not checked: install {self.not_checked.extra}"
 
 
 def check_case(folder: Path, runner: Runner, *, changed: Changed = _nothing) -> Verdict:
@@ -48,7 +66,11 @@ def check_case(folder: Path, runner: Runner, *, changed: Changed = _nothing) -> 
     A program that crashes is a finding too, of the tier at which it did. `changed` says in what that which a team uses
     today differs from the case's own copies.
     """
-    return Verdict(folder.resolve().name, _first(folder, runner, changed))
+    name = folder.resolve().name
+    try:
+        return Verdict(name, _first(folder, runner, changed))
+    except MissingExtra as missing:  # physics comes last: all else holds
+        return Verdict(name, None, not_checked=missing)
 
 
 def check_all(
@@ -73,9 +95,13 @@ def check_all(
 
 
 def summary(verdicts: list[Verdict]) -> Mapping[str, Any]:
-    """Return the verdicts for JSON: checked, failed, cases."""
-    failed = sum(verdict.finding is not None for verdict in verdicts)
-    return {"checked": len(verdicts), "failed": failed, "cases": [verdict.to_dict() for verdict in verdicts]}
+    """Return the verdicts for JSON: checked, failed, physics_not_checked, cases."""
+    return {
+        "checked": len(verdicts),
+        "failed": sum(verdict.finding is not None for verdict in verdicts),
+        "physics_not_checked": sum(verdict.not_checked is not None for verdict in verdicts),
+        "cases": [verdict.to_dict() for verdict in verdicts],
+    }
 
 
 def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:

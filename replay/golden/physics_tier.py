@@ -6,6 +6,7 @@ from itertools import chain, islice
 from pathlib import Path
 
 from recorders.cdr.codec import decode
+from recorders.errors import MissingExtra
 from recorders.messages.message_types import JointState, Message, PoseStamped
 from recorders.messages.record import Stamped
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED
@@ -19,7 +20,13 @@ _TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASU
 
 
 def check_physics(case: Case, runner: Runner) -> Finding | None:
-    """Return the first message that teacher and simulation do not make as the logs have it."""
+    """Return the first message that teacher and simulation do not make as the logs have it.
+
+    Raises
+    ------
+    MissingExtra
+        If what simulates is not installed.
+    """
     if not case.recipe.physics:
         return None
     findings = (_check_log(path, case.tolerances, runner) for path in case.recipe.logs)
@@ -30,6 +37,8 @@ def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | 
     try:
         made = runner.simulate(path, ticks=PHYSICS_TICKS)
         return first_beyond(path, made, tolerances, note=runner.changed_robot(path))
+    except MissingExtra:
+        raise
     except Exception as error:
         return Finding(PHYSICS, "simulation", "one that comes to its end", said(error), {"log": path.name})
 

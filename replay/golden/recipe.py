@@ -128,7 +128,13 @@ class Runner(Protocol):
         """
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
-        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now."""
+        """Yield topic and message of the first ticks that teacher and simulation make of a log's recipe now.
+
+        Raises
+        ------
+        MissingExtra
+            If what simulates is not installed.
+        """
 
     def changed_robot(self, log: Path) -> str:
         """Say how the robot that `simulate` moves differs from the log's; the empty string if it does not."""

@@ -1,0 +1,18 @@
+"""Packages that only some verbs need, by the extra that installs them."""
+
+from recorders.errors import MissingExtra
+
+_EXTRAS = {
+    "pydrake": "sim",
+    "rerun": "view",
+    "matplotlib": "view",
+    "distributed": "dask",
+    "prometheus_client": "metrics",
+}
+
+
+def missing_extra(error: ModuleNotFoundError) -> MissingExtra | None:
+    """Return the error that names the extra for a module that was not found; None if no extra installs it."""
+    package = (error.name or "").partition(".")[0]
+    extra = _EXTRAS.get(package)
+    return None if extra is None else MissingExtra(package, extra)

@@ -1,0 +1,104 @@
+"""Without Drake, Rerun and matplotlib: what needs them says which extra has them, and the rest works."""
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from episodes import write_plain_episode
+
+from pipeline.resources import data_path
+
+_PROGRAM = """
+import json, sys
+sys.modules.update(dict.fromkeys(("pydrake", "rerun", "matplotlib")))
+from pipeline.cli.app import main
+for number, line in enumerate(json.loads(sys.argv[1])):
+    try:
+        main(line)
+    except SystemExit as end:
+        sys.stdout.flush()
+        print(f"--- {number} {end.code}", flush=True)
+        print(f"--- {number} {end.code}", file=sys.stderr, flush=True)
+"""
+
+
+class Run:
+    """What commands printed and ended with, by their place."""
+
+    def __init__(self, lines: list[list[str]]) -> None:
+        command = [sys.executable, "-c", _PROGRAM, json.dumps(lines)]
+        done = subprocess.run(command, capture_output=True, text=True, check=True, timeout=240)
+        self.out, self.status = self._parts(done.stdout)
+        self.err, _ = self._parts(done.stderr)
+
+    @staticmethod
+    def _parts(text: str) -> tuple[list[str], list[int]]:
+        parts, status, under_way = [], [], ""
+        for line in text.splitlines(keepends=True):
+            if line.startswith("--- "):
+                parts.append(under_way)
+                status.append(int(line.split()[2]))
+                under_way = ""
+            else:
+                under_way += line
+        return parts, status
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("core")
+
+
+@pytest.fixture(scope="module")
+def run(folder: Path) -> Run:
+    log = write_plain_episode(folder / "log.mcap")
+    case = str(data_path("golden") / "circles")
+    return Run(
+        [
+            ["train", str(log), "--epochs", "1", "--out", str(folder / "c.npz"), "--json"],
+            ["evaluate", str(folder / "c.npz"), str(log), "--json"],
+            ["explore", "--motion", "circles", "--out", str(folder / "e.mcap")],
+            ["view", str(log), "--save", str(folder / "v.rrd")],
+            ["golden", "check", case],
+            ["golden", "check", case, "--json"],
+            ["golden", "check", case, "--physics"],
+        ]
+    )
+
+
+def test_a_log_trains_and_its_controller_is_evaluated(run: Run) -> None:
+    assert run.status[:2] == [0, 0], run.err[:2]
+    assert json.loads(run.out[0])["steps"] > 0
+    assert json.loads(run.out[1])["mean_cm"] > 0.0
+
+
+@pytest.mark.parametrize(("place", "package", "extra"), [(2, "pydrake", "sim"), (3, "rerun", "view")])
+def test_what_needs_a_missing_package_names_its_extra_in_one_line(
+    run: Run, place: int, package: str, extra: str
+) -> None:
+    assert run.status[place] == 2
+    assert run.err[place].splitlines() == [
+        f"reenact: this needs the package {package}, which is not installed; "
+        f"`pip install 'reenact[{extra}]'` installs it"
+    ]
+
+
+def test_physics_that_cannot_be_checked_is_counted_and_told(run: Run) -> None:
+    assert run.status[4:6] == [0, 0]
+    assert run.out[4] == "passed  circles  physics not checked: install sim\n"
+    found = json.loads(run.out[5])
+    assert found["physics_not_checked"] == 1
+    assert found["failed"] == 0
+    assert found["cases"][0]["physics"] == "not checked: install sim"
+
+
+def test_physics_that_is_asked_for_must_be_checked(run: Run) -> None:
+    assert run.status[6] == 2
+    assert "reenact[sim]" in run.err[6]
+
+
+def test_nothing_is_written_by_what_could_not_run(run: Run, folder: Path) -> None:
+    assert run.status[2:4] == [2, 2]
+    assert {path.name for path in folder.iterdir()} == {"log.mcap", "c.npz"}
