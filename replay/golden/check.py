@@ -52,7 +52,7 @@ class Verdict:
         tier = None if self.finding is None else self.finding.tier
         divergence = None if self.finding is None else self.finding.to_dict()
         verdict = {"name": self.name, "status": self.status, "tier": tier, "first_divergence": divergence}
-        return verdict | {"physics": self.physics}
+        return verdict if self.physics is None else verdict | {"physics": self.physics}
 
     @property
     def physics(self) -> str | None:
@@ -95,13 +95,11 @@ def check_all(
 
 
 def summary(verdicts: list[Verdict]) -> Mapping[str, Any]:
-    """Return the verdicts for JSON: checked, failed, physics_not_checked, cases."""
-    return {
-        "checked": len(verdicts),
-        "failed": sum(verdict.finding is not None for verdict in verdicts),
-        "physics_not_checked": sum(verdict.not_checked is not None for verdict in verdicts),
-        "cases": [verdict.to_dict() for verdict in verdicts],
-    }
+    """Return the verdicts for JSON: checked, failed, cases, and physics_not_checked where it is not 0."""
+    failed = sum(verdict.finding is not None for verdict in verdicts)
+    not_checked = sum(verdict.not_checked is not None for verdict in verdicts)
+    found = {"checked": len(verdicts), "failed": failed, "cases": [verdict.to_dict() for verdict in verdicts]}
+    return found | {"physics_not_checked": not_checked} if not_checked else found
 
 
 def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
