@@ -15,8 +15,8 @@ from rich.table import Table
 
 from pipeline.evaluation.trials import Trial, robot_of, try_motion
 from pipeline.exploration.explore import explore
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner_node.node import replay
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS

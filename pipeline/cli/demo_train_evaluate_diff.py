@@ -74,8 +74,8 @@ def train(
 
     The digest is that of the same logs replayed over Zenoh.
     """
-    from pipeline.learner.config import LearnerConfig
     from pipeline.learner.controller import check_writable
+    from pipeline.learner.rules.reservoir.config import LearnerConfig
     from pipeline.robot.config import load_robot
     from pipeline.robot.range_check import heard_live
     from pipeline.training.trainer import Trainer, train_on

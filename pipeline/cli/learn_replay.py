@@ -75,8 +75,8 @@ def learn(
     --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
     ends with a stream that awaits it by name.
     """
-    from pipeline.learner.config import LearnerConfig
     from pipeline.learner.controller import check_writable
+    from pipeline.learner.rules.reservoir.config import LearnerConfig
     from pipeline.learner_node.live_learner import LiveConfig
     from pipeline.learner_node.live_node import learn_live
     from pipeline.learner_node.node import OWN_TOPICS

@@ -3,17 +3,16 @@
 import hashlib
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any, cast
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.kernels import FloatArray
-from pipeline.learner.learner import Learner
+from pipeline.learner.rule import OnlineLearner, Settings
+from pipeline.learner.state import FloatArray
 from pipeline.robot.config import parse_robot
 from pipeline.training.run import LearningRun
 from recorders.cdr.codec import stamp_ns
@@ -24,16 +23,18 @@ from recorders.wire.stream import Offer
 from replay.golden.recipe import EpochEnd, Moment
 
 
-class _ObservedLearner(Learner):
+class _ObservedLearner:
     """A learner that keeps the outputs of its latest steps."""
 
-    def __init__(self, learner: Learner) -> None:
-        super().__init__(learner.config, input_centre=learner.input_centre, output_centre=learner.output_centre)
-        self.load_state(learner.state())
+    def __init__(self, learner: OnlineLearner) -> None:
+        self._learner = learner
         self.outputs = b""
 
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._learner, name)
+
     def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
-        outputs = super().step(u, d, learning=learning)
+        outputs = self._learner.step(u, d, learning=learning)
         self.outputs = np.ascontiguousarray(outputs, "<f8").tobytes()
         return outputs
 
@@ -43,7 +44,7 @@ class ObservedRun:
 
     Parameters
     ----------
-    config : LearnerConfig
+    config : Settings
         The learner; its number of epochs is the stream's.
     offer : Offer
         What the stream says of itself, the robot included.
@@ -56,8 +57,8 @@ class ObservedRun:
         If the stream carries no robot. From `run`: if the run is over before it is to be resumed.
     """
 
-    def __init__(self, config: LearnerConfig, offer: Offer, resume_after: int | None) -> None:
-        self._config = replace(config, epochs=offer.schedule["epochs"])
+    def __init__(self, config: Settings, offer: Offer, resume_after: int | None) -> None:
+        self._config = config.fitted(epochs=offer.schedule["epochs"])
         self._offer = offer
         self._resume_after = resume_after
         self._names = {log.get("ticks_sha256", ""): str(log["name"]) for log in offer.logs}
@@ -97,7 +98,8 @@ class ObservedRun:
         if not robot:
             raise ConfigError("golden case: expected logs that carry their robot, found none in them")
         run = LearningRun(self._config, parse_robot(robot["toml"], robot["urdf"]), self._offer.run)
-        run.learner = learner = _ObservedLearner(run.learner)
+        learner = _ObservedLearner(run.learner)
+        run.learner = cast(OnlineLearner, learner)
         return run, learner
 
     def _marker(self, message: Stamped) -> Iterator[EpochEnd]:

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.registry import config_from_dict, config_to_dict
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.urdf.description import canonical_urdf
@@ -39,7 +39,7 @@ def read_settings(path: Path) -> dict[str, Any]:
         if name in values:
             raise ConfigError(f"{path}: expected no setting {name}, which follows from {source}; take it out")
     try:
-        return LearnerConfig.from_dict(values).to_dict()
+        return config_to_dict(config_from_dict(values))
     except ConfigError as error:
         raise ConfigError(f"{path}: {error}") from error
 

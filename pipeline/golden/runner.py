@@ -12,9 +12,10 @@ from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
 from pipeline.golden.own_settings import read_settings
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.network import state_numbers
+from pipeline.learner.registry import config_from_dict
+from pipeline.learner.rule import Settings
+from pipeline.learner.state import state_numbers
 from pipeline.samples.pairs import read_samples
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.run import CycleReport
@@ -85,9 +86,9 @@ class GoldenRunner:
         return golden_states.difference(packed, end)
 
 
-def _config(recipe: Recipe) -> LearnerConfig:
-    config = LearnerConfig.from_dict(recipe.learner)
-    size = 8 * state_numbers(config)
+def _config(recipe: Recipe) -> Settings:
+    config = config_from_dict(recipe.learner)
+    size = 8 * state_numbers(config.state_shapes())
     if size > MAX_CASE_BYTES:
         raise ConfigError(
             f"golden case: expected a learner whose state takes at most {MAX_CASE_BYTES} bytes, found {size}"

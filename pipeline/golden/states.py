@@ -7,7 +7,7 @@ import numpy as np
 
 from pipeline.learner import npz
 from pipeline.learner.controller_diff import first_difference_of_arrays
-from pipeline.learner.kernels import FloatArray
+from pipeline.learner.state import FloatArray
 from recorders.errors import ConfigError, ControllerError
 from replay.golden.recipe import EpochEnd, State
 

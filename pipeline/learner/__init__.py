@@ -1,1 +1,1 @@
-"""The learning rule and its file: network, kernels, configuration, controller; knows no log, robot or network."""
+"""Learning rules, how they are found, and the controller file; knows no log, robot or network."""

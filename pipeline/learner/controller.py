@@ -19,10 +19,9 @@ from typing import Any, BinaryIO, Self
 import numpy as np
 
 from pipeline.learner import npz
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.kernels import FloatArray
-from pipeline.learner.learner import Learner, state_digest
-from pipeline.learner.network import check_size, check_state, state_shapes
+from pipeline.learner.registry import config_from_dict, config_to_dict, make_learner
+from pipeline.learner.rule import OnlineLearner, Settings
+from pipeline.learner.state import FloatArray, check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
 from recorders.files.regular_file import begins_with, refuse_irregular
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
@@ -42,8 +41,8 @@ class Controller:
 
     Parameters
     ----------
-    config : LearnerConfig
-        Configuration of the learner.
+    config : Settings
+        Configuration of the learner, which names its rule.
     input_centre, output_centre : ndarray, shapes (inputs,) and (outputs,)
         Constants that centre inputs and outputs [m, rad].
     joints : tuple of str
@@ -51,7 +50,7 @@ class Controller:
     robot_toml, robot_urdf : str
         The robot's configuration and description, as text.
     state : mapping of str to ndarray
-        State of the learner, see `Learner.state`.
+        State of the learner, see `OnlineLearner.state`.
     pending : ndarray, shape (inputs,) or (0,)
         The u that waits for its target, empty if none does.
     provenance : mapping
@@ -63,7 +62,7 @@ class Controller:
         If parts do not fit one another.
     """
 
-    config: LearnerConfig
+    config: Settings
     input_centre: FloatArray
     output_centre: FloatArray
     joints: tuple[str, ...]
@@ -87,13 +86,14 @@ class Controller:
                     f"expected {name} of shape {(*allowed,)[0]}, finite; found shape {np.shape(values)}"
                 )
             object.__setattr__(self, name, _frozen(values))
-        check_state(self.config, self.state)
-        object.__setattr__(self, "state", {name: _frozen(self.state[name]) for name in state_shapes(self.config)})
+        arrays = self.config.state_shapes()
+        check_state(arrays, self.state)
+        object.__setattr__(self, "state", {name: _frozen(self.state[name]) for name in arrays})
 
     @classmethod
     def from_learner(
         cls,
-        learner: Learner,
+        learner: OnlineLearner,
         *,
         joints: tuple[str, ...],
         robot_toml: str,
@@ -115,13 +115,18 @@ class Controller:
         )
 
     @property
+    def rule(self) -> str:
+        """Name of the learning rule."""
+        return self.config.rule
+
+    @property
     def digest(self) -> str:
         """State digest, pending u included: 64 hexadecimal digits."""
         return state_digest(self.state, self.pending)
 
-    def learner(self) -> Learner:
+    def learner(self) -> OnlineLearner:
         """Make a learner at this state."""
-        learner = Learner(self.config, input_centre=self.input_centre, output_centre=self.output_centre)
+        learner = make_learner(self.config, input_centre=self.input_centre, output_centre=self.output_centre)
         learner.load_state(self.state)
         return learner
 
@@ -133,12 +138,12 @@ class Controller:
         ControllerError
             If the file cannot be written, or the provenance is not plain JSON or too large.
         ConfigError
-            If the network is too large for a file.
+            If the state is too large for a file.
         """
         header = {
             "format": FORMAT,
             "version": VERSION,
-            "config": self.config.to_dict(),
+            "config": config_to_dict(self.config),
             "joints": list(self.joints),
             "robot_toml": self.robot_toml,
             "robot_urdf": self.robot_urdf,
@@ -150,7 +155,7 @@ class Controller:
             text = json.dumps(header, allow_nan=False, sort_keys=True)
         except (TypeError, ValueError, RecursionError) as error:
             raise ControllerError(f"expected a provenance of plain JSON values: {error}") from error
-        check_size(self.config)
+        self.config.check_size()
         if len(text) > MAX_HEADER_BYTES:
             raise ControllerError(
                 f"cannot write controller {path}: expected robot and provenance of at most {MAX_HEADER_BYTES} bytes, "
@@ -177,8 +182,8 @@ class Controller:
     @classmethod
     def _parse(cls, file: npz.Npz) -> Self:
         header = _parse_header(file)
-        config = LearnerConfig.from_dict(header["config"])
-        check_size(config)
+        config = config_from_dict(header["config"])
+        config.check_size()
         arrays = _read_arrays(file, config)
         controller = cls(
             config=config,
@@ -200,11 +205,11 @@ def _frozen(values: FloatArray) -> FloatArray:
     return copy
 
 
-def _read_arrays(file: npz.Npz, config: LearnerConfig) -> dict[str, FloatArray]:
+def _read_arrays(file: npz.Npz, config: Settings) -> dict[str, FloatArray]:
     """Read the arrays of a controller of this configuration; one of another size is not even unpacked."""
     constants = {"input_centre": (config.inputs,), "output_centre": (config.outputs,), "pending": (config.inputs,)}
     arrays: dict[str, FloatArray] = {}
-    for name, shape in {**constants, **state_shapes(config)}.items():
+    for name, shape in {**constants, **config.state_shapes()}.items():
         if name not in file.names:
             raise ControllerError(f"expected array {name}, found {names_text(file.names)}")
         if not (file.holds(name, math.prod(shape)) or (name == "pending" and file.holds(name, 0))):

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.learner.controller import Controller
-from pipeline.learner.kernels import FloatArray
+from pipeline.learner.state import FloatArray
 from replay.diff.fields import ABSENT, texts
 
 
@@ -44,7 +44,7 @@ def first_difference(a: Controller, b: Controller) -> ControllerDifference | Non
     the u that waits for its target. Where they came from does not count.
     """
     parts = (
-        _of_settings(a.config.to_dict(), b.config.to_dict()),
+        _of_settings({"rule": a.rule} | a.config.to_dict(), {"rule": b.rule} | b.config.to_dict()),
         first_difference_of_arrays(_constants(a), _constants(b)),
         _of_lists("joints[{}]", a.joints, b.joints),
         _of_lists("robot_toml line {}", a.robot_toml.split("\n"), b.robot_toml.split("\n"), first=1),

@@ -11,7 +11,7 @@ from typing import Any
 from pipeline.deployment.deploy import deploy
 from pipeline.evaluation.trials import robot_of
 from pipeline.exploration.explore import explore
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions import names as motion_names
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS

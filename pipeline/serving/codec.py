@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.learner.kernels import STAMP_AT
+from pipeline.learner.rules.reservoir.kernels import STAMP_AT
 from recorders.cdr.codec import decode_as, encode
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import Stamped

@@ -7,8 +7,8 @@ from functools import partial
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.learner import kernels
-from pipeline.learner.learner import Learner
+from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.rules.reservoir.learner import Learner
 from pipeline.serving.codec import CommandEncoder, pose_layout
 
 Floats = NDArray[np.float64]
@@ -58,6 +58,8 @@ class ServingCalls:
                 f"expected 6 inputs and centres, limits (2, {n}) and at least {n} outputs, "
                 f"found {inputs}, {np.shape(centres)}, {np.shape(limits)} and {outputs}"
             )
+        self.check, self._learner = learner.check, learner
+        self._limits, self._limited = np.array(limits, dtype=np.float64), encoder.positions
         self.u, self.outputs = np.empty(inputs), np.empty(outputs)
         self.clipped = np.zeros(n, dtype=np.int64)
         usual, position_at = pose_layout()
@@ -71,7 +73,7 @@ class ServingCalls:
             memory=memory,
             centre=centre,
             activations=foreseen,
-            limits=np.array(limits, dtype=np.float64).reshape(-1),
+            limits=self._limits.reshape(-1),
             u=self.u,
             outputs=self.outputs,
             limited=encoder.positions,
@@ -98,6 +100,16 @@ class ServingCalls:
         if len(left) != self._pose_size or len(right) != self._pose_size:
             return kernels.UNUSUAL
         return self._answer(left, right, after_ns)
+
+    def foresee(self) -> None:
+        """Write the outputs of a step with `u`, within the joints' limits, to the encoder; the state stays as it is.
+
+        Raises
+        ------
+        ConfigError
+            If the outputs are not finite.
+        """
+        self._learner.foresee(self.u, limits=self._limits, outputs=self.outputs, limited=self._limited)
 
     def settle(self, *, advance: bool) -> int:
         """Count the joints that were clipped in the encoder's command, and take its step, without targets, if told to.

@@ -11,13 +11,13 @@ from numpy.typing import NDArray
 from pipeline.evaluation.errors import hand_errors
 from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
-from pipeline.learner.learner import state_digest
+from pipeline.learner.state import state_digest
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import Implausible, plausible
 from pipeline.samples.pairs import CommandedPairs
+from pipeline.serving.calls import serving_calls
 from pipeline.serving.clock_reset import RESTART_AFTER, StampOrder
 from pipeline.serving.codec import Command, CommandEncoder, PoseReader, Position
-from pipeline.serving.compiled_calls import ServingCalls
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.rejections import Refusal, RefusedError, undecodable, unusable, wrong_type
 from recorders.cdr.codec import decode_as, encode
@@ -91,11 +91,10 @@ class ServedController:
         self._check = plausible(self._robot)
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
-        self._limits = np.array([self._robot.lower, self._robot.upper])
-        self._calls = ServingCalls(
+        self._calls = serving_calls(
             self._learner,
             self._encoder,
-            limits=self._limits,
+            limits=np.array([self._robot.lower, self._robot.upper]),
             centres=self._robot.input_centre,
             near_m=self._config.outside_m,
         )
@@ -194,7 +193,7 @@ class ServedController:
         self._unsettled = False
         self._accepted += 1
         self._order.note_answer()
-        self._learner.check(self._calls.settle(advance=not self._config.learn))
+        self._calls.check(self._calls.settle(advance=not self._config.learn))
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
@@ -285,7 +284,7 @@ class ServedController:
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         self._calls.u[:] = self._robot.input_centre
-        self._foresee()
+        self._calls.foresee()
         pose = encode(PoseStamped(0, np.zeros(3)))
         self._calls.answer(pose, pose, -1)
         self._controller.learner().predict([self._calls.u])
@@ -367,15 +366,10 @@ class ServedController:
     def _command(self, stamp: int, position: Position, records: tuple[Stamped, ...]) -> Command:
         """Command what the next step's outputs will be."""
         _TARGETS.pack_into(self._u_bytes, 0, *position)
-        self._foresee()
+        self._calls.foresee()
         self._unsettled = True
         self._order.last_ns = stamp
         return Command(stamp, self._encoder.encode(stamp), records)
-
-    def _foresee(self) -> None:
-        """Write what step u would lead to, within the joints' limits, into the next command."""
-        calls, limited = self._calls, self._encoder.positions
-        self._learner.foresee(calls.u, limits=self._limits, outputs=calls.outputs, limited=limited)
 
     def _complete_step(self, stamp: int, values: list[Any], records: list[Any]) -> None:
         """Take the step that this tick completes: predict, score, then update."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rule import Settings
 from pipeline.training.trainer import train
 from recorders.errors import ReenactError
 from replay.sources.schedule import Schedule
@@ -35,13 +35,13 @@ class Run:
         What to learn from.
     schedule : Schedule
         How often.
-    config : LearnerConfig
+    config : Settings
         The learner, with the seed that makes this run another one.
     """
 
     logs: tuple[Path, ...]
     schedule: Schedule
-    config: LearnerConfig
+    config: Settings
 
 
 @dataclass(frozen=True)

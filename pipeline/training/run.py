@@ -1,16 +1,17 @@
 """A learner in the middle of a run: the cycle under way, the steps not yet handed to the kernel, what was scored."""
 
 from collections.abc import Callable
-from dataclasses import asdict, dataclass, field, replace
+from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.errors import check_errors, hand_errors
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.learner import Learner, state_digest
+from pipeline.learner.registry import make_learner
+from pipeline.learner.rule import OnlineLearner, Settings
+from pipeline.learner.state import state_digest
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import plausible
@@ -100,8 +101,8 @@ class LearningRun:
 
     Parameters
     ----------
-    config : LearnerConfig
-        The learner; its outputs are made to fit the robot.
+    config : Settings
+        The learner, of any rule; its outputs are made to fit the robot.
     robot : RobotConfig
         Joints, centres and kinematics.
     run : str
@@ -112,16 +113,16 @@ class LearningRun:
 
     def __init__(
         self,
-        config: LearnerConfig,
+        config: Settings,
         robot: RobotConfig,
         run: str,
         *,
         on_steps: Callable[[Steps], None] | None = None,
     ) -> None:
         output_centre = np.concatenate([robot.input_centre, robot.comfort])
-        config = replace(config, inputs=HANDS, outputs=len(output_centre))
+        config = config.fitted(inputs=HANDS, outputs=len(output_centre))
         self.robot = robot
-        self.learner = Learner(config, input_centre=robot.input_centre, output_centre=output_centre)
+        self.learner: OnlineLearner = make_learner(config, input_centre=robot.input_centre, output_centre=output_centre)
         self.counts = _Counts()
         self._run = run
         self._on_steps = on_steps

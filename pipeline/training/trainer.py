@@ -2,12 +2,11 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.samples.pairs import Presentation
 from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
@@ -38,7 +37,7 @@ class Trainer:
 
     Parameters
     ----------
-    config : LearnerConfig
+    config : Settings
         The learner. Its number of epochs, over which the rates fall, is the stream's; its outputs fit the robot.
     robot : RobotConfig, optional
         The robot; taken from the stream's offer if left out.
@@ -52,7 +51,7 @@ class Trainer:
 
     def __init__(
         self,
-        config: LearnerConfig,
+        config: Settings,
         *,
         robot: RobotConfig | None = None,
         checkpoint: CheckpointConfig | None = None,
@@ -85,7 +84,7 @@ class Trainer:
         """
         schedule = Schedule.from_dict(offer.schedule)
         robot = self._robot or _offered_robot(offer)
-        run = LearningRun(replace(self._config, epochs=schedule.epochs), robot, offer.run, on_steps=self._on_steps)
+        run = LearningRun(self._config.fitted(epochs=schedule.epochs), robot, offer.run, on_steps=self._on_steps)
         self._next = self._resume(run, offer)
         self._saved_ticks = run.counts.ticks
         self._whole = _Whole(self._next, run.counts.ticks)
@@ -341,7 +340,7 @@ def train(
     paths: Sequence[Path],
     *,
     schedule: Schedule,
-    config: LearnerConfig,
+    config: Settings,
     robot: RobotConfig | None = None,
     renames: Mapping[str, str] = _NO_RENAMES,
     on_cycle: Callable[[CycleReport], None] = lambda report: None,
@@ -354,7 +353,7 @@ def train(
         Logs; a cycle presents them in this order.
     schedule : Schedule
         Epochs and phases.
-    config : LearnerConfig
+    config : Settings
         The learner.
     robot : RobotConfig, optional
         The robot, for logs that carry none.

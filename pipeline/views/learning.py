@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.errors import hand_errors
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import HANDS
@@ -109,13 +109,20 @@ class _Stage:
         self._kinematics = kinematics
         self._network = NetworkView(controller)
         self._model = RobotModel.load(robot.plain_urdf, robot.joints)
+        shown = self._network.shown
         blueprint = learning_blueprint(
-            in_sight(targets), plane, joints=len(robot.joints), timeline=timeline, top_cm=top_cm
+            in_sight(targets),
+            plane,
+            joints=len(robot.joints),
+            timeline=timeline,
+            top_cm=top_cm,
+            spread=shown.spread,
+            activity=bool(shown.activity),
         )
         self._recording = view.open(title=f"{robot.name} learns", blueprint=blueprint, kind="learning")
         self._model.send_still(self._recording)
         self._hands = HandScene(self._recording, plane).send_still()
-        send_learning_styles(self._recording, self._network.weights)
+        send_learning_styles(self._recording, list(shown.drift), spread=list(shown.spread))
         self._shown = 0
 
     def show(
@@ -126,14 +133,15 @@ class _Stage:
         joints: Floats,
         hands_cm: tuple[float, float],
     ) -> None:
-        state = controller.state
         self._recording.set_time(self._timeline, sequence=place)
         log_errors(self._recording, hands_cm)
-        log_drift(self._recording, a=state["a"], b=state["b"], moved=self._network.moved(controller))
+        log_drift(self._recording, self._network.spread(controller), moved=self._network.moved(controller))
         if self._timeline == TICKS or self._shown % _PICTURE_EVERY == 0:
             self._show_motion(place, u, joints)
         if self._shown % _ACTIVITY_EVERY == 0:
-            log_activity(self._recording, self._network.activity(controller, u))
+            activity = self._network.activity(controller, u)
+            if activity is not None:
+                log_activity(self._recording, activity)
         self._shown += 1
 
     def _show_motion(self, place: int, u: Floats, joints: Floats) -> None:
@@ -159,7 +167,7 @@ class ViewedTrainer(Trainer):
 
     def __init__(
         self,
-        config: LearnerConfig,
+        config: Settings,
         *,
         view: LearningView,
         robot: RobotConfig | None = None,

@@ -1,11 +1,11 @@
-"""What a viewer shows of a network: how far its weights have moved, and how active its reservoir is."""
+"""The parts of a learner's state that a viewer shows: how far what learns has moved, how active its neurons are."""
 
 import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.learner.controller import Controller
-from pipeline.learner.learner import Learner
+from pipeline.learner.registry import make_learner
 
 Floats = NDArray[np.float64]
 
@@ -14,39 +14,49 @@ MAX_TICKS = 128
 
 
 class NetworkView:
-    """Looks into networks of one configuration without touching them: it has a copy of its own.
+    """Looks into learners of one configuration without touching them: it has a copy of its own.
 
     Parameters
     ----------
     controller : Controller
         One of them.
+
+    Attributes
+    ----------
+    shown : Shown
+        What its rule shows.
     """
 
     def __init__(self, controller: Controller) -> None:
-        self._copy = Learner(
+        self.shown = controller.config.shown()
+        self._copy = make_learner(
             controller.config, input_centre=controller.input_centre, output_centre=controller.output_centre
         )
         self._initial = self._copy.state()
-        parts = controller.config.connections()
-        self.weights = [part.name for part in parts if part.target == "output" and part.count > 0]
 
     def moved(self, controller: Controller) -> dict[str, Floats]:
-        """Return how far each weight that learns has moved since the start, by kind of connection."""
-        names = {name: f"{name}_weights" for name in self.weights}
-        return {name: controller.state[key] - self._initial[key] for name, key in names.items()}
+        """Return how far everything that learns has moved since the start, by curve."""
+        state = controller.state
+        return {curve: (state[name] - self._initial[name]).ravel() for curve, name in self.shown.drift.items()}
 
-    def activity(self, controller: Controller, targets: Floats) -> Floats:
-        """Return y of the reservoir while it follows targets (T, 6) [m], after a washout.
+    def spread(self, controller: Controller) -> dict[str, Floats]:
+        """Return the arrays whose mean and deviation are shown."""
+        return {name: controller.state[name].ravel() for name in self.shown.spread}
+
+    def activity(self, controller: Controller, targets: Floats) -> Floats | None:
+        """Return the activity while it follows targets (T, 6) [m], after a washout; None if the rule shows none.
 
         Returns
         -------
-        ndarray, shape (at most MAX_TICKS, neurons)
+        ndarray, shape (at most MAX_TICKS, neurons), or None
         """
+        if not self.shown.activity:
+            return None
         learner = self._copy
         learner.load_state(controller.state)
         learner.washout(targets[0], steps=WASHOUT_STEPS)
         rows = []
         for u in targets[:MAX_TICKS]:
             learner.predict(u[np.newaxis])
-            rows.append(learner.state()["y"][controller.config.outputs :])
+            rows.append(learner.state()[self.shown.activity][self.shown.first :])
         return np.array(rows)

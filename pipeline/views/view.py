@@ -120,10 +120,11 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     errors_cm = _told_errors(controller)
 
     def send(recording: rr.RecordingStream) -> None:
-        state, moved = controller.state, network.moved(controller)
-        changes = np.concatenate(list(moved.values()))
-        send_network(recording, a=state["a"], b=state["b"], moved=changes, errors_cm=errors_cm)
-        log_activity(recording, network.activity(controller, trial.targets), static=True)
+        changes = np.concatenate([*network.moved(controller).values(), np.empty(0)])
+        send_network(recording, network.spread(controller) | {"weights": changes}, errors_cm=errors_cm)
+        activity = network.activity(controller, trial.targets)
+        if activity is not None:
+            log_activity(recording, activity, static=True)
 
     plane, title = plane_of(robot), f"{path.name} on {trial.name}"
     points, top_cm = in_sight(track.targets, track.reached), float(track.errors_cm.max())
@@ -135,7 +136,14 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         recording_id=track.recording_id(controller.digest, "controller", title),
         title=title,
         kind="controller",
-        blueprint=controller_blueprint(points, plane, joints=len(robot.joints), top_cm=top_cm),
+        blueprint=controller_blueprint(
+            points,
+            plane,
+            joints=len(robot.joints),
+            top_cm=top_cm,
+            spread=network.shown.spread,
+            activity=bool(network.shown.activity),
+        ),
         more=send,
     )
     return len(track.times_ns)

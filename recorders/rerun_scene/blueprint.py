@@ -1,6 +1,6 @@
 """The layouts in which Rerun's viewer shows a motion, a learner at work, and a learned controller."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
@@ -49,12 +49,21 @@ def motion_blueprint(
 
 
 def learning_blueprint(
-    points: Floats, plane: FrontalPlane, *, joints: int, timeline: str, top_cm: float
+    points: Floats,
+    plane: FrontalPlane,
+    *,
+    joints: int,
+    timeline: str,
+    top_cm: float,
+    spread: Mapping[str, str],
+    activity: bool,
 ) -> rrb.Blueprint:
     """Lay out a learner at work: what it does with the motion on the left, what becomes of it on the right.
 
-    `top_cm` is its error at the start [cm]; the other parameters are those of `motion_blueprint`.
+    `top_cm` is its error at the start [cm]; `spread` are titles of small panels by the array that one shows; the other
+    parameters are those of `motion_blueprint`.
     """
+    panels = [_curves(f"/drift/{name}", title, corner="rightbottom") for name, title in spread.items()]
     left = rrb.Vertical(
         _scene(points),
         rrb.Horizontal(_frontal(points, plane), _joints_tabs(joints)),
@@ -63,28 +72,26 @@ def learning_blueprint(
     right = rrb.Vertical(
         _learning_errors(top_cm),
         _curves("/drift/weights", "Output weights: mean |w - w at the start|", corner="rightbottom"),
-        rrb.Horizontal(
-            _curves("/drift/a", "Gains a", corner="rightbottom"),
-            _curves("/drift/b", "Biases b", corner="rightbottom"),
-        ),
-        _activity(),
+        *([rrb.Horizontal(*panels)] if panels else []),
+        *([_activity()] if activity else []),
     )
     return _blueprint(left, right, timeline=timeline, live=True)
 
 
-def controller_blueprint(points: Floats, plane: FrontalPlane, *, joints: int, top_cm: float) -> rrb.Blueprint:
+def controller_blueprint(
+    points: Floats, plane: FrontalPlane, *, joints: int, top_cm: float, spread: Mapping[str, str], activity: bool
+) -> rrb.Blueprint:
     """Lay out a learned controller: its motion on the left, the network and how it was learned on the right.
 
-    The parameters are those of `motion_blueprint`.
+    The parameters are those of `learning_blueprint`.
     """
     network = rrb.Vertical(
-        rrb.Horizontal(_joints_tabs(joints), _activity()),
+        rrb.Horizontal(_joints_tabs(joints), *([_activity()] if activity else [])),
         rrb.Horizontal(
             _errors_view(top_cm), rrb.BarChartView(origin="/network/errors", name="Error of each epoch [cm]")
         ),
         rrb.Horizontal(
-            rrb.BarChartView(origin="/network/a", name="Gains a"),
-            rrb.BarChartView(origin="/network/b", name="Biases b"),
+            *(rrb.BarChartView(origin=f"/network/{name}", name=title) for name, title in spread.items()),
             rrb.BarChartView(origin="/network/weights", name="Changes of weights"),
         ),
         row_shares=[2, 1.2, 1.2],

@@ -15,12 +15,12 @@ _WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, pur
 _BINS = 40
 
 
-def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str]) -> None:
-    """Send names and colours of the curves; `weights` are the kinds of connections that learn."""
+def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str], *, spread: Sequence[str] = ()) -> None:
+    """Send names and colours of the curves; `weights` are those that learn, `spread` the arrays shown by their mean."""
     for hand, colour in zip(HANDS, HAND_COLOURS, strict=True):
         style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
         recording.log(f"learning/error/{hand}", style, static=True)
-    for name in ("a", "b"):
+    for name in spread:
         names = ["mean", "mean - deviation", "mean + deviation"]
         style = rr.SeriesLines(names=names, colors=[_MAIN, _FAINT, _FAINT], widths=[2.0, 1.0, 1.0])
         recording.log(f"drift/{name}", style, static=True)
@@ -35,11 +35,11 @@ def log_errors(recording: rr.RecordingStream, hands_cm: Sequence[float]) -> None
         recording.log(f"learning/error/{hand}", rr.Scalars(error_cm))
 
 
-def log_drift(recording: rr.RecordingStream, *, a: Floats, b: Floats, moved: Mapping[str, Floats]) -> None:
-    """Send mean and spread of a and b, and how far weights have moved on the mean, by kind, now."""
-    for name, values in (("a", a), ("b", b)):
-        mean, spread = float(values.mean()), float(values.std())
-        recording.log(f"drift/{name}", rr.Scalars([mean, mean - spread, mean + spread]))
+def log_drift(recording: rr.RecordingStream, spread: Mapping[str, Floats], *, moved: Mapping[str, Floats]) -> None:
+    """Send mean and spread of arrays by name, and how far weights have moved on the mean, by kind, now."""
+    for name, values in spread.items():
+        mean, deviation = float(values.mean()), float(values.std())
+        recording.log(f"drift/{name}", rr.Scalars([mean, mean - deviation, mean + deviation]))
     recording.log("drift/weights", rr.Scalars([float(np.abs(change).mean()) for change in moved.values()]))
 
 
@@ -50,11 +50,9 @@ def log_activity(recording: rr.RecordingStream, activity: Floats, *, static: boo
     recording.log("reservoir/activity", picture, static=static)
 
 
-def send_network(
-    recording: rr.RecordingStream, *, a: Floats, b: Floats, moved: Floats, errors_cm: Sequence[float]
-) -> None:
-    """Send how a, b and the changes of the weights are distributed, and the error of every epoch [cm], to stay."""
-    for name, values in (("a", a), ("b", b), ("weights", moved)):
+def send_network(recording: rr.RecordingStream, arrays: Mapping[str, Floats], *, errors_cm: Sequence[float]) -> None:
+    """Send how arrays of a learner are distributed, by name, and the error of every epoch [cm], to stay."""
+    for name, values in arrays.items():
         counts, edges = np.histogram(values, bins=_BINS)
         middles, widths = (edges[:-1] + edges[1:]) / 2.0, np.diff(edges)
         recording.log(f"network/{name}", rr.BarChart(counts, color=_MAIN, abscissa=middles, widths=widths), static=True)

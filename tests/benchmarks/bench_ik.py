@@ -33,8 +33,8 @@ from pydrake.multibody.tree import JacobianWrtVariable
 
 from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.exploration.explore import explore
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import circles
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics

@@ -15,8 +15,8 @@ import numba
 import numpy as np
 from reservoirpy.nodes import LMS, IPReservoir
 
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.learner import Learner
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
 
 CONFIG = LearnerConfig()
 STEPS = 256

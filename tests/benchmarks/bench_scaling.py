@@ -14,8 +14,8 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.learner import Learner
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
 
 SPARSE = (100, 200, 300, 500, 1000, 2000, 3000, 5000, 10_000)
 DENSE = (100, 200, 300, 500, 1000, 2000)

@@ -24,9 +24,9 @@ from typing import Any
 import numpy as np
 import zenoh
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.learner import Learner
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
 from pipeline.motions.motion import circles
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode, stamp_ns

@@ -18,7 +18,7 @@ from pathlib import Path
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
 from episodes import write_episode
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import Trainer, train, train_on
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver

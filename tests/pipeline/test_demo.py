@@ -18,8 +18,8 @@ from processes import reenact
 import pipeline
 from pipeline import demo
 from pipeline.cli import app
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.reading.reader import LogReader
 from replay.sources.schedule import Schedule

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from run_events import holding
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.batch import Run, compute_all
 from pipeline.training.executors import dask_cluster
 from recorders.errors import ReenactError

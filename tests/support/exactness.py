@@ -37,7 +37,7 @@ def controls() -> dict[str, str]:
 
 def main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
-    from pipeline.learner.config import LearnerConfig
+    from pipeline.learner.rules.reservoir.config import LearnerConfig
     from pipeline.training.trainer import train
     from replay.sources.schedule import Schedule
 

@@ -16,7 +16,7 @@ from numba.core.registry import CPUDispatcher
 from pipeline.evaluation import errors as evaluation
 from pipeline.evaluation import trials
 from pipeline.exploration import reproduce
-from pipeline.learner import kernels, learner, network
+from pipeline.learner.rules.reservoir import kernels, learner, network
 from pipeline.robot.config import RobotConfig
 from pipeline.samples import pairs
 from pipeline.training import run as learning_run

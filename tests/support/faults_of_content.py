@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from faults import Patch, rewrite
 
 from pipeline.evaluation import errors
-from pipeline.learner import kernels, learner
+from pipeline.learner.rules.reservoir import kernels, learner
 from pipeline.resources import data_path
 from pipeline.training import run as learning_run
 from recorders.ticks.joiner import JointMap

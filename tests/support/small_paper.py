@@ -8,7 +8,7 @@ from episodes import write_episode
 from pipeline.deployment.deploy import Deployment, Driven
 from pipeline.evaluation.errors import HandErrors
 from pipeline.evaluation.trials import try_samples
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import command_costs
 from pipeline.paper.results import PATTERN_1, PATTERN_2, Networks, Paper
 from pipeline.samples.pairs import Samples, read_samples

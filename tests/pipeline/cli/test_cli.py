@@ -12,7 +12,7 @@ from episodes import write_episode
 from processes import complaint, reenact
 
 from pipeline.cli import app
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.topics import JOINT_STATES, SAMPLE_JOINTS

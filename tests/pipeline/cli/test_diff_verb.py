@@ -10,7 +10,7 @@ import pytest
 from episodes import Change, write_episode
 from processes import reenact, start
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.record import Stamped

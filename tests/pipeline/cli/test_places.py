@@ -7,7 +7,7 @@ import pytest
 from episodes import write_episode
 
 from pipeline.cli import app
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.rerun_scene.recording import check_place
 from replay.sources.schedule import Schedule

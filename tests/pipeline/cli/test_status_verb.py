@@ -18,7 +18,7 @@ from sockets import listening, loopback
 
 from pipeline.cli import app
 from pipeline.cli.options import session_config
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.terminal.status_table import duration, status_table
 from pipeline.training.trainer import train
 from recorders.nodes.keys import node_key

@@ -17,7 +17,7 @@ from processes import command, reenact, signal_beside, start, wait_for_line
 
 from pipeline.cli import app
 from pipeline.cli.interrupts import leaving_log, words
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training import trainer
 from pipeline.training.trainer import train
 from recorders.messages.message_types import PoseStamped

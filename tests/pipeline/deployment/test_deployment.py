@@ -14,8 +14,8 @@ from pipeline.deployment import deploy as deployment
 from pipeline.deployment.deploy import Deployment, DeploymentConfig, deploy, drive_learned
 from pipeline.deployment.processes import served_robot
 from pipeline.evaluation.errors import HandErrors, hand_errors, predicted_joints
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, eight
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics

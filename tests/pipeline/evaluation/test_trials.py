@@ -9,8 +9,8 @@ from episodes import write_episode
 
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints
 from pipeline.evaluation.trials import robot_of, try_motion, try_samples
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.training.trainer import train

@@ -12,8 +12,8 @@ from small_robot import JOINTS, write_robot
 
 from pipeline.evaluation.trials import try_motion
 from pipeline.exploration.explore import explore
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.resources import data_path
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names

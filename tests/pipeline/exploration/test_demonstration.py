@@ -12,7 +12,7 @@ from shown import RIGHT, ROBOT, check_is_line, line_of, shown_right, write_csv
 from pipeline.exploration.demonstration import MAX_SAMPLES, DemonstrationConfig, demonstrate, to_motion
 from pipeline.exploration.hand_paths import Shown, read_csv_paths
 from pipeline.exploration.pose_track import HandPath
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.samples.pairs import read_samples
 from pipeline.training.trainer import train
 from recorders.errors import ConfigError, MotionError

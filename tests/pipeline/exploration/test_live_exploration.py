@@ -19,7 +19,7 @@ from visitor import await_ready, refusal, visitor
 
 from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.live import LiveSession
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, eight, read_motion_csv
 from pipeline.robot.config import load_robot
 from pipeline.robot_node.client import RemoteRobot

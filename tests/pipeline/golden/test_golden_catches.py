@@ -13,7 +13,7 @@ from pipeline.cli import app
 from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.explore import explore
 from pipeline.golden.runner import GoldenRunner
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, circles
 from pipeline.robot.config import load_robot
 from replay.golden.add import add_case

@@ -11,7 +11,7 @@ import pytest
 from episodes import write_episode
 
 from pipeline.golden.runner import GoldenRunner
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from replay.golden.add import add_case
 from replay.golden.recipe import Recipe
 from replay.sources.schedule import Schedule

@@ -10,9 +10,10 @@ import numpy as np
 import pytest
 
 from pipeline.learner import npz
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller, check_writable
-from pipeline.learner.learner import Learner, state_digest
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
+from pipeline.learner.state import state_digest
 from pipeline.seeding import uniforms
 from recorders.errors import ControllerError
 

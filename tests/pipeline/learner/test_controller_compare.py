@@ -9,10 +9,10 @@ import pytest
 from episodes import write_episode
 
 from pipeline.cli.diff_files import diff
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
 from pipeline.learner.controller_diff import ControllerDifference, first_difference, first_difference_of_arrays
-from pipeline.learner.learner import Learner
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
 from recorders.errors import ReenactError
 from recorders.messages.message_types import JointState
 from replay.diff.divergence import Divergence

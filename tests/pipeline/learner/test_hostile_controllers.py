@@ -21,9 +21,10 @@ from episodes import write_episode
 
 from pipeline.golden.runner import GoldenRunner
 from pipeline.learner import npz
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.network import MAX_NEURONS, MAX_NUMBERS, check_size
+from pipeline.learner.rules.reservoir.config import MAX_FILE_NEURONS as MAX_NEURONS
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.state import MAX_NUMBERS
 from pipeline.robot.config import load_robot
 from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
@@ -211,10 +212,10 @@ def overlapping(member: bytes) -> bytes:
 
 
 def test_a_network_too_large_for_a_file_is_not_written(tmp_path: Path) -> None:
-    check_size(LearnerConfig(reservoir=1000, reservoir_reservoir_density=1.0))
+    LearnerConfig(reservoir=1000, reservoir_reservoir_density=1.0).check_size()
     for config in (
         LearnerConfig(reservoir=MAX_NEURONS, reservoir_reservoir_density=0.0),
         LearnerConfig(reservoir=1100, reservoir_reservoir_density=1.0),
     ):
         with pytest.raises(ConfigError, match=f"expected at most {MAX_NEURONS} neurons and {MAX_NUMBERS} weights"):
-            check_size(config)
+            config.check_size()

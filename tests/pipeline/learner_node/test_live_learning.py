@@ -19,8 +19,8 @@ from live import spawn
 from processes import complaint, reenact, start, wait_for_line
 from waiting import wait_until
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
 from pipeline.learner_node.publisher import LearnerVoice
 from pipeline.robot.config import load_robot

@@ -15,8 +15,8 @@ from processes import complaint, reenact, start, wait_for_line
 from sockets import listening, loopback
 from waiting import wait_until
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.trainer import Trainer, train, train_on

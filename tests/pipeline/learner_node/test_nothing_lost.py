@@ -18,7 +18,7 @@ from processes import command, complaint, reenact, start, wait_for_line
 from proxy import Proxy
 from waiting import wait_until
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.messages.record import Stamped
 from recorders.messages.topics import LEARNER_OUTPUT, LEARNER_TOPICS, SESSION_PHASE

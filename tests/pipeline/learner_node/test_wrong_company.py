@@ -15,7 +15,7 @@ from episodes import write_episode
 from intruder import HUGE, await_word, intruder
 from processes import start, wait_for_line
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.cdr.codec import decode, encode
 from recorders.errors import WireError

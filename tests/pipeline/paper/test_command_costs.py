@@ -8,8 +8,8 @@ from episodes import write_episode
 
 from pipeline.evaluation.errors import HandErrors, hand_errors
 from pipeline.evaluation.trials import Trial, robot_of, try_motion
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import CommandCost, command_costs
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher

@@ -13,8 +13,8 @@ from clusters import local_cluster
 from processes import reenact
 
 from pipeline.cli import app
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.run import PaperConfig, drawings, run_paper
 from pipeline.training.trainer import train
 from recorders.errors import ConfigError, WireError

@@ -11,7 +11,7 @@ from peak_memory import peak_memory_mb
 from rerun.urdf import UrdfTree
 from small_robot import MODEL, write_robot
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.simulation.simulation import Simulation

@@ -12,7 +12,7 @@ import pytest
 from episodes import write_episode
 
 from pipeline.cli import app
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import circles
 from pipeline.robot.config import load_robot, robot_names
 from pipeline.robot.range_check import Implausible, plausible

@@ -20,8 +20,8 @@ from processes import complaint, reenact, start, wait_for_line, zenoh_pools
 from waiting import wait_until
 
 from pipeline.evaluation.errors import predicted_joints
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot_node.protocol import RobotStatus, robot_key
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.serving.served_controller import ServedController, ServingConfig

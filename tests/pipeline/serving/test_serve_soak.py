@@ -8,7 +8,7 @@ import zenoh
 from episodes import write_episode
 from processes import start, wait_for_line
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.training.trainer import train
 from recorders.cdr.codec import encode

@@ -12,9 +12,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.evaluation.errors import WASHOUT_STEPS, predicted_joints
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
-from pipeline.learner.learner import Learner, state_digest
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
+from pipeline.learner.state import state_digest
 from pipeline.robot.config import load_robot
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.serving.clock_reset import RESTART_AFTER

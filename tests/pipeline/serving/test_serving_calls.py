@@ -3,9 +3,10 @@
 import numpy as np
 import pytest
 
-from pipeline.learner import kernels
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.learner import Learner, state_digest
+from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
+from pipeline.learner.state import state_digest
 from pipeline.robot.config import load_robot
 from pipeline.serving.codec import CommandEncoder
 from pipeline.serving.compiled_calls import ServingCalls

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 from episodes import write_episode
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.trainer import Trainer, train_on
 from recorders.errors import ConfigError, ControllerError, WireError

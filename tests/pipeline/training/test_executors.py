@@ -17,7 +17,7 @@ from episodes import write_episode
 from processes import complaint, reenact
 from proxy import Proxy
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.batch import Run, RunsError, compute, compute_all
 from pipeline.training.executors import dask_cluster
 from recorders.errors import ConfigError, WireError

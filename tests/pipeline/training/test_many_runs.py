@@ -13,7 +13,7 @@ from episodes import write_episode
 from run_events import killing
 from sockets import listening
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.batch import Outcome, Run, RunsError, compute, compute_all
 from pipeline.training.executors import dask_cluster, local_processes
 from recorders.errors import LogError

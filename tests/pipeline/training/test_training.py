@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 from episodes import write_episode, write_plain_episode
 
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.training import run as learning_run
 from pipeline.training.run import CycleReport

@@ -17,8 +17,8 @@ from sockets import listening
 from pipeline.cli import app as cli
 from pipeline.cli import view as viewing
 from pipeline.evaluation.trials import try_motion
-from pipeline.learner.config import LearnerConfig
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import read_samples

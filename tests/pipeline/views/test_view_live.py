@@ -10,7 +10,7 @@ from processes import complaint, reenact, start
 from rerun.chunk import RrdReader
 from rerun_server import rerun_server, rows
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.cdr.codec import decode_as
 from recorders.messages.message_types import JointState

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from episodes import PERIOD_NS, write_episode
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.robot.range_check import plausible
 from pipeline.training.trainer import Trainer, train_on

@@ -9,7 +9,7 @@ import pytest
 from episodes import write_episode
 from processes import start, wait_for_line
 
-from pipeline.learner.config import LearnerConfig
+from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.errors import WireError
 from recorders.messages.record import Stamped

@@ -1,47 +1,20 @@
 """The online learner: a recurrent reservoir trained by Backpropagation-Decorrelation and Intrinsic Plasticity.
 
 After M. Rolf, J. J. Steil and M. Gienger, "Efficient Exploration and Learning of Whole Body Kinematics"; equation
-numbers here and in `pipeline.learner.kernels` are the paper's.
+numbers here and in `pipeline.learner.rules.reservoir.kernels` are the paper's.
 """
 
-import hashlib
 from collections.abc import Mapping
-from typing import Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.learner import kernels
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.kernels import FloatArray, Rates
-from pipeline.learner.network import Connections, Network, check_state, symmetric_uniforms
+from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.kernels import FloatArray, Rates
+from pipeline.learner.rules.reservoir.network import Connections, Network, symmetric_uniforms
+from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError, MessageError, ReenactError
-
-
-class OnlineLearner(Protocol):
-    """What the nodes and verbs need of a learning rule; positions in metres, joints in radians, nothing centred.
-
-    Steps are complete: step k forms the outputs from u(k), then compares them with d(k), then learns. How a
-    sequence is cut into calls changes no bit.
-    """
-
-    def begin_epoch(self, epoch: int) -> None:
-        """Start an epoch: seeded state of its own, rates of its own, weights kept."""
-
-    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
-        """Take steps with targets d (n, outputs); returns the outputs (n, outputs), each from before its update."""
-
-    def predict(self, u: ArrayLike) -> FloatArray:
-        """Take steps forward only: u (n, inputs) to outputs (n, outputs)."""
-
-    def washout(self, u0: ArrayLike, *, steps: int) -> None:
-        """Forget what came before: from a seeded state, hold the target u0 (inputs,) for some steps."""
-
-    def state(self) -> dict[str, FloatArray]:
-        """Copy everything that later steps depend on, in a fixed order of names."""
-
-    def load_state(self, state: Mapping[str, FloatArray]) -> None:
-        """Go on from a state, to the bit."""
 
 
 class Learner:
@@ -213,7 +186,7 @@ class Learner:
     def state(self) -> dict[str, FloatArray]:
         """Copy the state: weights by type of connection, a, b, x, y, e, epoch, in this order.
 
-        Names and shapes are those of `pipeline.learner.network.state_shapes`.
+        Names and shapes are those of `LearnerConfig.state_shapes`.
         """
         return {**self._network.state(), "epoch": np.array([float(self._epoch)])}
 
@@ -225,7 +198,7 @@ class Learner:
         ControllerError
             If names, shapes or values are not those of such a state; the learner is then as it was.
         """
-        check_state(self.config, state)
+        check_state(self.config.state_shapes(), state)
         epoch = float(state["epoch"][0])
         if not (epoch.is_integer() and epoch >= 0.0):
             raise ControllerError(f"expected a whole epoch of at least 0 in the state, found {epoch}")
@@ -270,28 +243,6 @@ class Learner:
         self._network.set_activations(
             symmetric_uniforms(config.seed, "state", name, count=neurons, limit=config.initial_state_range)
         )
-
-
-def state_digest(state: Mapping[str, FloatArray], pending: FloatArray | None = None) -> str:
-    """SHA-256 of a learner's state and of the u that waits for its target.
-
-    Parameters
-    ----------
-    state : mapping of str to ndarray
-        The state in its fixed order; names and shapes enter the digest, values as little-endian float64.
-    pending : ndarray, shape (inputs,), optional
-        The u of the tick that has no successor yet, in metres as received.
-
-    Returns
-    -------
-    str
-        64 hexadecimal digits.
-    """
-    digest = hashlib.sha256()
-    for name, values in {**state, "pending": np.empty(0) if pending is None else pending}.items():
-        digest.update(f"{name} {'x'.join(map(str, values.shape))}\n".encode())
-        digest.update(np.ascontiguousarray(values, dtype="<f8").tobytes())
-    return digest.hexdigest()
 
 
 def _rate(start: float, end: float, epoch: int, epochs: int) -> float:

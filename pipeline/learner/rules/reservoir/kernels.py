@@ -1,6 +1,6 @@
 """The learner's arithmetic, compiled: every floating-point operation in a fixed order, none of it from libm.
 
-Equation numbers are those of the paper (see `pipeline.learner.learner`). A sum runs over its slots one by one; what is
+Equation numbers are those of the paper (see `learner`, beside this). A sum runs over its slots one by one; what is
 vectorised runs across neurons or weights. Without fastmath the compiler may neither reorder nor fuse, so that
 every CPU gives the same bits. `error_model="numpy"` only drops the zero test from divisions, which would stop
 vectorisation.

@@ -8,9 +8,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.learner import kernels
-from pipeline.learner.config import LearnerConfig
-from pipeline.learner.learner import Learner, OnlineLearner, state_digest
+from pipeline.learner.rule import OnlineLearner
+from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.rules.reservoir.learner import Learner
+from pipeline.learner.state import state_digest
 from pipeline.seeding import uniforms
 from recorders.errors import ConfigError, ControllerError, MessageError
 

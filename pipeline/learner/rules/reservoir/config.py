@@ -2,14 +2,15 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
-from typing import Any, Self
 
+from pipeline.learner.rule import Settings, Shown
+from pipeline.learner.state import MAX_NUMBERS, state_numbers
 from recorders.errors import ConfigError
-from recorders.text.wording import names_text, value_text
+from recorders.text.wording import value_text
 
 MAX_NEURONS = 1_000_000  # keeps a configuration read from a file from asking for all of the memory
 MAX_CONNECTIONS = 20_000_000
+MAX_FILE_NEURONS = 50_000
 
 
 @dataclasses.dataclass(frozen=True)
@@ -35,7 +36,7 @@ class ConnectionConfig:
 
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
-class LearnerConfig:
+class LearnerConfig(Settings):
     """Sizes, connections, rates and seed of the network; the defaults are Table I of the paper.
 
     A density is the share of the possible connections that exist; a range r means initial weights uniform
@@ -102,24 +103,47 @@ class LearnerConfig:
             for source in ("input", "reservoir", "output")
         )
 
-    def to_dict(self) -> dict[str, int | float]:
-        """Return the fields as plain numbers, ready for JSON or TOML."""
-        return dataclasses.asdict(self)
+    def state_shapes(self) -> dict[str, tuple[int, ...]]:
+        """Names and shapes of the state, in the order in which it is digested.
 
-    @classmethod
-    def from_dict(cls, values: Mapping[str, Any]) -> Self:
-        """Make a configuration from plain numbers; absent keys take their default.
+        Weights by type of connection; a, b of the reservoir; x, y of the outputs, then the reservoir, eq. (4); the
+        outputs' last errors e; the epoch, -1 before the first.
+        """
+        neurons = self.outputs + self.reservoir
+        return {
+            **{f"{connection.name}_weights": (connection.count,) for connection in self.connections()},
+            "a": (self.reservoir,),
+            "b": (self.reservoir,),
+            "x": (neurons,),
+            "y": (neurons,),
+            "e": (self.outputs,),
+            "epoch": (1,),
+        }
+
+    def shown(self) -> Shown:
+        """Show the weights that learn, by type of connection; a, b; y of the reservoir."""
+        learning = [part.name for part in self.connections() if part.target == "output" and part.count > 0]
+        return Shown(
+            drift={name: f"{name}_weights" for name in learning},
+            spread={"a": "Gains a", "b": "Biases b"},
+            activity="y",
+            first=self.outputs,
+        )
+
+    def check_size(self) -> None:
+        """Check that a network is small enough to be kept in a file, which may come from anyone.
 
         Raises
         ------
         ConfigError
-            If a key is unknown, or a value is of the wrong type or out of its range.
+            If it has more than `MAX_FILE_NEURONS` neurons, or `MAX_NUMBERS` numbers in its state.
         """
-        known = [field.name for field in dataclasses.fields(cls)]
-        unknown = sorted(str(key) for key in values if key not in known)
-        if unknown:
-            raise ConfigError(f"unknown learner setting {names_text(unknown)}; there are {names_text(known)}")
-        return cls(**values)
+        neurons, numbers = self.inputs + self.outputs + self.reservoir, state_numbers(self.state_shapes())
+        if neurons > MAX_FILE_NEURONS or numbers > MAX_NUMBERS:
+            raise ConfigError(
+                f"expected at most {MAX_FILE_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be kept in "
+                f"a file, found {neurons} and {numbers}"
+            )
 
 
 _POSITIVE_INTEGERS = {"reservoir": MAX_NEURONS, "inputs": MAX_NEURONS, "outputs": MAX_NEURONS, "epochs": 10**9}

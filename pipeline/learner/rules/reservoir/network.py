@@ -4,22 +4,16 @@ The kernel's layout (padding, slots) is made for speed. The state that is saved,
 not know it: weights are kept per type of connection, ordered by target, then source.
 """
 
-import math
 from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.learner import kernels
-from pipeline.learner.config import ConnectionConfig, LearnerConfig
-from pipeline.learner.kernels import FloatArray, Sizes
+from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.rules.reservoir.config import ConnectionConfig, LearnerConfig
+from pipeline.learner.rules.reservoir.kernels import FloatArray, Sizes
 from pipeline.seeding import distinct, raw_words, uniforms
-from recorders.errors import ConfigError, ControllerError
-from recorders.text.wording import names_text
-
-MAX_NEURONS = 50_000
-MAX_NUMBERS = 2**20  # a thousand neurons, each connected to each, take fewer
 
 _LANES = 4  # the kernel squares z four at a time
 _Places = NDArray[np.int64]
@@ -53,63 +47,6 @@ def draw_connections(config: ConnectionConfig, *, seed: int) -> Connections:
 def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) -> FloatArray:
     """Uniform numbers in [-limit, limit), named as in `pipeline.seeding`, shape (count,)."""
     return (2.0 * uniforms(seed, *path, count=count) - 1.0) * limit
-
-
-def state_shapes(config: LearnerConfig) -> dict[str, tuple[int, ...]]:
-    """Names and shapes of the state, in the order in which it is digested.
-
-    Weights by type of connection; a, b of the reservoir; x, y of the outputs, then the reservoir, eq. (4); the
-    outputs' last errors e; the epoch, -1 before the first.
-    """
-    neurons = config.outputs + config.reservoir
-    return {
-        **{f"{connection.name}_weights": (connection.count,) for connection in config.connections()},
-        "a": (config.reservoir,),
-        "b": (config.reservoir,),
-        "x": (neurons,),
-        "y": (neurons,),
-        "e": (config.outputs,),
-        "epoch": (1,),
-    }
-
-
-def state_numbers(config: LearnerConfig) -> int:
-    """Return how many numbers the state has."""
-    return sum(math.prod(shape) for shape in state_shapes(config).values())
-
-
-def check_size(config: LearnerConfig) -> None:
-    """Check that a network is small enough to be kept in a file, which may come from anyone.
-
-    Raises
-    ------
-    ConfigError
-        If it has more than `MAX_NEURONS` neurons, or `MAX_NUMBERS` numbers in its state.
-    """
-    neurons, numbers = config.inputs + config.outputs + config.reservoir, state_numbers(config)
-    if neurons > MAX_NEURONS or numbers > MAX_NUMBERS:
-        raise ConfigError(
-            f"expected at most {MAX_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be kept in a file, "
-            f"found {neurons} and {numbers}"
-        )
-
-
-def check_state(config: LearnerConfig, state: Mapping[str, FloatArray]) -> None:
-    """Check names, shapes and values of a state against a configuration.
-
-    Raises
-    ------
-    ControllerError
-        If an array is missing, unknown, of the wrong shape, or not finite.
-    """
-    shapes = state_shapes(config)
-    if set(state) != set(shapes):
-        raise ControllerError(f"expected state {names_text(shapes)}; found {names_text(map(str, state))}")
-    for name, shape in shapes.items():
-        if np.shape(state[name]) != shape:
-            raise ControllerError(f"expected state {name} of shape {shape}, found {np.shape(state[name])}")
-        if not np.isfinite(state[name]).all():
-            raise ControllerError(f"expected finite numbers in state {name}, found NaN or infinity")
 
 
 class _Layout:
@@ -151,7 +88,7 @@ class Network:
     connections : dict of str to Connections
         The connections that exist, by type.
     sizes, sources, memory : ndarray
-        What the kernel works on, see `pipeline.learner.kernels.run`.
+        What the kernel works on, see `pipeline.learner.rules.reservoir.kernels.run`.
     """
 
     def __init__(self, config: LearnerConfig) -> None:
@@ -173,12 +110,12 @@ class Network:
         kernels.activate(self.sizes, self.memory)
 
     def state(self) -> dict[str, FloatArray]:
-        """Copy the state, named and shaped as in `state_shapes`, less the epoch."""
+        """Copy the state, named and shaped as in `LearnerConfig.state_shapes`, less the epoch."""
         weights = {f"{name}_weights": self._weights_of(name)[places] for name, places in self._places.items()}
         return {**weights, **{name: values.copy() for name, values in self._vectors().items()}}
 
     def load_state(self, state: Mapping[str, FloatArray]) -> None:
-        """Take over a state made by `state`; it must have passed `check_state`."""
+        """Take over a state made by `state`; it must have passed `pipeline.learner.state.check_state`."""
         for name, places in self._places.items():
             self._weights_of(name)[places] = state[f"{name}_weights"]
         for name, values in self._vectors().items():

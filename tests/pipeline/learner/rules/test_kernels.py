@@ -13,7 +13,7 @@ import numba
 import numpy as np
 import pytest
 
-from pipeline.learner import kernels
+from pipeline.learner.rules.reservoir import kernels
 from pipeline.seeding import uniforms
 
 
@@ -102,8 +102,11 @@ def test_kernels_compile_where_nothing_can_be_kept(tmp_path):
     """Read-only install, no home: numba then finds no place for its cache, and refuses to compile with one."""
     (tmp_path / "file").touch()
     only = {"NUMBA_CACHE_LOCATOR_CLASSES": "UserProvidedCacheLocator", "NUMBA_CACHE_DIR": str(tmp_path / "file" / "x")}
-    variables = {**os.environ, **only, "PYTHONPATH": str(Path(__file__).parents[3])}
-    program = "from pipeline.learner import kernels; print(kernels.exp(1.0).hex(), type(kernels.exp._cache).__name__)"
+    variables = {**os.environ, **only, "PYTHONPATH": str(Path(__file__).parents[4])}
+    program = (
+        "from pipeline.learner.rules.reservoir import kernels; "
+        "print(kernels.exp(1.0).hex(), type(kernels.exp._cache).__name__)"
+    )
     found = subprocess.run(
         [sys.executable, "-c", program], env=variables, cwd=tmp_path, capture_output=True, text=True, timeout=120
     )

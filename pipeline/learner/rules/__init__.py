@@ -1,0 +1,1 @@
+"""Learning rules that come with the program: one module or package each, named as the rule is, with its `RULE`."""
