@@ -115,8 +115,8 @@ class Episode:
     def _nameable(self, there: Collection[str], missing: Collection[str]) -> list[str]:
         """Return the topics that are neither ours nor renamed already, and may be of the type of a missing one."""
         free = set(there) - set(_NEEDED) - self._renames.keys()
-        types = {"", *map(type_of, missing)}
-        return sorted(topic for topic in free if self._reader.topics.get(topic, "") in types)
+        types, found = {"", *map(type_of, missing)}, self._reader.topics
+        return sorted(topic for topic in free if found.get(topic, "") in types)
 
 
 def renamed(

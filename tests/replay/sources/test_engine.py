@@ -157,3 +157,27 @@ def test_a_name_that_no_log_has_cannot_be_replaced(log: Path, tmp_path: Path) ->
         Replay([log], SCHEDULE, renames={"/slip": "/elsewhere"})
     with pytest.raises(LogError, match=found):
         list(renamed(LogReader(log), {"/slip": "/elsewhere"}, {SAMPLE_JOINTS}))
+
+
+def test_however_many_topics_a_log_has_they_are_listed_as_often(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Making the list takes as long as it is: asked for once a topic, 65,000 of them take minutes."""
+    listed: list[Path] = []
+
+    def counted(reader: LogReader) -> dict[str, str]:
+        listed.append(reader.path)
+        return {channel.topic: channel.type for channel in reader.channels}
+
+    monkeypatch.setattr(LogReader, "topics", property(counted))
+    often = []
+    for count in (3, 300):
+        path = tmp_path / f"{count}.mcap"
+        with LogWriter(path, manifest={}) as writer:
+            for number in range(count):
+                writer.write(f"/topic/{number}", String("x"), log_time_ns=number)
+        listed.clear()
+        with pytest.raises(LogError, match=r"found none; record with explore; it has no other topic to rename"):
+            Replay([path], SCHEDULE)
+        often.append(len(listed))
+    assert often[0] == often[1]
