@@ -1,21 +1,17 @@
-"""The command line, `reenact`: puts the verbs together and turns errors into one line and an exit status."""
+"""Command line `reenact`: its verbs, and errors as one line and an exit status."""
 
-import importlib.metadata
 import sys
 from typing import Annotated, Any, NoReturn
 
 import typer
 from typer.core import TyperGroup
 
-from pipeline.cli import demo_train_evaluate_diff, golden, info_recover, learn_replay, paper, status
-from pipeline.cli import demonstrate as demonstrating
-from pipeline.cli import explore as exploring
-from pipeline.cli import record as recording
-from pipeline.cli import serve as serving
-from pipeline.cli import view as viewing
-from pipeline.cli.interrupts import words
-from pipeline.cli.options import help_without_verb
-from pipeline.cli.usage import Verbs, usage_line
+from pipeline.cli.interrupts import exit_line
+from pipeline.cli.learning import demo, evaluate, golden, paper, train
+from pipeline.cli.logs import diff, info, recover, view
+from pipeline.cli.network import learn, record, replay, serve, status
+from pipeline.cli.robot import demonstrate, explore, robot
+from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
 from pipeline.terminal import console
 from pipeline.terminal.escaping import printable
@@ -25,14 +21,14 @@ from recorders.text.wording import line_text
 
 
 class _Program(TyperGroup):
-    """Ends with a line where a signal cut a verb short: click itself ends without a word after Ctrl-C."""
+    """Group of the verbs that ends with a line where a signal cut one short: click prints none after Ctrl-C."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run what the command line asks for."""
+        """Run the verb."""
         try:
             return super().invoke(ctx)
         except (KeyboardInterrupt, SystemExit) as stop:
-            _fail(*words(stop))
+            _fail(*exit_line(stop))
 
 
 app = Verbs(
@@ -50,36 +46,38 @@ def _reenact(
     ctx: typer.Context, version: Annotated[bool, typer.Option("--version", help="Print the version.")] = False
 ) -> None:
     if version:
+        import importlib.metadata
+
         console.line(f"reenact {importlib.metadata.version('reenact')}")
         raise typer.Exit
     help_without_verb(ctx)
 
 
-app.command(epilog="Example: reenact demo --out out/demo")(demo_train_evaluate_diff.demo)
-app.command(epilog="Example: reenact explore --motion circles --seed 0 --out circles.mcap")(exploring.explore)
-app.command(epilog="Example: reenact demonstrate right_hand_house --out house.mcap")(demonstrating.demonstrate)
+app.command(epilog="Example: reenact demo --out out/demo")(demo.demo)
+app.command(epilog="Example: reenact explore --motion circles --seed 0 --out circles.mcap")(explore.explore)
+app.command(epilog="Example: reenact demonstrate right_hand_house --out house.mcap")(demonstrate.demonstrate)
 app.command(
     epilog="Example: reenact robot\n\n"
     "Then, in a second terminal: reenact explore --connect tcp/127.0.0.1:7447 --motion eight"
-)(exploring.robot)
-app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(recording.record)
-app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(demo_train_evaluate_diff.train)
+)(robot.robot)
+app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(record.record)
+app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(train.train)
 app.command(
     epilog="Example: reenact learn --out controller.npz\n\n"
     "Then, in a second terminal: reenact replay circles.mcap --epochs 150"
-)(learn_replay.learn)
+)(learn.learn)
 app.command(
     epilog="Example: reenact replay circles.mcap --epochs 150\n\n"
     "Before, in a second terminal: reenact learn --out controller.npz"
-)(learn_replay.replay)
-app.command(epilog="Example: reenact serve controller.npz --record served.mcap")(serving.serve)
+)(replay.replay)
+app.command(epilog="Example: reenact serve controller.npz --record served.mcap")(serve.serve)
 app.command(epilog="Example: reenact status --watch")(status.status)
-app.command(epilog="Example: reenact evaluate controller.npz eight --deploy")(demo_train_evaluate_diff.evaluate)
-app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(demo_train_evaluate_diff.diff)
-app.command(epilog="Example: reenact info session.mcap")(info_recover.info)
-app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(info_recover.recover)
+app.command(epilog="Example: reenact evaluate controller.npz eight --deploy")(evaluate.evaluate)
+app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(diff.diff)
+app.command(epilog="Example: reenact info session.mcap")(info.info)
+app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(recover.recover)
 app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
-app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(viewing.view)
+app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(view.view)
 app.add_typer(golden.app)
 
 
@@ -90,7 +88,7 @@ def main(arguments: list[str] | None = None) -> None:
     # What click raises on bad usage; typer carries click within itself and exports only this subclass.
     usage_error: Any = typer.BadParameter.__bases__[0]
     try:
-        status = app(arguments, prog_name="reenact", standalone_mode=False)
+        code = app(arguments, prog_name="reenact", standalone_mode=False)
     except ReenactError as error:
         _fail(str(error), error.exit_status)
     except OSError as error:
@@ -104,7 +102,7 @@ def main(arguments: list[str] | None = None) -> None:
         _fail("there is not enough memory for this; close other programs, or take a smaller input", 2)
     except usage_error as error:
         _fail(usage_line(error), 2)
-    sys.exit(status if isinstance(status, int) else 0)
+    sys.exit(code if isinstance(code, int) else 0)
 
 
 def _fail(line: str, status: int) -> NoReturn:

@@ -1,4 +1,4 @@
-"""What the command line says of its own use: help without Python's types, and one line for what was typed wrongly."""
+"""Help without Python's types, and one line for each usage error."""
 
 import difflib
 from collections.abc import Callable
@@ -6,6 +6,8 @@ from typing import Any
 
 import typer
 from typer.core import TyperArgument, TyperCommand
+
+from pipeline.terminal import console
 
 
 class Verb(TyperCommand):
@@ -34,6 +36,13 @@ class Verbs(typer.Typer):
     ) -> Callable[..., Any]:
         """Return what registers a function as a verb."""
         return super().command(name, cls=cls, **settings)
+
+
+def help_without_verb(ctx: typer.Context) -> None:
+    """Print the help, and end with status 2, where the command line names no verb."""
+    if ctx.invoked_subcommand is None:
+        console.block(ctx.get_help())
+        raise typer.Exit(2)
 
 
 def usage_line(error: Any) -> str:

@@ -9,7 +9,7 @@ from every_variant import FLAGS, Data, Variant, described, variants
 from mcap.records import Attachment, Channel, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
 
-from pipeline.cli.diff_files import diff
+from pipeline.cli.logs.diff_files import diff
 from recorders.mcap_format.manifest import METADATA_NAME
 from recorders.reading.reader import LogReader
 from recorders.recovery.log_info import summarise

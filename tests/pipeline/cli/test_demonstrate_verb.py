@@ -14,7 +14,7 @@ import zenoh
 from processes import complaint, reenact, start, wait_for_line
 from shown import EPOCH_NS, RIGHT, TRACKER, line_of, poses_of, write_csv, write_log
 
-from pipeline.cli.demonstrate import demonstrate
+from pipeline.cli.robot.demonstrate import demonstrate
 from pipeline.exploration.live_paths import ListenConfig, hear_paths
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, ReenactError

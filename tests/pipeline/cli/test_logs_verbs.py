@@ -146,7 +146,7 @@ def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
 _WITH_LITTLE_MEMORY = """
 import resource, sys
 from pathlib import Path
-import recorders.recovery.session_info, pipeline.cli.diff_files, pipeline.terminal.log_tables
+import recorders.recovery.session_info, pipeline.cli.logs.diff_files, pipeline.terminal.log_tables
 from pipeline.cli.app import main
 pages = int(Path("/proc/self/statm").read_text().split()[0])
 resource.setrlimit(resource.RLIMIT_AS, (pages * resource.getpagesize() + 30_000_000,) * 2)

@@ -17,7 +17,7 @@ from processes import start, wait_for_line
 from sockets import listening, loopback
 
 from pipeline.cli import app
-from pipeline.cli.options import session_config
+from pipeline.cli.sessions import session_config
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.terminal.status_table import duration, status_table
 from pipeline.training.trainer import train

@@ -16,7 +16,7 @@ from episodes import write_episode
 from processes import command, reenact, signal_beside, start, wait_for_line
 
 from pipeline.cli import app
-from pipeline.cli.interrupts import leaving_log, words
+from pipeline.cli.interrupts import exit_line, note_partial_log
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training import trainer
 from pipeline.training.trainer import train
@@ -67,9 +67,9 @@ def test_what_was_recorded_until_then_is_named_and_can_be_recovered(
 def test_what_another_left_is_not_claimed(tmp_path: Path) -> None:
     out = tmp_path / "x.mcap"
     (tmp_path / "x.mcap.part").write_bytes(b"of a crash")
-    with pytest.raises(KeyboardInterrupt) as stop, leaving_log(out):
+    with pytest.raises(KeyboardInterrupt) as stop, note_partial_log(out):
         raise KeyboardInterrupt
-    assert words(stop.value) == ("interrupted", 130)
+    assert exit_line(stop.value) == ("interrupted", 130)
 
 
 @pytest.mark.parametrize(

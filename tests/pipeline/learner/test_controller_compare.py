@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from episodes import write_episode
 
-from pipeline.cli.diff_files import diff
+from pipeline.cli.logs.diff_files import diff
 from pipeline.learner.controller import Controller
 from pipeline.learner.controller_diff import ControllerDifference, first_difference, first_difference_of_arrays
 from pipeline.learner.rules.reservoir.config import LearnerConfig

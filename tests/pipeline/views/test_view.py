@@ -15,7 +15,7 @@ from rerun_server import entities, rerun_server, rows
 from sockets import listening
 
 from pipeline.cli import app as cli
-from pipeline.cli import view as viewing
+from pipeline.cli.logs import view as viewing
 from pipeline.evaluation.trials import try_motion
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig

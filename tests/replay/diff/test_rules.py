@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from sessions import write_foreign
 
-from pipeline.cli.diff_files import DiffConfig, diff
+from pipeline.cli.logs.diff_files import DiffConfig, diff
 from recorders.cdr.codec import decode, encode
 from recorders.cdr.rosbags_types import to_rosbags, typestore
 from recorders.errors import ConfigError, LogError

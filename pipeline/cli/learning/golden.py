@@ -1,13 +1,15 @@
-"""Golden-log regression: make a case, check cases."""
+"""The verbs golden add and golden check."""
 
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import Json, help_without_verb
-from pipeline.cli.usage import Verbs
+from pipeline.cli.groups import grouped
+from pipeline.cli.options import Json
+from pipeline.cli.usage import Verbs, help_without_verb
 from pipeline.resources import data_path
 from pipeline.terminal import console
 from recorders.errors import CheckFailed, ConfigError
@@ -20,8 +22,27 @@ def _golden(ctx: typer.Context) -> None:
     help_without_verb(ctx)
 
 
+@dataclass(frozen=True)
+class CaseOptions:
+    """Learning and checks of a case; None keeps what an existing case has."""
+
+    epochs: Annotated[int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1, metavar="N")] = None
+    as_recorded: Annotated[
+        bool | None,
+        typer.Option("--as-recorded/--not-as-recorded", help="Follow the phase markers of a recorded session."),
+    ] = None
+    resume_after: Annotated[
+        int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1, metavar="N")
+    ] = None
+    physics: Annotated[
+        bool | None, typer.Option("--physics/--no-physics", help="Check teacher and simulation, too.")
+    ] = None
+
+
 @app.command(epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --dir golden --physics")
+@grouped
 def add(
+    *,
     name: Annotated[str, typer.Option(help="Name of the case.", metavar="NAME")],
     logs: Annotated[
         list[Path] | None, typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")
@@ -30,19 +51,7 @@ def add(
         Path | None, typer.Option(help="Settings of the learner, seed included (TOML).", metavar="FILE")
     ] = None,
     dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.", metavar="DIR")] = Path("golden"),
-    epochs: Annotated[
-        int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1, metavar="N")
-    ] = None,
-    as_recorded: Annotated[
-        bool | None,
-        typer.Option("--as-recorded/--not-as-recorded", help="Follow the phase markers of a recorded session."),
-    ] = None,
-    resume_after: Annotated[
-        int | None, typer.Option(help="Stop after so many ticks, and go on from a checkpoint.", min=1, metavar="N")
-    ] = None,
-    physics: Annotated[
-        bool | None, typer.Option("--physics/--no-physics", help="Check teacher and simulation, too.")
-    ] = None,
+    case: CaseOptions,
     reason: Annotated[
         str | None, typer.Option(help="Why an existing case changes; kept in its history.", metavar="TEXT")
     ] = None,
@@ -63,14 +72,13 @@ def add(
             raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
     restore(folder)
     old = load_case(folder).recipe if folder.exists() else None
-    asked = {"epochs": epochs, "resume_after": resume_after}
     with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
-        files = _as_files(logs or [], Path(temporary), session=bool(as_recorded))
-        made = recipe(files, config, old=old, as_recorded=as_recorded, physics=physics, **asked)
-        case = add_case(folder, made, GoldenRunner(), reason=reason, progress=advance)
-    size = sum(path.stat().st_size for path in case.folder.iterdir())
-    result = {"case": str(case.folder), "bytes": size, "digest": case.expected["digest"]}
-    console.show({**result, "errors_cm": case.expected["errors_cm"]}, as_json=as_json)
+        files = _as_files(logs or [], Path(temporary), session=bool(case.as_recorded))
+        case_spec = recipe(files, config, old=old, **asdict(case))
+        added = add_case(folder, case_spec, GoldenRunner(), reason=reason, progress=advance)
+    size = sum(path.stat().st_size for path in added.folder.iterdir())
+    shown = {"case": str(added.folder), "bytes": size, "digest": added.expected["digest"]}
+    console.show({**shown, "errors_cm": added.expected["errors_cm"]}, as_json=as_json)
 
 
 def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
@@ -80,9 +88,9 @@ def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
 
     found = [one_session(logs, console.say)] if session and logs else recordings(logs, console.say)
     files: list[Path] = []
-    for place, log in enumerate(found):
+    for index, log in enumerate(found):
         if isinstance(log, Parts):
-            joined = folder / str(place) / log.name
+            joined = folder / str(index) / log.name
             joined.parent.mkdir()
             slim(log, joined, physics=True, file_order=session)
             files.append(joined)

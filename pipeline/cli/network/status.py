@@ -1,4 +1,4 @@
-"""The verb status: what runs in a namespace."""
+"""The verb status."""
 
 import json
 import sys
@@ -8,7 +8,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Connect, Json, Namespace, Wait, ZenohConfig, session_config
+from pipeline.cli.options import Json
+from pipeline.cli.sessions import NAMESPACE, Connect, Namespace, Wait, ZenohConfig, session_config
 from pipeline.terminal import console
 
 if TYPE_CHECKING:
@@ -26,7 +27,7 @@ def status(
     wait: Wait = _WAIT_S,
     connect: Connect = None,
     zenoh_config: ZenohConfig = None,
-    namespace: Namespace = "reenact",
+    namespace: Namespace = NAMESPACE,
     as_json: Json = False,
 ) -> None:
     """Show what runs in a namespace.

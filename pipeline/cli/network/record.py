@@ -1,20 +1,48 @@
-"""The verb record: live Zenoh keys to MCAP."""
+"""The verb record."""
 
+from dataclasses import dataclass
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import Connect, Json, Listen, Namespace, Overwrite, Prometheus, ZenohConfig, session_config
+from pipeline.cli.groups import grouped
+from pipeline.cli.options import Json, Overwrite
+from pipeline.cli.sessions import ConnectingNode
 from pipeline.terminal import console
 from recorders.errors import LogError
 
 if TYPE_CHECKING:
-    from recorders.recording.config import Recording
+    from recorders.recording.config import RecordConfig, Recording
+    from recorders.wire.receiver import ReceiverConfig
 
 
+@dataclass(frozen=True)
+class TopicOptions:
+    """Topics that are recorded, and the size of a file."""
+
+    include: Annotated[
+        list[str] | None, typer.Option(help="Pattern of topics to record, such as '/hand/*'.", metavar="PATTERN")
+    ] = None
+    exclude: Annotated[list[str] | None, typer.Option(help="Pattern of topics to leave out.", metavar="PATTERN")] = None
+    split: Annotated[
+        str | None,
+        typer.Option(help="Begin another file after a size or a time, such as 100MB or 10min.", metavar="SIZE|TIME"),
+    ] = None
+
+    def config(self) -> "RecordConfig":
+        """Return the settings of the recorder."""
+        from recorders.recording.config import RecordConfig
+        from recorders.text.quantities import parse_size_or_time
+
+        split_bytes, split_ns = (None, None) if self.split is None else parse_size_or_time(self.split, "--split")
+        return RecordConfig(tuple(self.include or ()), tuple(self.exclude or ()), split_bytes, split_ns)
+
+
+@grouped
 def record(
+    *,
     out: Annotated[
         Path | None,
         typer.Option(
@@ -23,16 +51,7 @@ def record(
             show_default=False,
         ),
     ] = None,
-    include: Annotated[
-        list[str] | None, typer.Option(help="Pattern of topics to record, such as '/hand/*'.", metavar="PATTERN")
-    ] = None,
-    exclude: Annotated[
-        list[str] | None, typer.Option(help="Pattern of topics to leave out.", metavar="PATTERN")
-    ] = None,
-    split: Annotated[
-        str | None,
-        typer.Option(help="Begin another file after a size or a time, such as 100MB or 10min.", metavar="SIZE|TIME"),
-    ] = None,
+    topics: TopicOptions,
     until_end: Annotated[
         bool, typer.Option("--until-end", help="Stop when a stream that awaits this, and all it awaits, are through.")
     ] = False,
@@ -40,30 +59,21 @@ def record(
         str, typer.Option(help="Name by which a stream awaits this recorder.", metavar="NAME")
     ] = "recorder",
     overwrite: Overwrite = False,
-    listen: Listen = None,
-    connect: Connect = None,
-    zenoh_config: ZenohConfig = None,
-    namespace: Namespace = "reenact",
-    prometheus: Prometheus = None,
+    node: ConnectingNode,
     as_json: Json = False,
 ) -> None:
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from pipeline.terminal.signals import until_stopped
-    from recorders.messages.topics import ROBOT_DESCRIPTION
     from recorders.nodes.metrics import check_metrics
     from recorders.nodes.node import running_node
-    from recorders.recording.config import RecordConfig
     from recorders.recording.live_recorder import LiveRecorder
-    from recorders.text.quantities import parse_size_or_time
-    from recorders.wire.receiver import Receiver, ReceiverConfig
+    from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
 
-    check_metrics(prometheus)
-    split_bytes, split_ns = (None, None) if split is None else parse_size_or_time(split, "--split")
-    config = RecordConfig(tuple(include or ()), tuple(exclude or ()), split_bytes, split_ns)
-    kept = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
-    receiving = ReceiverConfig(name=name, namespace=namespace, live=True, kept=kept)
-    session = session_config(listen, connect, zenoh_config, listens=False)
+    check_metrics(node.prometheus)
+    config = topics.config()
+    receiving = _receiving(name, node.namespace, config)
+    session = node.config()
     with (
         console.counter("record") as show,
         LiveRecorder(
@@ -79,17 +89,25 @@ def record(
             opened,
             recorder.source(name),
             config=session,
-            namespace=namespace,
-            metrics_port=prometheus,
+            namespace=node.namespace,
+            metrics_port=node.prometheus,
             report=console.say,
         ),
         until_stopped() as stopped,
     ):
         where = ", ".join(session.listen or session.connect)
-        console.say(f"{name} records {namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
+        console.say(f"{name} records {node.namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, until_end=until_end)
     console.show(recorder.recording.to_dict(), as_json=as_json)
-    console.say(_outcome(recorder.recording, f"{namespace}/**"))
+    console.say(_outcome(recorder.recording, f"{node.namespace}/**"))
+
+
+def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverConfig":
+    from recorders.messages.topics import ROBOT_DESCRIPTION
+    from recorders.wire.receiver import ReceiverConfig
+
+    latched = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
+    return ReceiverConfig(name=name, namespace=namespace, live=True, kept=latched)
 
 
 def _outcome(recording: "Recording", key: str) -> str:

@@ -1,4 +1,4 @@
-"""The verb `paper`."""
+"""The verb paper."""
 
 from functools import partial
 from pathlib import Path

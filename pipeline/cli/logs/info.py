@@ -1,13 +1,13 @@
-"""The verbs that look after logs: info, recover."""
+"""The verb info."""
 
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from pipeline.cli.options import Json, Overwrite
+from pipeline.cli.options import Json
 from pipeline.terminal import console
-from recorders.errors import CheckFailed, ConfigError
+from recorders.errors import CheckFailed
 from recorders.text.wording import names_text
 
 
@@ -40,28 +40,3 @@ def info(
             console.line("`reenact recover` writes a sound log with what is whole.")
     if not summary.sound:
         raise typer.Exit(CheckFailed.exit_status)
-
-
-def recover(
-    damaged: Annotated[Path, typer.Argument(help="A damaged or cut-off log; only read.", metavar="DAMAGED")],
-    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
-    overwrite: Overwrite = False,
-    as_json: Json = False,
-) -> None:
-    """Write what is whole in a damaged log to another one.
-
-    The log may be damaged or cut off; what was kept and what was lost is said.
-    """
-    from pipeline.terminal.log_tables import damage_lines, recovered
-    from recorders.recovery.recover import recover as run
-
-    if damaged.is_dir():
-        raise ConfigError(f"{damaged}: expected a log, found a folder; the parts of a session are recovered one by one")
-    with console.progress("recover") as advance:
-        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance, say=console.say)
-    if as_json:
-        console.show(recovery.to_dict(), as_json=True)
-        return
-    console.entries(recovered(recovery))
-    if recovery.damage:
-        console.block("\n".join(damage_lines(recovery.damage, console.width())))

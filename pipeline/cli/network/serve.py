@@ -1,23 +1,15 @@
-"""The verb `serve`."""
+"""The verb serve."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
-from pipeline.cli.interrupts import words
-from pipeline.cli.options import (
-    ConnectInstead,
-    Controller,
-    Json,
-    ListenFirst,
-    Namespace,
-    Overwrite,
-    Prometheus,
-    ZenohConfig,
-    session_config,
-)
-from pipeline.cli.view import View, Viewer, answers_shown
+from pipeline.cli.groups import grouped
+from pipeline.cli.interrupts import exit_line
+from pipeline.cli.options import Controller, Json, Overwrite
+from pipeline.cli.sessions import ListeningNode
+from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
 from recorders.errors import LearningError
 
@@ -25,8 +17,10 @@ if TYPE_CHECKING:
     from pipeline.learner.controller import Controller as Learned
 
 
+@grouped
 def serve(
     controller: Controller,
+    *,
     name: Annotated[
         str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")
     ] = "controller",
@@ -40,14 +34,9 @@ def serve(
     beside_others: Annotated[
         bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
     ] = False,
-    listen: ListenFirst = None,
-    connect: ConnectInstead = None,
-    zenoh_config: ZenohConfig = None,
-    namespace: Namespace = "reenact",
-    prometheus: Prometheus = None,
+    node: ListeningNode,
     overwrite: Overwrite = False,
-    view: View = False,
-    viewer: Viewer = None,
+    viewer: ViewOptions,
     as_json: Json = False,
 ) -> None:
     """Answer hand targets with joint commands over Zenoh.
@@ -70,31 +59,31 @@ def serve(
         console.show(status, as_json=as_json)
         last.update(status)
 
-    check_metrics(prometheus)
+    check_metrics(node.prometheus)
     if out is not None:
         check_writable(out, overwrite=overwrite)
     config = ServeConfig(
         name=name,
-        namespace=namespace,
+        namespace=node.namespace,
         serving=ServingConfig(learn=learn),
         record=record,
         overwrite=overwrite,
         beside_others=beside_others,
-        metrics_port=prometheus,
+        metrics_port=node.prometheus,
     )
-    session = session_config(listen, connect, zenoh_config, listens=True)
+    session = node.config()
     if not session.listen:
         read_as_it_comes()
     loaded = Learned.load(controller)
     try:
-        with answers_shown(view, viewer, loaded, title=f"{name} serves") as on_command:
+        with viewer.commands(loaded, title=f"{name} serves") as on_command:
             run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
     except (KeyboardInterrupt, SystemExit) as stop:
         if not last:
             raise
         if learn:
             _check_learned(last)
-        raise typer.Exit(words(stop)[1]) from stop  # its status says it all
+        raise typer.Exit(exit_line(stop)[1]) from stop  # its status is the message
 
 
 def _check_learned(status: dict[str, Any]) -> None:

@@ -1,0 +1,38 @@
+"""The verb demo."""
+
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from pipeline.cli.groups import grouped
+from pipeline.cli.options import Epochs, Json, Seed
+from pipeline.cli.viewers import ViewOptions
+from pipeline.terminal import console
+
+
+@grouped
+def demo(
+    *,
+    out: Annotated[Path, typer.Option(help="Folder for logs, controller, report and summary.", metavar="DIR")] = Path(
+        "out/demo"
+    ),
+    seed: Seed = 0,
+    epochs: Epochs = 150,
+    viewer: ViewOptions,
+    as_json: Json = False,
+) -> None:
+    """Run the main job end to end.
+
+    Explore, record, replay over Zenoh, learn, check and report.
+    """
+    from pipeline.demo import REPORT, results_table, run_demo
+
+    with viewer.open() as view:
+        result = run_demo(out, seed=seed, epochs=epochs, view=view)
+    if as_json:
+        console.show(result.summary(out), as_json=True)
+        return
+    console.table(results_table(result))
+    digest, took = result.file_digest[:16], sum(result.seconds.values())
+    console.line(f"State digest {digest}…, over Zenoh and from the file alike. {took:.0f} s. Look at {out / REPORT}")

@@ -1,0 +1,62 @@
+"""The verb evaluate."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.options import MOTIONS, Controller, Json, complete_motion
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.learner.controller import Controller as Learned
+
+
+def evaluate(
+    controller: Controller,
+    motion: Annotated[
+        str,
+        typer.Argument(
+            help=f"A log, a CSV file, or one of {MOTIONS}; samples are taken in order.",
+            metavar="MOTION|LOG.mcap",
+            autocompletion=complete_motion,
+        ),
+    ],
+    linear_from: Annotated[
+        Path | None,
+        typer.Option(help="Log that linear least squares is fitted to; by default the one tried.", metavar="LOG.mcap"),
+    ] = None,
+    deploy: Annotated[
+        bool,
+        typer.Option("--deploy", help="Let it move the simulated robot, through serve, at 10 Hz; then the teacher."),
+    ] = False,
+    as_json: Json = False,
+) -> None:
+    """Try a controller on a motion or a recording.
+
+    The result is the distances of both hands from their targets.
+    """
+    from pipeline.evaluation.trials import try_motion
+    from pipeline.learner.controller import Controller as Loaded
+
+    if deploy and linear_from is not None:
+        raise ConfigError("expected one of --deploy and --linear-from, found both")
+    loaded = Loaded.load(controller)
+    if deploy:
+        result = _deployed(loaded, motion)
+    else:
+        result = try_motion(loaded, motion, linear_from=linear_from, say=console.say).summary()
+    console.show(result, as_json=as_json)
+
+
+def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
+    """Let the controller, then the teacher, drive the simulated robot; return the errors of its hands."""
+    from pipeline.deployment.deploy import deploy
+    from pipeline.evaluation.trials import robot_of
+    from pipeline.motions.motion import is_recorded, load_motion
+
+    if is_recorded(motion):
+        raise ConfigError(f"--deploy: expected one of {MOTIONS}, or a CSV file, found the log {motion}")
+    with console.progress("deploy") as advance:
+        return deploy(controller, load_motion(motion, robot_of(controller)), progress=advance).summary()

@@ -1,0 +1,76 @@
+"""The verb train."""
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.interrupts import note_on_interrupt
+from pipeline.cli.options import AsLive, AsRecorded, Json, Logs, Overwrite, Renames, Seed, StreamsRobot, renames
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.robot.config import RobotConfig
+    from replay.transports.transport import Source
+
+
+def train(
+    logs: Logs,
+    out: Annotated[Path, typer.Option(help="Controller to write.", metavar="CONTROLLER.npz")],
+    seed: Seed = 0,
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1, metavar="N")
+    ] = None,
+    as_recorded: AsRecorded = False,
+    as_live: AsLive = False,
+    robot: StreamsRobot = None,
+    map_: Renames = None,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Train the learner straight from logs.
+
+    The digest is that of the same logs replayed over Zenoh.
+    """
+    from pipeline.learner.controller import check_writable
+    from pipeline.learner.rules.reservoir.config import LearnerConfig
+    from pipeline.robot.config import load_robot
+    from pipeline.training.trainer import Trainer, train_on
+
+    check_writable(out, overwrite=overwrite)
+    config = None if robot is None else load_robot(robot)
+    if as_recorded and as_live:
+        raise ConfigError("expected one of --as-recorded and --as-live, found both")
+    if as_live:
+        source = _as_live(logs, config, epochs or 1, renames(map_))
+    else:
+        source = _from_logs(logs, epochs, renames(map_), as_recorded=as_recorded)
+    with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
+        trainer = Trainer(
+            LearnerConfig(seed=seed),
+            robot=config,
+            on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
+        )
+        train_on(source, trainer)
+    trainer.check_learned()
+    trainer.controller().save(out)
+    console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
+
+
+def _as_live(logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str]) -> "Source":
+    from pipeline.robot.range_check import heard_live
+    from recorders.reading.parts import one_session
+
+    return heard_live(one_session(logs, console.say), robot=robot, epochs=epochs, renames=names, say=console.say)
+
+
+def _from_logs(logs: list[Path], epochs: int | None, names: dict[str, str], *, as_recorded: bool) -> "Source":
+    from recorders.reading.parts import one_session, recordings
+    from replay.sources.schedule import Schedule
+    from replay.sources.scheduled import Replay
+    from replay.sources.session import RecordedSession
+
+    if as_recorded:
+        return RecordedSession(one_session(logs, console.say), epochs=epochs, renames=names)
+    return Replay(recordings(logs, console.say), Schedule(epochs=epochs or 150), renames=names)

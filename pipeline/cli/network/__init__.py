@@ -1,0 +1,1 @@
+"""Verbs that are nodes on Zenoh: record, replay, learn, serve, status."""

@@ -1,0 +1,171 @@
+"""The verb replay."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.groups import grouped
+from pipeline.cli.options import AsRecorded, Json, Logs, Renames, renames
+from pipeline.cli.sessions import ConnectingNode, Wait
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from replay.sources.playback import Playback
+    from replay.transports.transport import Source
+
+_SPECTATORS = "nobody is awaited: whoever listens may lose messages"
+
+
+@dataclass(frozen=True)
+class ScheduleOptions:
+    """Presentation of the logs to a learner."""
+
+    epochs: Annotated[
+        int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1, metavar="N")
+    ] = None
+    as_recorded: AsRecorded = False
+
+
+@dataclass(frozen=True)
+class PlayOptions:
+    """Part of the logs that is played once, and names of topics."""
+
+    play: Annotated[bool, typer.Option("--play", help="Play every topic once, in place of a training schedule.")] = (
+        False
+    )
+    loop: Annotated[int, typer.Option(help="With --play: how often; 0 for ever.", min=0, metavar="N")] = 1
+    start: Annotated[
+        str | None, typer.Option(help="With --play: start so long after the first message.", metavar="SECONDS")
+    ] = None
+    end: Annotated[
+        str | None, typer.Option(help="With --play: end so long after the first message.", metavar="SECONDS")
+    ] = None
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --play: pattern of topics to play, such as '/hand/*'; all if left out.", metavar="PATTERN"
+        ),
+    ] = None
+    map_: Renames = None
+
+    @property
+    def has_more(self) -> bool:
+        """Whether anything is set that needs --play."""
+        return bool(self.topic) or self.loop != 1 or self.start is not None or self.end is not None
+
+
+@dataclass(frozen=True)
+class SendOptions:
+    """Messages under way, and messages in one payload."""
+
+    window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1, metavar="N")] = 1024
+    batch: Annotated[
+        int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
+    ] = None
+
+
+@grouped
+def replay(
+    logs: Logs,
+    *,
+    awaited: Annotated[
+        list[str] | None,
+        typer.Option(
+            "--await",
+            help="Consumer to feed and wait for; learner, unless --play plays to whoever listens.",
+            metavar="NAME",
+        ),
+    ] = None,
+    schedule: ScheduleOptions,
+    rate: Annotated[
+        float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
+    ] = None,
+    playing: PlayOptions,
+    against: Annotated[
+        Path | None,
+        typer.Option(help="Recorded run to compare with; stops where they part.", metavar="LOG.mcap"),
+    ] = None,
+    sending: SendOptions,
+    wait: Wait = 10.0,
+    node: ConnectingNode,
+    as_json: Json = False,
+) -> None:
+    """Replay logs over Zenoh, into learners or to whoever listens.
+
+    Learners get them as fast as they acknowledge; a paced replay goes out on the original keys. On a terminal, the
+    space bar stops and starts a paced replay, and a full stop lets one message pass.
+    """
+    from pipeline.learner_node.node import replay as run
+    from pipeline.terminal.replay_controls import Guarded, keyboard
+    from recorders.nodes.metrics import check_metrics
+    from replay.sources.playback import Playback
+    from replay.transports.clock import Paced, Pausable, Unpaced
+    from replay.transports.sender_config import SenderConfig
+
+    check_metrics(node.prometheus)
+    source = _played(logs, schedule, playing) if playing.play else _presented(logs, schedule, playing)
+    channels = source.channels if isinstance(source, Playback) else ()
+    if against is not None:
+        source = Guarded(source, against, everything=playing.play)
+    consumers = tuple(awaited or (() if playing.play else ("learner",)))
+    sender = SenderConfig(
+        consumers=consumers,
+        namespace=node.namespace,
+        window=sending.window,
+        batch=sending.batch or min(64 if rate is None and consumers else 1, sending.window),
+        wait_s=wait,
+    )
+    pace = Unpaced() if rate is None else Paced(rate, say=console.say)
+    session = node.config(wait_s=wait)
+    if not consumers:
+        console.say(_SPECTATORS)
+    clock = Pausable(pace)
+    with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None):
+        result = run(
+            source,
+            session=session,
+            sender=sender,
+            clock=clock if rate is not None else pace,
+            metrics_port=node.prometheus,
+            channels=channels,
+            on_progress=advance,
+            say=console.say,
+        )
+    if isinstance(pace, Paced):
+        result["slipped_s"] = round(pace.slipped_s, 3)
+    console.show(result, as_json=as_json)
+
+
+def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Playback":
+    from recorders.reading.parts import recordings
+    from recorders.text.quantities import parse_seconds
+    from replay.sources.playback import Playback, PlaybackConfig
+
+    names = renames(playing.map_)
+    if schedule.as_recorded or schedule.epochs is not None:
+        raise ConfigError("--play: expected neither --as-recorded nor --epochs beside it")
+    config = PlaybackConfig(
+        frozenset(playing.topic or ()),
+        renames=names,
+        start_ns=0 if playing.start is None else parse_seconds(playing.start, "--start"),
+        end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
+        loops=playing.loop,
+    )
+    return Playback(recordings(logs, console.say), config)
+
+
+def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
+    from recorders.reading.parts import one_session, recordings
+    from replay.sources.schedule import Schedule
+    from replay.sources.scheduled import Replay
+    from replay.sources.session import RecordedSession
+
+    names = renames(playing.map_)
+    if playing.has_more:
+        raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
+    if schedule.as_recorded:
+        return RecordedSession(one_session(logs, console.say), epochs=schedule.epochs, renames=names)
+    return Replay(recordings(logs, console.say), Schedule(epochs=schedule.epochs or 150), renames=names)

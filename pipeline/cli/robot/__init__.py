@@ -1,0 +1,1 @@
+"""Verbs in which a robot moves: explore, demonstrate, and the robot itself."""

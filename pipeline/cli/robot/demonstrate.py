@@ -1,0 +1,203 @@
+"""The verb demonstrate."""
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.groups import grouped
+from pipeline.cli.interrupts import note_partial_log
+from pipeline.cli.options import Json, Overwrite, Renames, Robot, Seed, renames
+from pipeline.cli.sessions import ListeningSession
+from pipeline.motions.names import drawings
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.exploration.demonstration import DemonstrationConfig
+    from pipeline.exploration.hand_paths import Shown
+    from pipeline.exploration.live_paths import ListenConfig
+
+LIVE = "live"
+
+
+@dataclass(frozen=True)
+class PoseOptions:
+    """Topics and hands of the demonstrated poses."""
+
+    hand: Annotated[str | None, typer.Option(help="The hand that is shown: left or right.", metavar="HAND")] = None
+    topic: Annotated[
+        str | None,
+        typer.Option(
+            help="PoseStamped topic of one hand: of the right, or of --hand; both hands' targets if left out.",
+            metavar="TOPIC",
+        ),
+    ] = None
+    map_: Renames = None
+
+
+@dataclass(frozen=True)
+class PathOptions:
+    """Placement of the paths in the workspace of the robot."""
+
+    hz: Annotated[float, typer.Option(help="Samples a second.", metavar="HZ")] = 10.0
+    place: Annotated[
+        str,
+        typer.Option(help="Middle of each path: at the `centre` of the workspace, or `as-is`.", metavar="PLACE"),
+    ] = "centre"
+    scale: Annotated[
+        float, typer.Option(help="Enlarge the paths, or bring another unit to metres.", metavar="FACTOR")
+    ] = 1.0
+    plane: Annotated[
+        str | None,
+        typer.Option(
+            help="Source axes to the robot's left and up, such as --plane=-x,y for a screen.", metavar="AXIS,AXIS"
+        ),
+    ] = None
+    flat: Annotated[bool, typer.Option("--flat", help="Flatten the paths into the plane in which the robot draws.")] = (
+        False
+    )
+    unreachable: Annotated[
+        str,
+        typer.Option(help="Samples out of reach: refuse, clip to the nearest point, skip, or keep.", metavar="CHOICE"),
+    ] = "refuse"
+
+    def config(self) -> "DemonstrationConfig":
+        """Return the settings of the demonstration."""
+        from pipeline.exploration.demonstration import DemonstrationConfig
+
+        return DemonstrationConfig(self.hz, self.place, self.scale, self._axes(), self.flat, self.unreachable)
+
+    def _axes(self) -> tuple[str, str] | None:
+        if self.plane is None:
+            return None
+        left, comma, up = self.plane.partition(",")
+        if not comma:
+            raise ConfigError(f"--plane: expected two axes, such as --plane=-x,y, found {self.plane!r:.40}")
+        return left.strip(), up.strip()
+
+
+@dataclass(frozen=True)
+class LiveOptions:
+    """Start and end of a live demonstration."""
+
+    duration: Annotated[
+        float | None,
+        typer.Option(help="With live: how long it lasts, by the stamps, from the first pose on.", metavar="SECONDS"),
+    ] = None
+    silence: Annotated[
+        float | None,
+        typer.Option(
+            help="With live: it is over after so long without a pose, once the first has come; 2 if left out.",
+            metavar="SECONDS",
+        ),
+    ] = None
+    wait: Annotated[
+        float | None,
+        typer.Option(help="With live: how long the first pose may take to come; 60 if left out.", metavar="SECONDS"),
+    ] = None
+
+    @property
+    def wanted(self) -> bool:
+        """Whether anything is set that needs a live source."""
+        return any(each is not None for each in (self.duration, self.silence, self.wait))
+
+    def config(self, namespace: str) -> "ListenConfig":
+        """Return the settings for a subscription in a namespace."""
+        from pipeline.exploration.live_paths import DEFAULT_SILENCE_S, DEFAULT_WAIT_S, ListenConfig
+
+        return ListenConfig(
+            duration_s=math.inf if self.duration is None else self.duration,
+            silence_s=DEFAULT_SILENCE_S if self.silence is None else self.silence,
+            wait_s=DEFAULT_WAIT_S if self.wait is None else self.wait,
+            namespace=namespace,
+        )
+
+
+@grouped
+def demonstrate(
+    source: Annotated[
+        str,
+        typer.Argument(
+            help=f"A CSV file, a log, one of {', '.join(drawings())}, or `live` for a pose topic over Zenoh.",
+            metavar="MOTION.csv|LOG.mcap|live",
+            autocompletion=lambda incomplete: [name for name in (*drawings(), LIVE) if name.startswith(incomplete)],
+        ),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    pose: PoseOptions,
+    path: PathOptions,
+    live: LiveOptions,
+    robot: Robot = "asimo",
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    session: ListeningSession,
+    as_json: Json = False,
+) -> None:
+    """Make an episode of what somebody showed.
+
+    Teacher and simulated robot follow it, and the log is written; Ctrl-C ends what is shown live.
+    """
+    from pipeline.exploration.demonstration import demonstrate as run
+    from pipeline.robot.config import load_robot
+    from recorders.writing.part_file import check_place
+
+    if pose.hand not in (None, "left", "right"):
+        raise ConfigError(f"--hand: expected left or right, found {pose.hand!r:.40}")
+    if pose.topic is not None and pose.hand is None:
+        console.say(f"--topic: {pose.topic} is taken for the right hand; --hand left for the other")
+    config = path.config()
+    follower = load_robot(robot)
+    check_place(out, overwrite=overwrite)
+    shown = _subscribe(pose, live, session) if source == LIVE else _read(source, pose, live, session)
+    with note_partial_log(out), console.progress(f"demonstrate {shown.name}") as advance:
+        result = run(
+            follower,
+            shown,
+            config=config,
+            seed=seed,
+            out=out,
+            overwrite=overwrite,
+            progress=advance,
+            say=console.say,
+        )
+    console.show(result.to_dict(), as_json=as_json)
+
+
+def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "Shown":
+    from pipeline.exploration.hand_paths import pose_topics, read_csv_paths, read_log_paths
+    from recorders.reading.parts import is_log, one_session
+
+    if session.listen or session.connect or session.zenoh_config or live.wanted:
+        raise ConfigError(
+            f"--listen, --connect, --zenoh-config, --duration, --silence and --wait: expected the source {LIVE} "
+            f"beside them, found {source!r:.80}"
+        )
+    path = drawings().get(source, Path(source))
+    if is_log(path):
+        topics = pose_topics(pose.topic, hand=pose.hand)
+        return read_log_paths(one_session([path], console.say), topics, renames=renames(pose.map_))
+    if pose.topic or pose.map_:
+        raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
+    return read_csv_paths(path, hand=pose.hand)
+
+
+def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "Shown":
+    from pipeline.exploration.hand_paths import pose_topics
+    from pipeline.exploration.live_paths import hear_paths
+    from pipeline.terminal.signals import until_stopped
+
+    config = live.config(session.namespace)
+    where = session.config()
+    with until_stopped() as stopped:
+        return hear_paths(
+            pose_topics(pose.topic, hand=pose.hand),
+            renames=renames(pose.map_),
+            session=where,
+            config=config,
+            stopped=stopped,
+            say=console.say,
+        )

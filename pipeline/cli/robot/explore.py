@@ -1,0 +1,130 @@
+"""The verb explore."""
+
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+
+from pipeline.cli.groups import grouped
+from pipeline.cli.interrupts import note_partial_log
+from pipeline.cli.options import MOTIONS, Json, Overwrite, Robot, Seed, complete_motion
+from pipeline.cli.sessions import NAMESPACE, Await, Namespace, Wait, ZenohConfig, session_config
+from pipeline.cli.viewers import ViewOptions
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+_ROBOT, _WAIT_S = "asimo", 10.0
+
+
+@dataclass(frozen=True)
+class DriveOptions:
+    """Session with a robot that runs already."""
+
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(help="Drive the robot that runs there, in place of one of our own.", metavar="ENDPOINT"),
+    ] = None
+    awaited: Await = None
+    epochs: Annotated[int, typer.Option(help="With --connect: epochs of the live session.", min=1, metavar="N")] = 1
+    wait: Wait = _WAIT_S
+    zenoh_config: ZenohConfig = None
+    namespace: Namespace = NAMESPACE
+
+    @property
+    def wanted(self) -> bool:
+        """Whether a running robot is driven."""
+        return bool(self.connect or self.zenoh_config)
+
+    @property
+    def has_more(self) -> bool:
+        """Whether anything is set that needs a running robot."""
+        return bool(self.awaited) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
+
+
+@grouped
+def explore(
+    *,
+    motion: Annotated[
+        str,
+        typer.Option(
+            help=f"One of {MOTIONS}, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].",
+            metavar="MOTION",
+            autocompletion=complete_motion,
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(help="Log to write, unless a running robot is driven.", metavar="LOG.mcap")
+    ] = None,
+    robot: Robot = _ROBOT,
+    seed: Seed = 0,
+    overwrite: Overwrite = False,
+    drive: DriveOptions,
+    viewer: ViewOptions,
+    as_json: Json = False,
+) -> None:
+    """Let the teacher lead a robot through a motion.
+
+    A simulated robot makes a log; one that runs already is driven live.
+    """
+    if drive.wanted:
+        if viewer.wanted:
+            raise ConfigError("--view: a robot that runs is shown by `reenact learn --view`; leave --view away")
+        if out is not None:
+            raise ConfigError("--out: a live session is recorded with `reenact record`; leave --out away")
+        if robot != _ROBOT or overwrite:
+            raise ConfigError("--robot and --overwrite: expected --out beside them, and no robot that runs already")
+        result = _drive(motion, seed, drive)
+    else:
+        if out is None:
+            raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
+        if drive.has_more:
+            raise ConfigError("--await, --epochs, --wait and --namespace: expected --connect beside them")
+        result = _simulate(motion, robot, seed, out, viewer, overwrite=overwrite)
+    console.show(result, as_json=as_json)
+
+
+def _simulate(motion: str, robot: str, seed: int, out: Path, viewer: ViewOptions, *, overwrite: bool) -> dict[str, Any]:
+    from pipeline.exploration.explore import explore as run
+    from pipeline.motions.motion import load_motion
+    from pipeline.robot.config import load_robot
+    from recorders.writing.part_file import check_place
+
+    check_place(out, overwrite=overwrite)
+    config = load_robot(robot)
+    title = f"explore {Path(motion).stem}"
+    with (
+        note_partial_log(out),
+        console.progress(title) as advance,
+        viewer.robot(config, title=title) as on_message,
+    ):
+        summary = run(
+            config,
+            load_motion(motion, config),
+            seed=seed,
+            out=out,
+            overwrite=overwrite,
+            progress=advance,
+            on_message=on_message,
+            say=console.say,
+        )
+    return asdict(summary) | {"path": str(summary.path)}
+
+
+def _drive(motion: str, seed: int, drive: DriveOptions) -> dict[str, Any]:
+    from pipeline.exploration.live import explore_live
+    from replay.sources.schedule import Schedule
+    from replay.transports.sender_config import SenderConfig
+
+    sender = SenderConfig(consumers=tuple(drive.awaited or ()), namespace=drive.namespace, batch=1, wait_s=drive.wait)
+    with console.progress(f"explore {Path(motion).stem}") as advance:
+        live = explore_live(
+            motion,
+            seed=seed,
+            schedule=Schedule(epochs=drive.epochs),
+            session=session_config(None, drive.connect, drive.zenoh_config, listens=False, wait_s=drive.wait),
+            sender=sender,
+            progress=advance,
+            say=console.say,
+        )
+    return asdict(live)
