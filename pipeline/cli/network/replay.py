@@ -19,6 +19,16 @@ if TYPE_CHECKING:
 _SPECTATORS = "nobody is awaited: whoever listens may lose messages"
 
 
+Awaited = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--await",
+        help="Consumer to feed and wait for; learner, unless --play plays to whoever listens.",
+        metavar="NAME",
+    ),
+]
+
+
 @dataclass(frozen=True)
 class ScheduleOptions:
     """Presentation of the logs to a learner."""
@@ -71,14 +81,7 @@ class SendOptions:
 def replay(
     logs: Logs,
     *,
-    awaited: Annotated[
-        list[str] | None,
-        typer.Option(
-            "--await",
-            help="Consumer to feed and wait for; learner, unless --play plays to whoever listens.",
-            metavar="NAME",
-        ),
-    ] = None,
+    awaited: Awaited = None,
     schedule: ScheduleOptions,
     rate: Annotated[
         float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
@@ -111,13 +114,8 @@ def replay(
     if against is not None:
         source = Guarded(source, against, everything=playing.play)
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    sender = SenderConfig(
-        consumers=consumers,
-        namespace=node.namespace,
-        window=sending.window,
-        batch=sending.batch or min(64 if rate is None and consumers else 1, sending.window),
-        wait_s=wait,
-    )
+    batch = sending.batch or min(64 if rate is None and consumers else 1, sending.window)
+    sender = SenderConfig(consumers, namespace=node.namespace, window=sending.window, batch=batch, wait_s=wait)
     pace = Unpaced() if rate is None else Paced(rate, say=console.say)
     session = node.config(wait_s=wait)
     if not consumers:

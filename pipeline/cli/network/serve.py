@@ -1,5 +1,6 @@
 """The verb serve."""
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -15,25 +16,48 @@ from recorders.errors import LearningError
 
 if TYPE_CHECKING:
     from pipeline.learner.controller import Controller as Learned
+    from pipeline.serving.node_config import ServeConfig
+
+
+@dataclass(frozen=True)
+class ServeOptions:
+    """Name, learning and files of a served controller."""
+
+    name: Annotated[str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")] = (
+        "controller"
+    )
+    learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False
+    out: Annotated[
+        Path | None, typer.Option(help="Controller to write at the end, as it is then.", metavar="CONTROLLER.npz")
+    ] = None
+    record: Annotated[
+        Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
+    ] = None
+    beside_others: Annotated[
+        bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
+    ] = False
+
+    def config(self, node: ListeningNode, *, overwrite: bool) -> "ServeConfig":
+        """Return the settings of the node."""
+        from pipeline.serving.config import ServingConfig
+        from pipeline.serving.node_config import ServeConfig
+
+        return ServeConfig(
+            name=self.name,
+            namespace=node.namespace,
+            serving=ServingConfig(learn=self.learn),
+            record=self.record,
+            overwrite=overwrite,
+            beside_others=self.beside_others,
+            metrics_port=node.prometheus,
+        )
 
 
 @grouped
 def serve(
     controller: Controller,
     *,
-    name: Annotated[
-        str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")
-    ] = "controller",
-    learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False,
-    out: Annotated[
-        Path | None, typer.Option(help="Controller to write at the end, as it is then.", metavar="CONTROLLER.npz")
-    ] = None,
-    record: Annotated[
-        Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
-    ] = None,
-    beside_others: Annotated[
-        bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
-    ] = False,
+    options: ServeOptions,
     node: ListeningNode,
     overwrite: Overwrite = False,
     viewer: ViewOptions,
@@ -45,43 +69,33 @@ def serve(
     """
     from pipeline.learner.controller import Controller as Learned
     from pipeline.learner.controller import check_writable
-    from pipeline.serving.config import ServingConfig
     from pipeline.serving.node import serve as run
-    from pipeline.serving.node_config import ServeConfig
     from recorders.nodes.metrics import check_metrics
     from recorders.wire.session import read_as_it_comes
 
     last: dict[str, Any] = {}
 
     def end(status: dict[str, Any], served: "Learned") -> None:
-        if out is not None and (status["learned_steps"] or not learn):
-            served.save(out)
+        if options.out is not None and (status["learned_steps"] or not options.learn):
+            served.save(options.out)
         console.show(status, as_json=as_json)
         last.update(status)
 
     check_metrics(node.prometheus)
-    if out is not None:
-        check_writable(out, overwrite=overwrite)
-    config = ServeConfig(
-        name=name,
-        namespace=node.namespace,
-        serving=ServingConfig(learn=learn),
-        record=record,
-        overwrite=overwrite,
-        beside_others=beside_others,
-        metrics_port=node.prometheus,
-    )
+    if options.out is not None:
+        check_writable(options.out, overwrite=overwrite)
+    config = options.config(node, overwrite=overwrite)
     session = node.config()
     if not session.listen:
         read_as_it_comes()
     loaded = Learned.load(controller)
     try:
-        with viewer.commands(loaded, title=f"{name} serves") as on_command:
+        with viewer.commands(loaded, title=f"{options.name} serves") as on_command:
             run(loaded, session=session, config=config, say=console.say, on_end=end, on_command=on_command)
     except (KeyboardInterrupt, SystemExit) as stop:
         if not last:
             raise
-        if learn:
+        if options.learn:
             _check_learned(last)
         raise typer.Exit(exit_line(stop)[1]) from stop  # its status is the message
 
