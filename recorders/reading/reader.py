@@ -123,6 +123,11 @@ class LogReader:
             return tuple((place.name, read_metadata(file, place.offset)) for place in self._contents.metadata)
 
     @property
+    def by_file(self) -> bool:
+        """Whether its messages go by the order of the file, whatever their log times: a log of our own writer."""
+        return self._order.by_file
+
+    @property
     def topics(self) -> dict[str, str]:
         """The type of each topic, in the order in which they first appeared."""
         return dict(self._contents.channels.topics.values())

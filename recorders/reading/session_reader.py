@@ -76,6 +76,11 @@ class SessionReader:
         return {key: value for key, value in said.items() if key not in (*RESERVED, PART)}
 
     @property
+    def by_file(self) -> bool:
+        """Whether its messages go by the order of the files, whatever their log times."""
+        return self._recorded_here
+
+    @property
     def topics(self) -> dict[str, str]:
         """The type of each topic, in the order in which they first appeared."""
         found: dict[str, str] = {}

@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from itertools import chain, count, islice
+from itertools import chain, count, islice, pairwise
 
 from recorders.cdr.codec import encode
 from recorders.errors import JointError, LogError, MessageError, MotionError
@@ -204,11 +204,27 @@ def read_robot(reader: Reader) -> dict[str, str]:
 
 @contextmanager
 def naming(path: Log) -> Iterator[None]:
-    """Put the log's path before what is wrong with one of its messages."""
+    """Put the log's path before what is wrong with one of its messages, and behind it whether its log times fall."""
     try:
         yield
     except (MessageError, JointError, MotionError) as error:
-        raise type(error)(f"{path}: {error}") from error
+        raise type(error)(f"{path}: {error}{_order_note(path)}") from error
+
+
+def _order_note(path: Log) -> str:
+    """Return what to know of a log whose messages do not follow one another in log time; nothing for any other."""
+    reader = open_log(path)
+    try:
+        times_ns = (record.log_time_ns for record in reader.records(file_order=True))
+        falls = not reader.by_file and any(later < earlier for earlier, later in pairwise(times_ns))
+    except LogError:
+        return ""
+    if not falls:
+        return ""
+    return (
+        "; log times fall in the order of the file, as of a clock that stepped back, and messages are taken by them: "
+        "`reenact train --as-live` goes by the file"
+    )
 
 
 class Replay:

@@ -102,3 +102,25 @@ def test_a_golden_case_of_it_holds(shuffled: Path, tmp_path: Path, monkeypatch: 
         with pytest.raises(SystemExit) as ended:
             app.main(["golden", *arguments])
         assert ended.value.code == 0
+
+
+def test_a_clock_that_stepped_back_is_named_with_what_takes_the_log(
+    episode: Path, tmp_path: Path, capfd: pytest.CaptureFixture[str]
+) -> None:
+    records = list(LogReader(episode))
+    stepped = [
+        record._replace(log_time_ns=record.log_time_ns + (3_600_000_000_000 if place <= len(records) // 2 else 0))
+        for place, record in enumerate(records)
+    ]
+    log = write(tmp_path / "stepped.mcap", episode, stepped)
+    for line, status in (("train", 2), ("train --as-live", 0)):
+        with pytest.raises(SystemExit) as end:
+            app.main([*line.split(), str(log), "--out", str(tmp_path / "c.npz")])
+        assert end.value.code == status
+        complaint = capfd.readouterr().err.splitlines()
+        if status:
+            assert len(complaint) == 1
+            assert complaint[0].endswith(
+                "; log times fall in the order of the file, as of a clock that stepped back, and messages are taken "
+                "by them: `reenact train --as-live` goes by the file"
+            )
