@@ -4,15 +4,15 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 SOURCES := pipeline recorders replay tests
 
-.PHONY: demo test test-all check bench lock clean
+.PHONY: demo test test-all check examples bench docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
 
-test: check
+test: check examples
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign"
 
-test-all: check
+test-all: check examples
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
 check: .venv/dev
@@ -21,8 +21,16 @@ check: .venv/dev
 	$(BIN)/mypy
 	$(BIN)/lint-imports --no-logo
 
+# Every example in a docstring.
+examples: .venv/dev
+	$(BIN)/python -m pytest -q --doctest-modules --durations=0 $$(grep -rl --include='*.py' '>>> ' pipeline replay recorders)
+
 bench: .venv/dev
 	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
+
+# API reference and guides, into out/docs; every warning is an error. Reads the sources, imports none, asks nobody on the network.
+docs: .venv/docs
+	$(BIN)/mkdocs build --quiet --strict
 
 # The locked set first, with hashes; then the package itself, which `--require-hashes` would refuse.
 .venv/runtime: requirements.lock pyproject.toml
@@ -36,10 +44,15 @@ bench: .venv/dev
 	$(PIP) install --quiet --require-hashes -r requirements-dev.lock
 	touch $@
 
-# For maintainers: both lock files anew from pyproject.toml. Needs `uv` on the path.
+.venv/docs: .venv/runtime requirements-docs.lock
+	$(PIP) install --quiet --require-hashes -r requirements-docs.lock
+	touch $@
+
+# For maintainers: the lock files anew from pyproject.toml. Needs `uv` on the path.
 lock:
 	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --extra sim --extra view --group build pyproject.toml -o requirements.lock
 	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --extra sim --extra view --group build --group dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --group docs -c requirements-dev.lock -o requirements-docs.lock
 
 clean:
 	rm -rf .venv out dist

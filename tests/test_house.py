@@ -1,4 +1,4 @@
-"""The house keeps its own rules: the README is true, the lock files name no host, nothing large is committed."""
+"""The house keeps its own rules: pages are true, lock files name no host, nothing large is committed."""
 
 import re
 import shutil
@@ -13,6 +13,10 @@ from pipeline.cli import app as cli
 
 ROOT = Path(pipeline.__file__).parent.parent
 README = (ROOT / "README.md").read_text()
+GUIDES = {path.name: path.read_text() for path in (ROOT / "data" / "guides").glob("*.md")}
+PAGES = {"README.md": README, "CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text()} | GUIDES
+LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
+PACKAGES = ("pipeline", "recorders", "replay")
 
 
 def test_the_readme_lists_the_verbs_that_exist() -> None:
@@ -21,10 +25,33 @@ def test_the_readme_lists_the_verbs_that_exist() -> None:
     assert sorted(listed) == sorted(str(command.callback.__name__) for command in cli.app.registered_commands)
 
 
-def test_the_readme_names_files_that_exist() -> None:
-    named = re.findall(r"[`(]((?:tests|data)/[\w./-]+)[`)]", README)
-    assert len(named) > 10
+@pytest.mark.parametrize("page", PAGES)
+def test_a_page_names_files_that_exist(page: str) -> None:
+    named = re.findall(r"[`(]((?:tests|data|pipeline|recorders|replay)/[\w./-]+)[`)]", PAGES[page])
     assert [name for name in named if not (ROOT / name).exists()] == []
+    assert len(named) > 10 or page != "README.md"
+
+
+def test_the_readme_links_every_guide() -> None:
+    assert [name for name in GUIDES if f"(data/guides/{name})" not in README] == []
+
+
+def test_each_promise_names_a_test() -> None:
+    rows = re.findall(r"^\| (?!promise |---)(.*) \| (.*) \|$", GUIDES["promises.md"], re.MULTILINE)
+    assert len(rows) > 25
+    assert [promise for promise, tests in rows if not re.findall(r"`tests/[\w/]+\.py`", tests)] == []
+
+
+def test_the_architecture_describes_every_room() -> None:
+    rooms = {f"{package}/{path.parent.name}" for package in PACKAGES for path in (ROOT / package).glob("*/__init__.py")}
+    described = {
+        f"{package}/{room}"
+        for package, text in re.findall(r"^## `(\w+)`.*?$(.*?)(?=^## |\Z)", GUIDES["architecture.md"], re.M | re.S)
+        for names in re.findall(r"^(\*\*.*?)(?::|\(modules?\))", text, re.M)
+        for room in re.findall(r"`(\w+)`", names)
+    }
+    assert rooms <= described
+    assert [room for room in described if not list(ROOT.glob(f"{room}*"))] == []
 
 
 def test_the_readme_names_commands_that_exist() -> None:
@@ -51,13 +78,13 @@ def episode(tmp_path: Path) -> Path:
     return write_episode(tmp_path / "episode.mcap")
 
 
-@pytest.mark.parametrize("name", ["requirements.lock", "requirements-dev.lock", "pyproject.toml", "Makefile"])
+@pytest.mark.parametrize("name", [*LOCKS, "pyproject.toml", "Makefile", "mkdocs.yml"])
 def test_no_package_host_is_named(name: str) -> None:
     assert re.findall(r"https?://\S*|--(?:extra-)?index-url|file://", (ROOT / name).read_text()) == []
 
 
 def test_every_locked_requirement_has_a_hash() -> None:
-    for name in ("requirements.lock", "requirements-dev.lock"):
+    for name in LOCKS:
         pinned = re.split(r"\n(?=\S)", (ROOT / name).read_text())
         assert all("--hash=sha256:" in entry for entry in pinned if "==" in entry.splitlines()[0])
 

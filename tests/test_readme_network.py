@@ -1,4 +1,4 @@
-"""What README and `data/zenoh` say of the network is so: commands, picture, what becomes of ROS 2 messages."""
+"""What the guides and `data/zenoh` say of the network is so: commands, picture, what becomes of ROS 2 messages."""
 
 import json
 import re
@@ -31,7 +31,12 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, open_session
 
 ROOT = Path(pipeline.__file__).parent.parent
-PAGES = [ROOT / "README.md", ROOT / "data" / "zenoh" / "README.md", ROOT / "data" / "zenoh" / "ros2.md"]
+GUIDES = ROOT / "data" / "guides"
+PAGES = [
+    GUIDES / "first_log_to_controller.md",
+    ROOT / "data" / "zenoh" / "README.md",
+    ROOT / "data" / "zenoh" / "ros2.md",
+]
 PICTURE = ROOT / "data" / "pictures" / "topology.png"
 LIVE = "## Live, in three terminals"
 NO_DEFAULT_ENDPOINT = {"robot": "--listen", "record": "--connect"}  # what the example leaves to the default
@@ -43,7 +48,9 @@ def commands(text: str) -> list[list[str]]:
     return [[word for word in shlex.split(line, comments=True) if word != "&"] for line in lines]
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.relative_to(ROOT).as_posix())
+@pytest.mark.parametrize(
+    "page", [*PAGES, GUIDES / "golden_logs_in_ci.md"], ids=lambda page: page.relative_to(ROOT).as_posix()
+)
 def test_every_command_has_the_options_it_names(page: Path) -> None:
     verbs: Any = typer.main.get_command(cli.app)
     found = commands(page.read_text())
@@ -53,9 +60,12 @@ def test_every_command_has_the_options_it_names(page: Path) -> None:
 
 
 def test_every_page_and_picture_of_the_network_is_linked() -> None:
-    readme = PAGES[0].read_text()
-    linked = [page for page in (*PAGES[1:], PICTURE) if f"({page.relative_to(ROOT).as_posix()})" not in readme]
-    assert linked == []
+    guide, readme = PAGES[0].read_text(), (ROOT / "README.md").read_text()
+    unlinked = [
+        page for page in (*PAGES[1:], PICTURE) if f"(../{page.relative_to(ROOT / 'data').as_posix()})" not in guide
+    ]
+    assert unlinked == []
+    assert [page for page in PAGES if f"({page.relative_to(ROOT).as_posix()})" not in readme] == []
 
 
 def test_the_bridges_configuration_is_one_that_listens_nowhere() -> None:
