@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from pipeline.training.trainer import Trainer
     from pipeline.views.live import LiveView
     from recorders.messages.message_types import Message
-    from recorders.messages.record import Stamped
+    from recorders.messages.record import RecordedMessage
 
 # Read when Rerun is loaded, which is after the verbs are: where one fails, it would add many lines to the one of ours.
 os.environ.setdefault("RUST_LOG", "off")
@@ -79,7 +79,7 @@ class ViewOptions:
     @contextmanager
     def commands(
         self, controller: "Controller", *, title: str
-    ) -> "Iterator[Callable[[bytes, tuple[Stamped, ...]], None] | None]":
+    ) -> "Iterator[Callable[[bytes, tuple[RecordedMessage, ...]], None] | None]":
         """Yield a callable that takes the commands of a served controller: CDR bytes, and the messages answered.
 
         None if nothing is to be shown, so that nobody looks for the messages.

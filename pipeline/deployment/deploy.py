@@ -24,7 +24,7 @@ from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 
 Floats = NDArray[np.float64]
 
@@ -204,7 +204,7 @@ def drive_learned(
     """
     robot.reset(robot.robot.comfort)
     joints = []
-    with Producer(session, namespace=namespace) as producer, _Commands(session, robot, namespace) as commands:
+    with TopicPublisher(session, namespace=namespace) as producer, _Commands(session, robot, namespace) as commands:
         for target in _settled(targets, config):
             stamp_ns = robot.time_ns
             for topic, hand in zip((LEFT_TARGET, RIGHT_TARGET), target, strict=True):

@@ -18,7 +18,7 @@ from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach
 from recorders.cdr.codec import encode
 from recorders.errors import WireError
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
@@ -115,7 +115,7 @@ class LiveSession:
         run = hashlib.sha256(json.dumps(identity).encode()).hexdigest()[:32]
         return Offer(run=run, schedule=schedule, logs=[], robot=robot)
 
-    def stream_from(self, start: int) -> Iterator[Stamped]:
+    def stream_from(self, start: int) -> Iterator[RecordedMessage]:
         """Return the stream, to be pulled once; raises WireError unless it is asked for from its first message."""
         if start or self._numbered:
             raise WireError(
@@ -124,11 +124,11 @@ class LiveSession:
             )
         return self._stream()
 
-    def _stream(self) -> Iterator[Stamped]:
+    def _stream(self) -> Iterator[RecordedMessage]:
         for topic, message in self._session():
             number = self._numbered[topic]
             self._numbered[topic] += 1
-            yield Stamped(topic, message.TYPE, encode(message), number, self._backend.time_ns)
+            yield RecordedMessage(topic, message.TYPE, encode(message), number, self._backend.time_ns)
 
     def _session(self) -> Iterator[Addressed]:
         run = self.offer().run

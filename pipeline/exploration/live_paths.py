@@ -7,10 +7,10 @@ from dataclasses import dataclass
 from pipeline.exploration.hand_paths import Shown, poses_sha256, shown
 from pipeline.exploration.pose_track import PoseTrack
 from recorders.errors import ConfigError, MessageError, MotionError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.nodes.connection_watch import watching_connections
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
-from recorders.wire.receiver import Event, Live, Offered, Receiver, ReceiverConfig
+from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
 DEFAULT_SILENCE_S = 2.0
@@ -135,12 +135,12 @@ class _Listening:
             self._take_event(receiver, event)  # it had arrived before it was over
 
     def _take_event(self, receiver: Receiver, event: Event | None) -> None:
-        if isinstance(event, Offered):
+        if isinstance(event, ReceivedOffer):
             receiver.refuse(event, f"{_NAME} takes what is played on the topics themselves, see replay --play")
-        elif isinstance(event, Live):
+        elif isinstance(event, LiveMessage):
             self._take(event.record)
 
-    def _take(self, record: Stamped) -> None:
+    def _take(self, record: RecordedMessage) -> None:
         side = self._topics.get(self._renames.get(record.topic, record.topic))
         if side is None:
             return

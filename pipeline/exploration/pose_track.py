@@ -11,7 +11,7 @@ from pipeline.motions.csv_file import MAX_GAP_S
 from recorders.cdr.codec import decode_as
 from recorders.errors import MessageError, MotionError
 from recorders.messages.message_types import PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 Floats = NDArray[np.float64]
 
@@ -74,7 +74,7 @@ class PoseTrack:
         """Stamp of the first pose [ns]; there must be one."""
         return self._poses[0].stamp_ns
 
-    def take(self, record: Stamped) -> bool:
+    def take(self, record: RecordedMessage) -> bool:
         """Take in a message; returns whether it is of use.
 
         Raises

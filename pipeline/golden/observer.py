@@ -17,10 +17,10 @@ from pipeline.robot.config import parse_robot
 from pipeline.training.run import LearningRun
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, JointError, MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.wire.stream import Offer
-from replay.golden.recipe import EpochEnd, Moment
+from replay.golden.recipe import EpochEnd, TickDigests
 
 
 class _ObservedLearner:
@@ -65,7 +65,7 @@ class ObservedRun:
         self._run, self._learner = self._begin()
         self._tick = 0
 
-    def run(self, messages: Iterator[Stamped]) -> Iterator[Moment | EpochEnd]:
+    def run(self, messages: Iterator[RecordedMessage]) -> Iterator[TickDigests | EpochEnd]:
         """Feed the whole stream."""
         for message in messages:
             if message.topic == SESSION_PHASE:
@@ -102,14 +102,14 @@ class ObservedRun:
         run.learner = cast(OnlineLearner, learner)
         return run, learner
 
-    def _marker(self, message: Stamped) -> Iterator[EpochEnd]:
+    def _marker(self, message: RecordedMessage) -> Iterator[EpochEnd]:
         before, state = self._run.phase, self._learner.state()
         self._run.begin_presentation(message)
         self._tick = 0
         if before is not None and self._run.phase is not None and before.epoch != self._run.phase.epoch:
             yield EpochEnd(before.epoch, state)
 
-    def _feed(self, message: Stamped) -> Iterator[Moment]:
+    def _feed(self, message: RecordedMessage) -> Iterator[TickDigests]:
         ticks = self._run.counts.ticks
         self._run.feed(message)
         if self._run.counts.ticks == ticks:
@@ -119,13 +119,13 @@ class ObservedRun:
         if self._resume_after is not None and self._run.counts.ticks >= self._resume_after and self._run.between_ticks:
             self._resume()
 
-    def _moment(self, message: Stamped) -> Moment:
+    def _moment(self, message: RecordedMessage) -> TickDigests:
         self._learner.outputs = b""
         state = bytes.fromhex(self._run.digest())  # hands the step to the kernel
         phase = self._run.phase
         if phase is None:
             raise ConfigError(f"{message.topic} #{message.sequence}: expected a phase marker before it, found none")
-        return Moment(
+        return TickDigests(
             epoch=phase.epoch,
             cycle=phase.cycle,
             phase=phase.phase,

@@ -16,7 +16,7 @@ from recorders.errors import ConfigError, LogError
 from recorders.files.regular_file import refuse_irregular
 from recorders.reading.reader import LogReader
 from replay.diff.fields import texts
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.scheduled import read_robot
 
 _FOLLOWING = {"inputs": "the robot's hands", "outputs": "the robot's joints", "epochs": "--epochs, or the session"}
@@ -64,7 +64,7 @@ class Own:
         self._settings = None if config is None else read_settings(config)
         self._robot = None if robot is None else load_robot(robot)
 
-    def difference(self, recipe: Recipe) -> tuple[str, str, str] | None:
+    def difference(self, recipe: CaseSpec) -> tuple[str, str, str] | None:
         """Name the first thing that is not as the case has it: what, in the case, today; None if nothing is.
 
         Raises

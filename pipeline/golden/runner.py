@@ -22,8 +22,8 @@ from pipeline.training.run import CycleReport
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError
 from recorders.messages.message_types import Message
-from recorders.messages.record import Stamped
-from replay.golden.recipe import MAX_CASE_BYTES, EpochEnd, Moment, Recipe, State
+from recorders.messages.record import RecordedMessage
+from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
 from replay.sources.session import RecordedSession
 
@@ -37,12 +37,12 @@ class GoldenRunner:
     programs do it, in pieces, by the same `Trainer` that `train` and `learn` use.
     """
 
-    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+    def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         """Run step by step, and yield every tick and the end of every epoch."""
         source = recipe.source()
         yield from ObservedRun(_config(recipe), source.offer(), recipe.resume_after).run(source.stream())
 
-    def train(self, recipe: Recipe) -> dict[str, Any]:
+    def train(self, recipe: CaseSpec) -> dict[str, Any]:
         """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
         cycles: list[CycleReport] = []
         trainer = _trained(recipe, on_cycle=cycles.append)
@@ -86,7 +86,7 @@ class GoldenRunner:
         return golden_states.difference(packed, end)
 
 
-def _config(recipe: Recipe) -> Settings:
+def _config(recipe: CaseSpec) -> Settings:
     config = config_from_dict(recipe.learner)
     size = 8 * state_numbers(config.state_shapes())
     if size > MAX_CASE_BYTES:
@@ -96,7 +96,7 @@ def _config(recipe: Recipe) -> Settings:
     return config
 
 
-def _trained(recipe: Recipe, *, on_cycle: Callable[[CycleReport], None]) -> Trainer:
+def _trained(recipe: CaseSpec, *, on_cycle: Callable[[CycleReport], None]) -> Trainer:
     """Train, by way of a checkpoint if the case has one; cycles are reported from there on."""
     source = recipe.source()
     if recipe.resume_after is None:
@@ -113,7 +113,7 @@ def _trained(recipe: Recipe, *, on_cycle: Callable[[CycleReport], None]) -> Trai
     return trainer
 
 
-def _until_kept(messages: Iterator[Stamped], path: Path) -> Iterator[Stamped]:
+def _until_kept(messages: Iterator[RecordedMessage], path: Path) -> Iterator[RecordedMessage]:
     """Yield messages until there is a checkpoint."""
     for message in messages:
         yield message
@@ -130,12 +130,12 @@ def recipe(
     logs: Sequence[Path],
     config: Path | None,
     *,
-    old: Recipe | None = None,
+    old: CaseSpec | None = None,
     epochs: int | None = None,
     as_recorded: bool | None = None,
     resume_after: int | None = None,
     physics: bool | None = None,
-) -> Recipe:
+) -> CaseSpec:
     """Return what a case is to run; whatever is not said is as the old recipe has it, so that nothing is lost unsaid.
 
     Parameters
@@ -144,10 +144,10 @@ def recipe(
         Logs; if there are none, those of the old recipe.
     config : Path, optional
         Settings of the learner (TOML).
-    old : Recipe, optional
+    old : CaseSpec, optional
         What the case ran until now, if there is one.
     epochs, as_recorded, resume_after, physics
-        As in `Recipe`.
+        As in `CaseSpec`.
 
     Raises
     ------
@@ -159,7 +159,7 @@ def recipe(
     if old is None:
         if not logs or config is None:
             raise ConfigError("expected logs and --config for a new case")
-        old = Recipe(tuple(logs), {}, Schedule(epochs=_EPOCHS))
+        old = CaseSpec(tuple(logs), {}, Schedule(epochs=_EPOCHS))
     made = replace(
         old,
         logs=tuple(logs) or old.logs,

@@ -18,10 +18,10 @@ from pipeline.robot.range_check import plausible
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.nodes.status import NodeSource
-from recorders.wire.frames import Frame, Kind
-from recorders.wire.receiver import Event, Live, Offered, Receiver
+from recorders.wire.frames import Frame, FrameType
+from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver
 from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
 
 Floats = NDArray[np.float64]
@@ -101,7 +101,7 @@ class LiveLearner:
         self._ended = False  # a stream that awaited this is through
         self._reported = 0
 
-    def run(self, stopped: Callable[[], bool], *, keep: Callable[[Stamped], None]) -> dict[str, Any]:
+    def run(self, stopped: Callable[[], bool], *, keep: Callable[[RecordedMessage], None]) -> dict[str, Any]:
         """Learn until it is `stopped`, has enough, or a stream that awaits this ends; return what is to be said of it.
 
         `keep` is given every message that is learned from, and every marker that is followed.
@@ -142,7 +142,7 @@ class LiveLearner:
             digests=lambda: self._voice.digests,
         )
 
-    def _heard(self, stopped: Callable[[], bool], keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+    def _heard(self, stopped: Callable[[], bool], keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
         """Yield the stream that a learner can take, until it is over; in a pause, what came before it is learned."""
         quiet = False
         while not (self._ended or self._has_enough() or stopped()):
@@ -158,16 +158,16 @@ class LiveLearner:
         yield from self._last(keep)
         self._stream.finish()
 
-    def _last(self, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+    def _last(self, keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
         """Yield what had arrived when the learner was stopped, which is no more than a receiver lets wait."""
         self._receiver.stop_hearing()
         while not (self._ended or self._has_enough()) and (event := self._event(0.0)) is not None:
-            if isinstance(event, Offered):
+            if isinstance(event, ReceivedOffer):
                 self._receiver.refuse(event, _STOPPED)
             else:
                 yield from self._taken(event, keep)
 
-    def _taken(self, event: Event, keep: Callable[[Stamped], None]) -> Iterator[Stamped]:
+    def _taken(self, event: Event, keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
         """Yield what a learner can take of what came, keeping it."""
         for record in self._messages(event):
             keep(record)
@@ -185,21 +185,21 @@ class LiveLearner:
             self._leave(str(error))
             return None
 
-    def _messages(self, event: Event) -> Iterator[Stamped]:
+    def _messages(self, event: Event) -> Iterator[RecordedMessage]:
         """Yield what goes on of what came."""
-        if isinstance(event, Live):
+        if isinstance(event, LiveMessage):
             yield from self._live(event)
-        elif isinstance(event, Offered):
+        elif isinstance(event, ReceivedOffer):
             self._receiver.accept(event, 0)
-        elif event.kind is Kind.ABORT:
+        elif event.kind is FrameType.ABORT:
             self._leave(f"the sender gave up at message {event.first}: {event.reason}")
         else:
-            self._ended = event.kind is Kind.END
+            self._ended = event.kind is FrameType.END
             for record in event.messages:
                 if not self._has_enough():
                     yield from self._stream.feed(record)
 
-    def _live(self, event: Live) -> tuple[Stamped, ...]:
+    def _live(self, event: LiveMessage) -> tuple[RecordedMessage, ...]:
         if self._receiver.offer is None:
             return self._stream.feed(event.record, numbered=event.numbered)
         if event.record.topic in LIVE_TOPICS:

@@ -13,7 +13,7 @@ from pipeline.robot_node.namespace_checks import RobotCheck
 from pipeline.terminal.signals import until_stopped
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.nodes.node import running_node
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -124,6 +124,6 @@ class _Recording:
         if self._writer is not None:
             self._writer.close()
 
-    def keep(self, record: Stamped) -> None:
+    def keep(self, record: RecordedMessage) -> None:
         if self._writer is not None:
             self._writer.copy(record)

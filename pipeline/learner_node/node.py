@@ -5,8 +5,8 @@ from typing import Any
 
 from pipeline.learner_node.publisher import LearnerVoice
 from pipeline.training.trainer import Trainer
-from recorders.mcap_format.channels import Declared
-from recorders.messages.record import Stamped
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -95,7 +95,7 @@ def replay(
     sender: SenderConfig,
     clock: Clock = _UNPACED,
     metrics_port: int | None = None,
-    channels: Sequence[Declared] = (),
+    channels: Sequence[DeclaredChannel] = (),
     on_progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
@@ -115,7 +115,7 @@ def replay(
     offer = source.offer()
     sent = 0
 
-    def counted(start: int) -> Iterator[Stamped]:
+    def counted(start: int) -> Iterator[RecordedMessage]:
         nonlocal sent
         for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # told at the end
             yield message

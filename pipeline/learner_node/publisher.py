@@ -12,10 +12,10 @@ import zenoh
 from pipeline.training.run import CycleReport, Steps
 from recorders.cdr.codec import encode
 from recorders.messages.message_types import Float64MultiArray, String
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
-from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
-from recorders.wire.publisher import Producer
+from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import publishing
 
 _M_PER_CM = 0.01
@@ -43,7 +43,7 @@ class LearnerVoice:
     def __init__(self, session: zenoh.Session, *, namespace: str) -> None:
         self._session = session
         self._namespace = namespace
-        self._producer = Producer(session, namespace=namespace)
+        self._producer = TopicPublisher(session, namespace=namespace)
         self._said = 0
         self._stack = ExitStack()
         self.digests: dict[str, str] = {}
@@ -70,7 +70,7 @@ class LearnerVoice:
         """Say what a cycle has come to, with further counts in its status."""
         where = {"epoch": report.epoch, "cycle": report.cycle, "phase": report.phase}
         digests = self.digests = {"state": report.digest, "stream": report.stream_digest}
-        say: Callable[..., Stamped] = self._producer.publish
+        say: Callable[..., RecordedMessage] = self._producer.publish
         say(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
         status = where | {"ticks": report.ticks} | counts
         say(LEARNER_STATUS, String(json.dumps(status)), log_time_ns=report.time_ns)
@@ -85,7 +85,7 @@ class LearnerVoice:
             return
         for stamp_ns, outputs in zip(steps.stamps_ns, steps.outputs, strict=True):
             data = encode(Float64MultiArray(outputs))
-            record = Stamped(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._said, stamp_ns)
-            payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self._said, (record,)))
+            record = RecordedMessage(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._said, stamp_ns)
+            payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self._said, (record,)))
             self._outputs.put(payload, attachment=attachment)
             self._said += 1

@@ -20,14 +20,14 @@ from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.messages.message_types import Message, String
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.wire.callbacks import direct
-from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
-from recorders.wire.publisher import Producer
+from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
 _ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
@@ -96,7 +96,7 @@ class RobotNode:
         self._last_refusal = ""
         self._flooded = False
         self._slip_to_say_s = _SLIP_S
-        self._producer = Producer(session, namespace=namespace)
+        self._producer = TopicPublisher(session, namespace=namespace)
         self._robot = Follower(backend, config=self._config, publish=self._publish)
         self._stack = ExitStack()
 
@@ -196,8 +196,8 @@ class RobotNode:
             # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none by default.
             sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
         )
-        record = Stamped(ROBOT_DESCRIPTION, String.TYPE, encode(String(robot.urdf_text)), 0, 0)
-        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))
+        record = RecordedMessage(ROBOT_DESCRIPTION, String.TYPE, encode(String(robot.urdf_text)), 0, 0)
+        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))
         stack.enter_context(publisher).put(payload, attachment=attachment)
 
     def _handle_until(self, due_s: float) -> None:

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.range_check import plausible
 from recorders.errors import LogError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
@@ -116,7 +116,7 @@ class Presentation:
     links: list[bytes]
 
     @classmethod
-    def of(cls, messages: Iterable[Stamped], robot: RobotConfig) -> "Presentation":
+    def of(cls, messages: Iterable[RecordedMessage], robot: RobotConfig) -> "Presentation":
         """Join the messages of one presentation to ticks, and these to steps, as `LearningRun.feed` does.
 
         Raises
@@ -189,7 +189,7 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
     return Samples(presented.u, presented.d[:, HANDS:].copy(), robot)
 
 
-def _first_presentation(reader: Reader) -> Iterator[Stamped]:
+def _first_presentation(reader: Reader) -> Iterator[RecordedMessage]:
     """Yield the learner's messages of an episode, and of a session those between its first two phase markers."""
     under_way = not reader.counts.get(SESSION_PHASE)
     for message in renamed(reader, {}, (SESSION_PHASE, *RANKS)):

@@ -7,7 +7,7 @@ from types import TracebackType
 from typing import Self
 
 from recorders.errors import ReenactError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.writing.writer import LogWriter
 
 UNNUMBERED = -1
@@ -43,7 +43,7 @@ class Clerk:
     def __init__(self, writer: LogWriter | None, say: Callable[[str], None]) -> None:
         self._writer = writer
         self._say = say
-        self._inbox: queue.SimpleQueue[Stamped | str | None] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[RecordedMessage | str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="clerk")
         self._error: ReenactError | None = None
         self.records = writer is not None
@@ -72,7 +72,7 @@ class Clerk:
         if self._error is not None:
             raise self._error
 
-    def write(self, record: Stamped) -> None:
+    def write(self, record: RecordedMessage) -> None:
         """Have a record written."""
         self._inbox.put(record)
 
@@ -87,7 +87,7 @@ class Clerk:
             elif self.records:
                 self._write(item)
 
-    def _write(self, record: Stamped) -> None:
+    def _write(self, record: RecordedMessage) -> None:
         if self._writer is None:
             return
         try:

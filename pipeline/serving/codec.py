@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.learner.rules.reservoir.kernels import STAMP_AT
 from recorders.cdr.codec import decode_as, encode
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 Floats = NDArray[np.float64]
 Position = tuple[float, ...]
@@ -31,13 +31,13 @@ class Command(NamedTuple):
         Stamp of the targets, and of the command [ns].
     data : bytes
         The command, a JointState as CDR.
-    answered : tuple of Stamped
+    answered : tuple of RecordedMessage
         The messages of the tick: left target, right target and, when learning, the joints.
     """
 
     stamp_ns: int
     data: bytes
-    answered: tuple[Stamped, ...]
+    answered: tuple[RecordedMessage, ...]
 
 
 class CommandEncoder:

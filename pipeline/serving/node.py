@@ -23,7 +23,7 @@ from pipeline.serving.rejections import Refusal
 from pipeline.serving.served_controller import ServedController
 from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
 from recorders.messages.message_types import JointState
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
@@ -49,7 +49,7 @@ def serve(
     config: ServeConfig | None = None,
     say: Callable[[str], None] = lambda line: None,
     on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
-    on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
+    on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
 ) -> None:
     """Serve a controller until the process is told to stop.
 
@@ -130,7 +130,7 @@ class Node:
         controller: Controller,
         config: ServeConfig,
         clerk: Clerk,
-        on_command: Callable[[bytes, tuple[Stamped, ...]], None] | None = None,
+        on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
         self._served = served = ServedController(controller, config=config.serving, say=clerk.say)
@@ -302,7 +302,7 @@ class Node:
         """Take what is held although nothing follows it."""
         self._take(None, time.perf_counter_ns())
 
-    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> Stamped | None:
+    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> RecordedMessage | None:
         """Return what a sample says, as it goes into a log too; None if that is nothing."""
         if sample.kind != zenoh.SampleKind.PUT:
             return None  # a deleted key is no target
@@ -311,7 +311,9 @@ class Node:
             self._served.refuse(Refusal.TOO_LARGE, f"{reader.topic}: found {size} bytes")
             return None
         sequence = sequence_of(reader.topic, sample) if self._clerk.records else UNNUMBERED
-        return Stamped(reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns)
+        return RecordedMessage(
+            reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns
+        )
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
@@ -330,7 +332,7 @@ class Node:
             with self._lock:
                 self._take_held()
 
-    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[Stamped]) -> None:
+    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[RecordedMessage]) -> None:
         """Send a command, then do all that the robot does not wait for; what it answers is looked at only then."""
         self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
         self._recent.append((arrival, time.perf_counter_ns() - arrival))
@@ -339,10 +341,10 @@ class Node:
         self._commands += 1
         self._served.settle()
 
-    def _keep(self, command: bytes, answered: tuple[Stamped, ...]) -> None:
+    def _keep(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
         """Pass a command on to whoever records and watches."""
         if self._clerk.records:
-            sent = Stamped(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
+            sent = RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
             for message in (*answered, sent):
                 self._clerk.write(message)
         if self._on_command is not None:

@@ -4,7 +4,7 @@ from enum import StrEnum
 
 from pipeline.robot.range_check import Implausible
 from recorders.errors import MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 
 class Refusal(StrEnum):
@@ -30,16 +30,16 @@ class RefusedError(MessageError):
         self.reason = reason
 
 
-def undecodable(record: Stamped, error: MessageError) -> RefusedError:
+def undecodable(record: RecordedMessage, error: MessageError) -> RefusedError:
     """Return the error of bytes that are no message of the topic's type."""
     return RefusedError(Refusal.UNDECODABLE, f"{record.topic}: {error}")
 
 
-def wrong_type(record: Stamped, expected: str) -> RefusedError:
+def wrong_type(record: RecordedMessage, expected: str) -> RefusedError:
     """Return the error of a message whose publisher names another type."""
     return RefusedError(Refusal.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
 
 
-def unusable(record: Stamped, error: Implausible) -> RefusedError:
+def unusable(record: RecordedMessage, error: Implausible) -> RefusedError:
     """Return the error of numbers that are not finite, or cannot be the robot's."""
     return RefusedError(Refusal.OUT_OF_RANGE if error.finite else Refusal.NOT_FINITE, f"{record.topic}: {error}")

@@ -24,7 +24,7 @@ from recorders.cdr.codec import decode_as, encode
 from recorders.errors import JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.ticks.joiner import Tick
 
@@ -133,7 +133,7 @@ class ServedController:
         """Whether no message waits for others of its tick."""
         return not self._open
 
-    def take(self, record: Stamped) -> Command | None:
+    def take(self, record: RecordedMessage) -> Command | None:
         """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
 
         What cannot be used is refused; other topics are passed over.
@@ -255,7 +255,7 @@ class ServedController:
             },
         )
 
-    def _follow(self, record: Stamped) -> None:
+    def _follow(self, record: RecordedMessage) -> None:
         try:
             phase = Phase.from_message(decode_as(String, record.data))
         except MessageError as error:
@@ -290,7 +290,7 @@ class ServedController:
         self._controller.learner().predict([self._calls.u])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
-    def _read_target(self, record: Stamped, hand: int) -> tuple[int, Position]:
+    def _read_target(self, record: RecordedMessage, hand: int) -> tuple[int, Position]:
         if record.type != PoseStamped.TYPE:
             raise wrong_type(record, PoseStamped.TYPE)
         try:
@@ -302,14 +302,14 @@ class ServedController:
             self._check_far(record, position)
         return stamp, position
 
-    def _check_far(self, record: Stamped, position: Position) -> None:
+    def _check_far(self, record: RecordedMessage, position: Position) -> None:
         try:
             self._check.check_target(position)
         except Implausible as error:
             raise unusable(record, error) from None
         self._outside += 1
 
-    def _read_joints(self, record: Stamped) -> tuple[int, JointState]:
+    def _read_joints(self, record: RecordedMessage) -> tuple[int, JointState]:
         if record.type != JointState.TYPE:
             raise wrong_type(record, JointState.TYPE)
         try:
@@ -323,7 +323,7 @@ class ServedController:
             raise undecodable(record, error) from None
         return joints.stamp_ns, joints
 
-    def _find_tick(self, record: Stamped, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
+    def _find_tick(self, record: RecordedMessage, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
         if (reason := self._order.refusal(stamp)) is not None:
             soon = "soon " if reason is Refusal.AHEAD else ""
             line = f"{record.topic}: expected a stamp {soon}after {self._order.last_ns} ns, found {stamp} ns"
@@ -363,7 +363,7 @@ class ServedController:
         self._fresh = False
         return self._command(stamp, position, tuple(records))
 
-    def _command(self, stamp: int, position: Position, records: tuple[Stamped, ...]) -> Command:
+    def _command(self, stamp: int, position: Position, records: tuple[RecordedMessage, ...]) -> Command:
         """Command what the next step's outputs will be."""
         _TARGETS.pack_into(self._u_bytes, 0, *position)
         self._calls.foresee()

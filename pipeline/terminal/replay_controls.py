@@ -10,7 +10,7 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.reading.session_reader import open_log
 from recorders.wire.stream import Offer
@@ -44,7 +44,7 @@ class Guarded:
         """Return the offer of the stream itself."""
         return self._source.offer()
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on; those before are compared too.
 
         Raises

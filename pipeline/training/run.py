@@ -20,7 +20,7 @@ from recorders.cdr.codec import decode
 from recorders.errors import ControllerError, MessageError
 from recorders.messages.message_types import String
 from recorders.messages.phase import EVALUATE, LEARN, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.ticks.joiner import Tick, TickJoiner
 from replay.sources.stream_digest import StreamDigest
 
@@ -165,7 +165,7 @@ class LearningRun:
         self._flush()
         return state_digest(self.learner.state(), pending=self._pairs.pending)
 
-    def begin_presentation(self, message: Stamped) -> CycleReport | None:
+    def begin_presentation(self, message: RecordedMessage) -> CycleReport | None:
         """Follow a phase marker; returns the report of the cycle that it ends, if it does.
 
         Raises
@@ -187,7 +187,7 @@ class LearningRun:
         self._phase = phase
         return report
 
-    def feed(self, message: Stamped) -> None:
+    def feed(self, message: RecordedMessage) -> None:
         """Take one message; steps are made as ticks come complete.
 
         Raises
@@ -200,7 +200,7 @@ class LearningRun:
         for tick in self._joiner.feed(message):
             self._take(tick)
 
-    def present(self, marker: Stamped, presentation: Presentation) -> CycleReport | None:
+    def present(self, marker: RecordedMessage, presentation: Presentation) -> CycleReport | None:
         """Follow a phase marker and take all that it announces: `begin_presentation`, and `feed` for every message.
 
         Raises
@@ -323,7 +323,7 @@ class LearningRun:
         self.counts.learned_steps += len(u) if learning else 0
 
 
-def _parse_marker(message: Stamped) -> Phase:
+def _parse_marker(message: RecordedMessage) -> Phase:
     marker = decode(message.type, message.data)
     if not isinstance(marker, String):
         raise MessageError(f"{message.topic} #{message.sequence}: expected {String.TYPE}, found {message.type!r}")

@@ -13,12 +13,12 @@ from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_
 from pipeline.training.run import CycleReport, LearningRun, Steps
 from recorders.errors import ConfigError, ControllerError, JointError, LearningError, MessageError
 from recorders.messages.phase import LEARN, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.text.wording import value_text
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
-from replay.sources.scheduled import Episode, Replay, naming
+from replay.sources.scheduled import EpisodeLog, Replay, naming
 from replay.transports.transport import InProcess, Source
 
 _NO_RENAMES: Mapping[str, str] = {}
@@ -151,7 +151,7 @@ class Trainer:
         """Eq. (10) of every evaluated cycle so far."""
         return list(self._running().counts.errors_cm)
 
-    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         """Learn from the whole stream and return both digests, counts and the last error.
 
         Raises
@@ -165,7 +165,7 @@ class Trainer:
         self._check_steps()
         return self.result()
 
-    def take(self, messages: Iterator[Stamped]) -> None:
+    def take(self, messages: Iterator[RecordedMessage]) -> None:
         """Learn from messages, of which more may come, and end the presentation under way.
 
         Raises
@@ -219,7 +219,7 @@ class Trainer:
         """
         self.hello(replay.offer())
         run = self._running()
-        presentations: dict[Episode, Presentation] = {}
+        presentations: dict[EpisodeLog, Presentation] = {}
         for episode in replay.episodes:
             with naming(episode.path):
                 presentations[episode] = Presentation.of(episode, run.robot)
@@ -301,7 +301,7 @@ class Trainer:
         if due and run.between_ticks:
             self.save_checkpoint()
 
-    def _take(self, run: LearningRun, message: Stamped) -> None:
+    def _take(self, run: LearningRun, message: RecordedMessage) -> None:
         if message.topic == SESSION_PHASE:
             self._report(run.begin_presentation(message))
         else:

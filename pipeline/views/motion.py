@@ -12,7 +12,7 @@ from pipeline.views.live import LiveView
 from pipeline.views.rows import VIEWED, MotionRows
 from recorders.cdr.codec import decode
 from recorders.messages.message_types import JointState, Message
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS
 from recorders.rerun_scene.blueprint import in_sight, motion_blueprint
 from recorders.rerun_scene.hands import HandScene
@@ -85,7 +85,7 @@ class MotionView:
 @contextmanager
 def answers_shown(
     view: LiveView, robot: RobotConfig, *, title: str
-) -> Iterator[Callable[[bytes, tuple[Stamped, ...]], None]]:
+) -> Iterator[Callable[[bytes, tuple[RecordedMessage, ...]], None]]:
     """Show what a served controller answers, on a thread of its own: whoever commands a robot must never wait.
 
     Yields
@@ -93,7 +93,7 @@ def answers_shown(
     callable
         Takes the bytes of a command, and the messages that it answers; returns at once.
     """
-    waiting: queue.Queue[Stamped | None] = queue.Queue(_WAITING)
+    waiting: queue.Queue[RecordedMessage | None] = queue.Queue(_WAITING)
 
     def show() -> None:
         shown = MotionView(view, robot, joints_topic=JOINT_COMMANDS, title=title)
@@ -104,9 +104,9 @@ def answers_shown(
                 time.sleep(_PAUSE_S)  # what comes meanwhile is sent at once
         shown.flush()
 
-    def answered(command: bytes, messages: tuple[Stamped, ...]) -> None:
+    def answered(command: bytes, messages: tuple[RecordedMessage, ...]) -> None:
         now_ns = time.monotonic_ns()
-        for record in (*messages, Stamped(JOINT_COMMANDS, JointState.TYPE, command, 0, now_ns)):
+        for record in (*messages, RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, 0, now_ns)):
             if not waiting.full():
                 waiting.put_nowait(record._replace(log_time_ns=now_ns))
 

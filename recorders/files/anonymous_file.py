@@ -10,7 +10,7 @@ _FLAGS = os.O_RDWR | os.O_CLOEXEC
 _OPEN_FILES = "/proc/self/fd"  # gives a file without a name one
 
 
-class NamelessFile:
+class AnonymousFile:
     """A new file in a folder, which gets its name when it is whole.
 
     On a file system that has no files without a name it has one of the free names, and a killed process leaves it.
@@ -77,7 +77,7 @@ def write_whole(path: Path, data: bytes) -> None:
     OSError
         If it cannot be written.
     """
-    file = NamelessFile(path)
+    file = AnonymousFile(path)
     try:
         file.stream.write(data)
         file.stream.flush()

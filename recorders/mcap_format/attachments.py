@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from typing import NamedTuple
 
 from recorders.mcap_format.errors import damaged
-from recorders.mcap_format.records import CRC, Record
+from recorders.mcap_format.records import CRC, RawRecord
 
 _TIMES = struct.Struct("<QQ")  # log time, time of creation [ns]
 _STRING = struct.Struct("<I")
@@ -39,7 +39,7 @@ class AttachmentHead(NamedTuple):
         return self.start + self.size
 
 
-def attachment_head(record: Record) -> AttachmentHead:
+def attachment_head(record: RawRecord) -> AttachmentHead:
     """Return what comes before the data of an attachment; raises DamagedLog if it is malformed."""
     body = record.body
     try:
@@ -55,12 +55,12 @@ def attachment_head(record: Record) -> AttachmentHead:
     return head
 
 
-def attachment_has_crc(record: Record) -> bool:
+def attachment_has_crc(record: RawRecord) -> bool:
     """Whether an attachment has a CRC of its own: 0 means none. Raises DamagedLog if it is malformed."""
     return record.part(attachment_head(record).end, CRC.size) != bytes(CRC.size)
 
 
-def check_attachment(record: Record) -> bool:
+def check_attachment(record: RawRecord) -> bool:
     """Return whether an attachment has a CRC of its own; raises DamagedLog if that does not hold."""
     end, crc = attachment_head(record).end, 0
     expected = record.part(end, CRC.size)
@@ -73,7 +73,7 @@ def check_attachment(record: Record) -> bool:
     return True
 
 
-def attachment_data(record: Record) -> Iterator[memoryview]:
+def attachment_data(record: RawRecord) -> Iterator[memoryview]:
     """Yield the data of an attachment piece by piece; raises DamagedLog if it is malformed."""
     head = attachment_head(record)
     return _pieces(record, head.start, head.end)
@@ -86,7 +86,7 @@ def _text(body: bytes, place: int) -> tuple[str, int]:
     return str(body[place : place + length], "utf-8"), place + length
 
 
-def _pieces(record: Record, start: int, end: int) -> Iterator[memoryview]:
+def _pieces(record: RawRecord, start: int, end: int) -> Iterator[memoryview]:
     """Yield the body of a record from `start` to `end` piece by piece."""
     place = 0
     for piece in record.pieces():

@@ -7,14 +7,14 @@ from mcap.records import Channel, Schema
 
 from recorders.mcap_format.errors import Redeclared, TooLarge
 from recorders.mcap_format.lengths import MAX_CHANNEL, MAX_DECLARED
-from recorders.mcap_format.records import Record, parse
+from recorders.mcap_format.records import RawRecord, parse
 from recorders.text.wording import names_text
 
 _SHOWN = 300  # characters of a line
 
 
 @dataclass(frozen=True, slots=True)
-class Declared:
+class DeclaredChannel:
     """A channel, with nothing left out, so that it can be declared again in another log.
 
     Attributes
@@ -44,14 +44,14 @@ class Declared:
 
 
 @dataclass
-class Declarations:
+class ChannelRegistry:
     """The channels met so far, by their number in the file."""
 
-    channels: dict[int, Declared] = field(default_factory=dict)
+    channels: dict[int, DeclaredChannel] = field(default_factory=dict)
     schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     _size: int = 0  # bytes of all of them
 
-    def learn(self, record: Record) -> Schema | Channel | None:
+    def learn(self, record: RawRecord) -> Schema | Channel | None:
         """Take in a schema or channel record and return it parsed, pass over any other.
 
         A channel whose schema was not met is passed over too: nobody can tell what its messages are.
@@ -80,10 +80,10 @@ class Declarations:
             return channel
         return None
 
-    def _learn_channel(self, channel: Channel, record: Record) -> None:
+    def _learn_channel(self, channel: Channel, record: RawRecord) -> None:
         if channel.schema_id and channel.schema_id not in self.schemas:
             return
-        found = Declared(
+        found = DeclaredChannel(
             channel.topic,
             channel.message_encoding,
             tuple(channel.metadata.items()),
@@ -97,11 +97,11 @@ class Declarations:
         if known is not None and (known.topic, known.type) != (found.topic, found.type):
             raise Redeclared(record.offset, f"channel {channel.id} is declared as {found}, elsewhere as {known}")
 
-    def copy(self) -> "Declarations":
+    def copy(self) -> "ChannelRegistry":
         """Return the same, to learn more by itself."""
-        return Declarations(dict(self.channels), dict(self.schemas), self._size)
+        return ChannelRegistry(dict(self.channels), dict(self.schemas), self._size)
 
-    def _take(self, record: Record) -> None:
+    def _take(self, record: RawRecord) -> None:
         size = self._size + len(record.body)
         if size > MAX_DECLARED:
             raise TooLarge(
@@ -109,7 +109,7 @@ class Declarations:
             )
         self._size = size
 
-    def add(self, other: "Declarations") -> None:
+    def add(self, other: "ChannelRegistry") -> None:
         """Take in what another knows and this does not."""
         self.channels = {**other.channels, **self.channels}
         self.schemas = {**other.schemas, **self.schemas}

@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from mcap.opcode import Opcode
 
 from recorders.mcap_format.errors import damaged
-from recorders.mcap_format.records import FIRST_RESERVED, HEAD, Record, chunk_data
+from recorders.mcap_format.records import FIRST_RESERVED, HEAD, RawRecord, chunk_data
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
 
@@ -47,7 +47,7 @@ def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
         yield opcode, start, place
 
 
-def checked(chunk: Record) -> bytes:
+def checked(chunk: RawRecord) -> bytes:
     """Return the data of a chunk; raises DamagedLog if the chunk or a record in it is damaged, or does not belong."""
     data = chunk_data(chunk)
     for opcode, _, _ in split(data, chunk.offset):
@@ -56,8 +56,8 @@ def checked(chunk: Record) -> bytes:
     return data
 
 
-def declarations(data: bytes, offset: int) -> Iterator[Record]:
+def declarations(data: bytes, offset: int) -> Iterator[RawRecord]:
     """Yield the schemas and channels in the data of the chunk at `offset`; raises as `split` does."""
     for opcode, start, end in split(data, offset):
         if opcode in _DECLARATIONS:
-            yield Record(opcode, offset, data[start:end])
+            yield RawRecord(opcode, offset, data[start:end])

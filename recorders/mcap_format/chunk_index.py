@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 
 from recorders.mcap_format.errors import damaged
-from recorders.mcap_format.records import Record
+from recorders.mcap_format.records import RawRecord
 
 _FIXED = struct.Struct("<QQQQI")  # first and last log time, offset, length, length of the message indexes' offsets
 _LENGTH = struct.Struct("<Q")
@@ -45,7 +45,7 @@ class ChunkTable:
     def __len__(self) -> int:
         return len(self.offsets)
 
-    def learn(self, record: Record) -> None:
+    def learn(self, record: RawRecord) -> None:
         """Take in a chunk index.
 
         Raises

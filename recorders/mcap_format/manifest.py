@@ -13,7 +13,7 @@ from typing import Any
 from recorders.errors import LogError
 from recorders.mcap_format.migrations import upgrade
 from recorders.mcap_format.unread import Unread
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.text.wording import value_text
 
 FORMAT_VERSION = 2
@@ -53,7 +53,7 @@ class ContentHash:
         return self._hash.hexdigest()
 
 
-def content_sha256(records: Iterable[Stamped]) -> str:
+def content_sha256(records: Iterable[RecordedMessage]) -> str:
     """Return the `content_sha256` that a log of these records has in its manifest."""
     content = ContentHash()
     for record in records:

@@ -50,7 +50,7 @@ _MISPLACED = frozenset(  # in a data section; 0 is no opcode at all, and what bl
 )
 
 
-class Record(NamedTuple):
+class RawRecord(NamedTuple):
     """One record: what it is, where its first byte stands in the file (or chunk), and its body.
 
     Of a large one `body` is the beginning, and the `rest` stays in the file.
@@ -84,7 +84,7 @@ class Record(NamedTuple):
         return self.rest.read(self.rest.start - len(self.body) + start, size)
 
 
-_NOTHING = Record(0, 0, b"")
+_NOTHING = RawRecord(0, 0, b"")
 
 
 class ChunkHead(NamedTuple):
@@ -122,12 +122,12 @@ class _WholeStream(ReadDataStream):
         return data
 
 
-def parse(kind: Parser[_T_co], record: Record) -> _T_co:
+def parse(kind: Parser[_T_co], record: RawRecord) -> _T_co:
     """Parse the body of a record; raises DamagedLog if it is malformed."""
     return parse_counted(kind, record)[0]
 
 
-def parse_counted(kind: Parser[_T_co], record: Record) -> tuple[_T_co, int]:
+def parse_counted(kind: Parser[_T_co], record: RawRecord) -> tuple[_T_co, int]:
     """Parse the body of a record, and return how many bytes of it that took; raises DamagedLog if it is malformed."""
     body = BytesIO(record.body)
     try:
@@ -137,12 +137,12 @@ def parse_counted(kind: Parser[_T_co], record: Record) -> tuple[_T_co, int]:
         raise damaged(record.offset, reason) from None
 
 
-def read_record(file: BinaryIO, size: int) -> Record:
+def read_record(file: BinaryIO, size: int) -> RawRecord:
     """Read the record at the file's place; `size` is that of the file [bytes]. Raises DamagedLog if it is not whole."""
     return _read_at(file, file.tell(), size)
 
 
-def _read_at(file: BinaryIO, offset: int, size: int) -> Record:
+def _read_at(file: BinaryIO, offset: int, size: int) -> RawRecord:
     head = file.read(HEAD.size)
     if len(head) < HEAD.size:
         raise cut_off(offset)
@@ -154,13 +154,13 @@ def _read_at(file: BinaryIO, offset: int, size: int) -> Record:
     if len(body) < wanted:  # the file became shorter while it was read
         raise cut_off(offset)
     if wanted == length:
-        return Record(opcode, offset, body)
+        return RawRecord(opcode, offset, body)
     start = offset + HEAD.size + wanted
     file.seek(length - wanted, SEEK_CUR)
-    return Record(opcode, offset, body, Unread(file, start, length - wanted))
+    return RawRecord(opcode, offset, body, Unread(file, start, length - wanted))
 
 
-def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) -> Iterator[Record]:
+def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) -> Iterator[RawRecord]:
     """Yield the records of a file but its message indexes up to its data end, then check its summary and its end.
 
     Parameters
@@ -194,7 +194,7 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
     check_summary(file, size)
 
 
-def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int]) -> Record:
+def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int]) -> RawRecord:
     while offset in jumps:
         offset = file.seek(jumps[offset])
     record = _read_at(file, offset, size)
@@ -223,7 +223,7 @@ def _pass_indexes(file: BinaryIO) -> bytes:
     return file.read(place)
 
 
-def is_message_index(record: Record) -> bool:
+def is_message_index(record: RawRecord) -> bool:
     """Whether a message index is no shorter than it says."""
     return record.size >= INDEX.size and record.size >= INDEX.size + INDEX.unpack_from(record.body)[1]
 
@@ -234,7 +234,7 @@ def check_summary(file: BinaryIO, size: int) -> None:
         pass
 
 
-def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
+def summary_records(file: BinaryIO, size: int) -> Iterator[RawRecord]:
     """Yield the records from the file's place to the footer, which comes last, and only then check their CRC.
 
     Raises
@@ -257,7 +257,7 @@ def summary_records(file: BinaryIO, size: int) -> Iterator[Record]:
     yield record
 
 
-def chunk_head(record: Record) -> ChunkHead:
+def chunk_head(record: RawRecord) -> ChunkHead:
     """Return the fields of a chunk before its data; raises DamagedLog if they are malformed."""
     try:
         first_ns, last_ns, size, crc, length = _CHUNK.unpack_from(record.body)
@@ -271,7 +271,7 @@ def chunk_head(record: Record) -> ChunkHead:
     return ChunkHead(first_ns, last_ns, size, crc, compression, start, start + data_length)
 
 
-def claimed_size(record: Record) -> int:
+def claimed_size(record: RawRecord) -> int:
     """Return what to expect of a chunk's data, decompressed [bytes]; raises DamagedLog if its claim cannot be true."""
     head = chunk_head(record)
     _check_size(record, head)
@@ -281,12 +281,12 @@ def claimed_size(record: Record) -> int:
         raise _undecompressed(record, error) from None
 
 
-def chunk_data(record: Record, head: ChunkHead | None = None) -> bytes:
+def chunk_data(record: RawRecord, head: ChunkHead | None = None) -> bytes:
     """Return the records inside a chunk, decompressed.
 
     Parameters
     ----------
-    record : Record
+    record : RawRecord
         The chunk.
     head : ChunkHead, optional
         Its fields, for whoever has them.
@@ -309,13 +309,13 @@ def chunk_data(record: Record, head: ChunkHead | None = None) -> bytes:
     return data
 
 
-def _check_size(record: Record, head: ChunkHead) -> None:
+def _check_size(record: RawRecord, head: ChunkHead) -> None:
     if head.size > MAX_CHUNK or record.rest:
         held = f"claims {head.size} bytes, {record.size - head.start} as stored"
         raise TooLarge(record.offset, f"a chunk {held}, and {MAX_CHUNK} is the most that is read at once")
 
 
-def _undecompressed(record: Record, error: Exception) -> DamagedLog:
+def _undecompressed(record: RawRecord, error: Exception) -> DamagedLog:
     return damaged(record.offset, f"a chunk does not decompress ({error!s:.{_LONGEST_REASON}})")
 
 
@@ -328,7 +328,7 @@ def check_crc(raw: bytes, found: int | None, offset: int, section: str) -> None:
         raise damaged(offset, f"the CRC of its {section} does not hold")
 
 
-def crc_of(record: Record, crc: int) -> int:
+def crc_of(record: RawRecord, crc: int) -> int:
     """Return the CRC of what comes before a record, with the record."""
     crc = zlib.crc32(record.body, zlib.crc32(_head_of(record), crc))
     for piece in record.rest.pieces() if record.rest else ():
@@ -336,5 +336,5 @@ def crc_of(record: Record, crc: int) -> int:
     return crc
 
 
-def _head_of(record: Record) -> bytes:
+def _head_of(record: RawRecord) -> bytes:
     return HEAD.pack(record.opcode, record.size)

@@ -9,7 +9,7 @@ from mcap.opcode import Opcode
 from mcap.records import Footer
 
 from recorders.mcap_format.errors import DamagedLog, cut_off, damaged
-from recorders.mcap_format.records import CRC, FOOTER_SIZE, HEAD, MAGIC, Record, check_crc, parse, read_record
+from recorders.mcap_format.records import CRC, FOOTER_SIZE, HEAD, MAGIC, RawRecord, check_crc, parse, read_record
 
 _DATA_END_SIZE = 13  # opcode, length, CRC
 _BODY_BEGINS = 24  # bytes of a body that come with its head: the times of chunks and messages are among them
@@ -54,7 +54,7 @@ def read_footer(file: BinaryIO) -> Footer:
     return footer
 
 
-def footer_record(file: BinaryIO) -> Record:
+def footer_record(file: BinaryIO) -> RawRecord:
     """Return the record that the footer is; raises DamagedLog if the file is cut off."""
     size = file.seek(0, SEEK_END)
     end = size - len(MAGIC)
@@ -86,7 +86,7 @@ def _found(file: BinaryIO, opcode: Opcode, usually: int, end: int) -> int | None
     return None
 
 
-def read_data_end(file: BinaryIO) -> Record:
+def read_data_end(file: BinaryIO) -> RawRecord:
     """Return the record that ends the data section; raises DamagedLog if the file is cut off or has none there."""
     footer = footer_record(file)
     end = read_footer(file).summary_start or footer.offset
@@ -94,7 +94,7 @@ def read_data_end(file: BinaryIO) -> Record:
     return record_at(file, max(0, end - _DATA_END_SIZE) if place is None else place, Opcode.DATA_END)
 
 
-def record_at(file: BinaryIO, offset: int, opcode: Opcode) -> Record:
+def record_at(file: BinaryIO, offset: int, opcode: Opcode) -> RawRecord:
     """Return the record at `offset`; raises DamagedLog if there is none of this kind."""
     size = file.seek(0, SEEK_END)
     if offset >= size:

@@ -16,16 +16,16 @@ from mcap.records import (
 )
 
 from recorders.mcap_format.attachments import attachment_data, attachment_head, check_attachment
-from recorders.mcap_format.channels import Declarations
+from recorders.mcap_format.channels import ChannelRegistry
 from recorders.mcap_format.chunk_index import ChunkTable
 from recorders.mcap_format.errors import TooLarge
 from recorders.mcap_format.lengths import MAX_CHUNK
-from recorders.mcap_format.records import Record, parse, summary_records
+from recorders.mcap_format.records import RawRecord, parse, summary_records
 from recorders.mcap_format.sections import check_data_section, read_footer, record_at
 
 
 @dataclass
-class Channels:
+class ChannelTable:
     """The channels met so far, and their schemas.
 
     Attributes
@@ -34,7 +34,7 @@ class Channels:
         Name of a schema by its number.
     topics : dict
         Topic and type of a channel by its number.
-    declarations : Declarations
+    declarations : ChannelRegistry
         The same channels with nothing left out.
     wanted : frozenset, optional
         Topics that are asked for; all if None.
@@ -46,12 +46,12 @@ class Channels:
 
     schemas: dict[int, str] = field(default_factory=dict)
     topics: dict[int, tuple[str, str]] = field(default_factory=dict)
-    declarations: Declarations = field(default_factory=Declarations)
+    declarations: ChannelRegistry = field(default_factory=ChannelRegistry)
     wanted: frozenset[str] | None = None
     chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
     complete: bool = True
 
-    def learn(self, record: Record) -> None:
+    def learn(self, record: RawRecord) -> None:
         """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
         match self.declarations.learn(record):
             case Schema() as schema:
@@ -60,7 +60,7 @@ class Channels:
                 self.complete &= not channel.schema_id or channel.schema_id in self.schemas
                 self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
 
-    def learn_from(self, other: "Channels") -> None:
+    def learn_from(self, other: "ChannelTable") -> None:
         """Take in the channels that another part of the log declares."""
         self.declarations.add(other.declarations)
         self.schemas.update(other.schemas)
@@ -75,7 +75,7 @@ class Channels:
         self.chosen[channel] = declared if self.wanted is None or declared[0] in self.wanted else None
 
 
-class Place(NamedTuple):
+class NamedOffset(NamedTuple):
     """Where something stands in a file [bytes], and its name."""
 
     offset: int
@@ -88,11 +88,11 @@ class Contents:
 
     Attributes
     ----------
-    channels : Channels
+    channels : ChannelTable
         Every channel of the log.
     counts : Counter
         Number of messages by topic.
-    metadata, attachments : list of Place
+    metadata, attachments : list of NamedOffset
         Where each stands, by its name; several may have one.
     chunks : ChunkTable
         Where the chunks stand.
@@ -100,14 +100,14 @@ class Contents:
         Whether this is from a summary section that a CRC covers and that knows every channel and chunk.
     """
 
-    channels: Channels = field(default_factory=Channels)
+    channels: ChannelTable = field(default_factory=ChannelTable)
     counts: Counter[str] = field(default_factory=Counter)
-    metadata: list[Place] = field(default_factory=list)
-    attachments: list[Place] = field(default_factory=list)
+    metadata: list[NamedOffset] = field(default_factory=list)
+    attachments: list[NamedOffset] = field(default_factory=list)
     chunks: ChunkTable = field(default_factory=ChunkTable)
     sound: bool = False
 
-    def learn(self, record: Record) -> None:
+    def learn(self, record: RawRecord) -> None:
         """Take in any record of a data or summary section; raises DamagedLog if it is malformed."""
         self.channels.learn(record)
         match record.opcode:
@@ -115,14 +115,14 @@ class Contents:
                 self.chunks.learn(record)
             case Opcode.METADATA_INDEX:
                 metadata_index = parse(MetadataIndex, record)
-                self.metadata.append(Place(metadata_index.offset, metadata_index.name))
+                self.metadata.append(NamedOffset(metadata_index.offset, metadata_index.name))
             case Opcode.ATTACHMENT_INDEX:
                 attachment_index = parse(AttachmentIndex, record)
-                self.attachments.append(Place(attachment_index.offset, attachment_index.name))
+                self.attachments.append(NamedOffset(attachment_index.offset, attachment_index.name))
             case Opcode.METADATA:
-                self.metadata.append(Place(record.offset, parse(Metadata, record).name))
+                self.metadata.append(NamedOffset(record.offset, parse(Metadata, record).name))
             case Opcode.ATTACHMENT:
-                self.attachments.append(Place(record.offset, attachment_head(record).name))
+                self.attachments.append(NamedOffset(record.offset, attachment_head(record).name))
 
 
 def read_contents(file: BinaryIO) -> Contents | None:

@@ -3,7 +3,7 @@
 from typing import NamedTuple
 
 
-class Stamped(NamedTuple):
+class RecordedMessage(NamedTuple):
     """A message as recorded, not decoded: the same bytes in the log and on the wire.
 
     Attributes

@@ -14,9 +14,9 @@ from mcap.opcode import Opcode
 from recorders.errors import LogError
 from recorders.mcap_format.chunk_contents import MESSAGE, body_at
 from recorders.mcap_format.errors import DamagedLog, damaged
-from recorders.mcap_format.records import Record
-from recorders.mcap_format.summary import Channels
-from recorders.messages.record import Stamped
+from recorders.mcap_format.records import RawRecord
+from recorders.mcap_format.summary import ChannelTable
+from recorders.messages.record import RecordedMessage
 
 WRONG_TIMES = (
     "expected log times as the chunks and their indexes state them, found others: the order of the messages cannot be "
@@ -31,17 +31,17 @@ _TIME = struct.Struct("<BQ6xQ")  # opcode, length, log time
 _BATCH = 2**15  # bytes of a run: they fit the processor's cache, and one step of a generator serves many messages
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
 _SMALL = 2**17  # bytes: the messages of a chunk that is no larger fit the cache too, and are held until all are seen
-_log_time_ns = itemgetter(Stamped._fields.index("log_time_ns"))
+_log_time_ns = itemgetter(RecordedMessage._fields.index("log_time_ns"))
 _new_tuple = tuple.__new__  # a named tuple's own constructor takes twice as long
 
 
 @dataclass
-class MessageWalk:
-    """Walks through records, and makes a `Stamped` of each message that is asked for.
+class MessageScanner:
+    """Walks through records, and makes a `RecordedMessage` of each message that is asked for.
 
     Attributes
     ----------
-    channels : Channels
+    channels : ChannelTable
         What is known of channels, and which topics are wanted.
     start_ns, end_ns : int
         Messages of log time [start_ns, end_ns) are asked for.
@@ -51,14 +51,14 @@ class MessageWalk:
         Whether the messages of a chunk are to come in order of log time, those of one time in the order of the chunk.
     """
 
-    channels: Channels = field(default_factory=Channels)
+    channels: ChannelTable = field(default_factory=ChannelTable)
     start_ns: int = 0
     end_ns: int = FOREVER_NS
     last_time_ns: int | None = None
     ordered: bool = False
     _fell: bool = False  # whether the time of a message was before that of the one before
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[RecordedMessage]]:
         """Yield the messages in the data of the chunk at `offset`, a batch at a time.
 
         Parameters
@@ -103,19 +103,19 @@ class MessageWalk:
                         times_ns.append(log_time_ns)
                         places.append(place)
                 else:
-                    self.channels.learn(Record(opcode, offset, data[start:end]))
+                    self.channels.learn(RawRecord(opcode, offset, data[start:end]))
                 place = end
         except DamagedLog as error:
             return times_ns, places, error
         return times_ns, places, None
 
-    def message(self, data: bytes, place: int) -> Stamped:
+    def message(self, data: bytes, place: int) -> RecordedMessage:
         """Return the message at a place where a sound one of a known channel stands, which is asked for."""
         _, length, channel, sequence, log_time_ns = _MESSAGE.unpack_from(data, place)
         topic, kind = self.channels.topics[channel]
-        return Stamped(topic, kind, data[place + _MESSAGE.size : place + 9 + length], sequence, log_time_ns)
+        return RecordedMessage(topic, kind, data[place + _MESSAGE.size : place + 9 + length], sequence, log_time_ns)
 
-    def bare(self, record: Record) -> list[Stamped]:
+    def bare(self, record: RawRecord) -> list[RecordedMessage]:
         """Return the message that a record outside of chunks is, as a list that is empty if it is not asked for."""
         if len(record.body) < MESSAGE.size:
             raise damaged(record.offset, "a message is too short")
@@ -126,14 +126,16 @@ class MessageWalk:
         declared = self.channels.chosen[channel]
         if declared is None or not self.start_ns <= log_time_ns < self.end_ns:
             return []
-        return [Stamped(*declared, record.part(MESSAGE.size, record.size - MESSAGE.size), sequence, log_time_ns)]
+        return [
+            RecordedMessage(*declared, record.part(MESSAGE.size, record.size - MESSAGE.size), sequence, log_time_ns)
+        ]
 
     @property
     def sliced(self) -> bool:
         """Whether messages of some time only are asked for."""
         return self.start_ns > 0 or self.end_ns < FOREVER_NS
 
-    def _batches(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+    def _batches(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         place = 0
         while place < len(data):
             batch, then = self._run(data, place)
@@ -141,10 +143,10 @@ class MessageWalk:
                 yield self._of_time(batch)
             place = then if then > place else self._other(data, place, offset)
 
-    def _held(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+    def _held(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         """Yield the messages of a chunk by their times: so few are all held, and sorted if they turn out to fall."""
         self._fell = False
-        batches: list[list[Stamped]] = []
+        batches: list[list[RecordedMessage]] = []
         try:
             batches.extend(self._batches(data, offset))
         finally:  # what stands before damage counts
@@ -152,32 +154,32 @@ class MessageWalk:
                 batches = [sorted(chain.from_iterable(batches), key=_log_time_ns)]
             yield from batches
 
-    def _in_stated_order(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+    def _in_stated_order(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         self._fell = False
         for batch in self._batches(data, offset):
             if self._fell:
                 raise LogError(WRONG_TIMES)
             yield batch
 
-    def _by_time(self, data: bytes, offset: int) -> Iterator[list[Stamped]]:
+    def _by_time(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         times_ns, places, error = self.placed(data, offset)
         for place in in_order(times_ns, places):
             yield [self.message(data, place)]
         if error is not None:
             raise error
 
-    def _of_time(self, batch: list[Stamped]) -> list[Stamped]:
+    def _of_time(self, batch: list[RecordedMessage]) -> list[RecordedMessage]:
         if not self.sliced:
             return batch
         return [record for record in batch if self.start_ns <= record.log_time_ns < self.end_ns]
 
-    def _run(self, data: bytes, place: int) -> tuple[list[Stamped], int]:
+    def _run(self, data: bytes, place: int) -> tuple[list[RecordedMessage], int]:
         """Return the messages from `place` on, and where something else stands or a batch is full."""
         chosen, unpack, size = self.channels.chosen, _MESSAGE.unpack_from, len(data)
         begin, last = place, min(place + _BATCH, size - _MESSAGE.size)
-        batch: list[Stamped] = []
+        batch: list[RecordedMessage] = []
         time_ns, ordered, fell = self.last_time_ns or 0, self.ordered, False
-        new, kind_of_all, message = _new_tuple, Stamped, _MESSAGE_OPCODE  # locals are faster
+        new, kind_of_all, message = _new_tuple, RecordedMessage, _MESSAGE_OPCODE  # locals are faster
         with suppress(KeyError):  # an undeclared channel ends the run, as does whatever is no whole message
             while place <= last:
                 opcode, length, channel, sequence, log_time_ns = unpack(data, place)
@@ -202,7 +204,7 @@ class MessageWalk:
         opcode, start, end = body_at(data, place, offset)
         if opcode == _MESSAGE_OPCODE:  # a sound one is none of ours to take
             raise _undeclared(offset, MESSAGE.unpack_from(data, start)[0])
-        self.channels.learn(Record(opcode, offset, data[start:end]))
+        self.channels.learn(RawRecord(opcode, offset, data[start:end]))
         return end
 
 

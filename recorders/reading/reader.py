@@ -10,15 +10,15 @@ from typing import Any, BinaryIO
 
 from recorders.errors import LogError
 from recorders.files.regular_file import refuse_irregular
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.errors import DamagedLog
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
-from recorders.mcap_format.records import MAGIC, Record
-from recorders.mcap_format.summary import Channels, Contents, read_attachment, read_contents, read_metadata
-from recorders.messages.record import Stamped
+from recorders.mcap_format.records import MAGIC, RawRecord
+from recorders.mcap_format.summary import ChannelTable, Contents, read_attachment, read_contents, read_metadata
+from recorders.messages.record import RecordedMessage
 from recorders.reading.crc_coverage import is_protected
 from recorders.reading.log_order import LogOrder, find_order
-from recorders.reading.raw_messages import FOREVER_NS, WRONG_TIMES, MessageWalk
+from recorders.reading.raw_messages import FOREVER_NS, WRONG_TIMES, MessageScanner
 from recorders.reading.scan import LogScan
 from recorders.reading.time_order import Pieces, merged
 from recorders.text.wording import names_text, value_text
@@ -53,7 +53,7 @@ class LogReader:
         if magic != MAGIC:
             raise LogError(f"{self.path}: expected an MCAP file, found one that begins with {value_text(magic)}")
 
-    def __iter__(self) -> Iterator[Stamped]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
     def records(
@@ -63,7 +63,7 @@ class LogReader:
         start_ns: int = 0,
         end_ns: int = FOREVER_NS,
         file_order: bool = False,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[RecordedMessage]:
         """Yield the messages in order of log time, undecoded; those of one time in the order of the file.
 
         A log of our own writer goes by the order of the file, whatever its times. Of a log in order one chunk is held
@@ -88,7 +88,7 @@ class LogReader:
         LogError
             If more of it overlaps in time than may be held, or its chunks are of other times than they state.
         """
-        walk = MessageWalk(Channels(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        walk = MessageScanner(ChannelTable(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
         order = _BY_FILE if file_order else self._order
         if not order.by_file and (walk.sliced or not order.risen):
             return self._merged(walk)
@@ -133,7 +133,7 @@ class LogReader:
         return dict(self._contents.channels.topics.values())
 
     @property
-    def channels(self) -> tuple[Declared, ...]:
+    def channels(self) -> tuple[DeclaredChannel, ...]:
         """Every channel as it was declared, with its schema."""
         return tuple(self._contents.channels.declarations.channels.values())
 
@@ -192,16 +192,18 @@ class LogReader:
 
     def _contents_by_reading(self) -> Contents:
         contents = Contents()
-        records = self._walk(MessageWalk(contents.channels), _NO_JUMPS, contents.learn)
+        records = self._walk(MessageScanner(contents.channels), _NO_JUMPS, contents.learn)
         contents.counts = Counter(record.topic for record in records)
         return contents
 
-    def _walk(self, walk: MessageWalk, jumps: Mapping[int, int], notice: Callable[[Record], None]) -> Iterator[Stamped]:
+    def _walk(
+        self, walk: MessageScanner, jumps: Mapping[int, int], on_record: Callable[[RawRecord], None]
+    ) -> Iterator[RecordedMessage]:
         reached_ns = 0
         walk.channels.learn_from(self._index.channels)
         with self._open() as file:
             try:
-                for batch in LogScan(file, walk, self._index.chunks, jumps).batches(notice):
+                for batch in LogScan(file, walk, self._index.chunks, jumps).batches(on_record):
                     if batch and walk.ordered:
                         if batch[0].log_time_ns < reached_ns:
                             raise LogError(WRONG_TIMES)
@@ -229,7 +231,7 @@ class LogReader:
             pieces.damage = error
         return pieces
 
-    def _merged(self, walk: MessageWalk) -> Iterator[Stamped]:
+    def _merged(self, walk: MessageScanner) -> Iterator[RecordedMessage]:
         pieces = self._pieces
         with self._open() as file:
             try:

@@ -16,21 +16,21 @@ from recorders.mcap_format.chunk_index import ChunkTable
 from recorders.mcap_format.errors import damaged
 from recorders.mcap_format.lengths import Expansion
 from recorders.mcap_format.message_index import states_order
-from recorders.mcap_format.records import Record, chunk_data, chunk_head, read_all
+from recorders.mcap_format.records import RawRecord, chunk_data, chunk_head, read_all
 from recorders.mcap_format.sections import check_data_section
-from recorders.mcap_format.summary import Channels
-from recorders.messages.record import Stamped
+from recorders.mcap_format.summary import ChannelTable
+from recorders.messages.record import RecordedMessage
 
 _CHUNK = int(Opcode.CHUNK)  # a plain number is compared faster than a member of an enumeration
 _CHECKED = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.DATA_END})
 
 
-class Walk(Protocol):
+class ScanVisitor(Protocol):
     """What is done with the messages; of each channel it must learn before them."""
 
-    channels: Channels
+    channels: ChannelTable
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[RecordedMessage]]:
         """Take in the data of the chunk at `offset` [bytes], and what its message indexes say: see `message_index`.
 
         Raises
@@ -39,7 +39,7 @@ class Walk(Protocol):
             If a record in them is damaged.
         """
 
-    def bare(self, record: Record) -> list[Stamped]:
+    def bare(self, record: RawRecord) -> list[RecordedMessage]:
         """Take in a message beside the chunks; raises DamagedLog if it is damaged."""
 
 
@@ -50,7 +50,7 @@ class LogScan:
     ----------
     file : file
         A log, open at its first byte.
-    walk : Walk
+    walk : ScanVisitor
         Makes the messages, and knows which are asked for.
     chunks : ChunkTable
         The chunks that must be met; empty if no sound summary tells.
@@ -58,7 +58,7 @@ class LogScan:
         Where to go on, by the offsets of the chunks to leave out.
     """
 
-    def __init__(self, file: BinaryIO, walk: Walk, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
+    def __init__(self, file: BinaryIO, walk: ScanVisitor, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
         self._file = file
         self._walk = walk
         self._chunks = chunks
@@ -66,8 +66,8 @@ class LogScan:
         self._next_chunk = 0
         self._verified = False
 
-    def batches(self, notice: Callable[[Record], None]) -> Iterator[list[Stamped]]:
-        """Yield the messages, some at a time, and hand other records, but for chunks and indexes, to `notice`.
+    def batches(self, on_record: Callable[[RawRecord], None]) -> Iterator[list[RecordedMessage]]:
+        """Yield the messages, some at a time, and hand other records, but for chunks and indexes, to `on_record`.
 
         Raises
         ------
@@ -91,25 +91,25 @@ class LogScan:
                 self._verify()
                 yield self._walk.bare(record)
             else:
-                self._learn(record, notice)
+                self._learn(record, on_record)
 
     def _states_order(self, most: int) -> bool:
         return states_order(self._file, most)
 
-    def _learn(self, record: Record, notice: Callable[[Record], None]) -> None:
+    def _learn(self, record: RawRecord, on_record: Callable[[RawRecord], None]) -> None:
         if record.opcode not in _CHECKED:
             self._verify()
         elif record.opcode == Opcode.ATTACHMENT:
             check_attachment(record)
         self._walk.channels.learn(record)
-        notice(record)
+        on_record(record)
 
     def _verify(self) -> None:
         if not self._verified:
             check_data_section(self._file)
             self._verified = True
 
-    def _check_place(self, record: Record) -> None:
+    def _check_place(self, record: RawRecord) -> None:
         """Check that the chunks stand where the summary says."""
         offsets, number = self._chunks.offsets, self._next_chunk
         while number < len(offsets) and offsets[number] < record.offset and self._jumps:

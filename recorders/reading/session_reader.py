@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any, TypeAlias
 
 from recorders.errors import LogError
-from recorders.mcap_format.channels import Declared
-from recorders.messages.record import Stamped
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.record import RecordedMessage
 from recorders.reading.parts import PART, Log, Parts, find_log
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
@@ -36,7 +36,7 @@ class SessionReader:
         self.path = parts
         self.parts = [LogReader(path) for path in parts.paths]
 
-    def __iter__(self) -> Iterator[Stamped]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()
 
     def records(
@@ -46,7 +46,7 @@ class SessionReader:
         start_ns: int = 0,
         end_ns: int = FOREVER_NS,
         file_order: bool = False,
-    ) -> Iterator[Stamped]:
+    ) -> Iterator[RecordedMessage]:
         """Yield the messages, undecoded: see `LogReader.records`.
 
         Parts of our recorder follow one another, as all do in the order of the files. Those of others may overlap, and
@@ -90,7 +90,7 @@ class SessionReader:
         return found
 
     @property
-    def channels(self) -> tuple[Declared, ...]:
+    def channels(self) -> tuple[DeclaredChannel, ...]:
         """Every channel as it was declared in any of the parts, with its schema."""
         return tuple(dict.fromkeys(channel for part in self.parts for channel in part.channels))
 
@@ -112,7 +112,8 @@ class SessionReader:
         raise LogError(f"{self.path}: no attachment {name!r}; there are: {names_text(self.attachments) or 'none'}")
 
 
-_UnderWay: TypeAlias = tuple[int, int, Stamped, Iterator[Stamped]]  # log time [ns] and place of the next message
+# log time [ns] and place of the next message
+_UnderWay: TypeAlias = tuple[int, int, RecordedMessage, Iterator[RecordedMessage]]
 
 Reader: TypeAlias = LogReader | SessionReader
 
@@ -129,7 +130,7 @@ def open_log(log: Log) -> Reader:
     return SessionReader(found) if isinstance(found, Parts) else LogReader(found)
 
 
-def _merged(parts: Sequence[Callable[[], Iterator[Stamped]]]) -> Iterator[Stamped]:
+def _merged(parts: Sequence[Callable[[], Iterator[RecordedMessage]]]) -> Iterator[RecordedMessage]:
     """Yield the messages of parts by log time, those of one time in the order of the parts."""
     firsts = ((place, next(read(), None)) for place, read in enumerate(parts))
     waiting = deque(sorted((first.log_time_ns, place) for place, first in firsts if first is not None))
@@ -143,7 +144,7 @@ def _merged(parts: Sequence[Callable[[], Iterator[Stamped]]]) -> Iterator[Stampe
         _advance(under_way, place, stream)
 
 
-def _advance(under_way: list[_UnderWay], place: int, stream: Iterator[Stamped]) -> None:
+def _advance(under_way: list[_UnderWay], place: int, stream: Iterator[RecordedMessage]) -> None:
     record = next(stream, None)
     if record is not None:
         heapq.heappush(under_way, (record.log_time_ns, place, record, stream))

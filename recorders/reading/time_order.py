@@ -14,10 +14,10 @@ import numpy as np
 
 from recorders.errors import LogError
 from recorders.mcap_format.errors import DamagedLog
-from recorders.mcap_format.records import Record, chunk_data, read_record
-from recorders.mcap_format.summary import Channels
-from recorders.messages.record import Stamped
-from recorders.reading.raw_messages import MessageWalk, in_order
+from recorders.mcap_format.records import RawRecord, chunk_data, read_record
+from recorders.mcap_format.summary import ChannelTable
+from recorders.messages.record import RecordedMessage
+from recorders.reading.raw_messages import MessageScanner, in_order
 
 MOST_HELD = 160_000_000
 """What may be held at once of pieces that overlap [bytes, decompressed]: reading a log takes 256 MB with it."""
@@ -25,7 +25,8 @@ MOST_HELD = 160_000_000
 _PLACE = 4  # bytes that it takes to remember where a message stands
 _BLOCK = 2**20  # bytes of messages beside the chunks that are taken as one piece
 
-_UnderWay: TypeAlias = tuple[int, int, Stamped, Iterator[Stamped]]  # log time [ns] and piece of the next message
+# log time [ns] and piece of the next message
+_UnderWay: TypeAlias = tuple[int, int, RecordedMessage, Iterator[RecordedMessage]]
 
 
 class Pieces:
@@ -33,7 +34,7 @@ class Pieces:
 
     Attributes
     ----------
-    channels : Channels
+    channels : ChannelTable
         The channels of the log.
     last_time_ns : int or None
         Log time of the last message met [ns].
@@ -47,7 +48,7 @@ class Pieces:
     """
 
     def __init__(self) -> None:
-        self.channels = Channels()
+        self.channels = ChannelTable()
         self.last_time_ns: int | None = None
         self.damage: DamagedLog | None = None
         self.offsets, self.ends, self.sizes = array("Q"), array("Q"), array("Q")
@@ -56,9 +57,9 @@ class Pieces:
         self._size = 0
         self._check_at = MOST_HELD
 
-    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[Stamped]]:
+    def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[RecordedMessage]]:
         """Note a chunk; yields nothing, and raises DamagedLog if a record in it is damaged."""
-        times_ns, _, error = MessageWalk(self.channels).placed(data, offset)
+        times_ns, _, error = MessageScanner(self.channels).placed(data, offset)
         if times_ns:
             times = np.asarray(times_ns)
             size = len(data) + len(times) * _PLACE
@@ -68,9 +69,9 @@ class Pieces:
             raise error
         return iter(())
 
-    def bare(self, record: Record) -> list[Stamped]:
+    def bare(self, record: RawRecord) -> list[RecordedMessage]:
         """Note a message beside the chunks; returns nothing, and raises DamagedLog if it is damaged."""
-        walk = MessageWalk(self.channels, end_ns=0)  # makes no message: it may be large
+        walk = MessageScanner(self.channels, end_ns=0)  # makes no message: it may be large
         walk.bare(record)
         time_ns, end = walk.last_time_ns or 0, record.end
         if self._block_end == record.offset and end - self.offsets[-1] <= _BLOCK:
@@ -127,7 +128,7 @@ class Pieces:
                 )
 
 
-def merged(file: BinaryIO, size: int, pieces: Pieces, walk: MessageWalk) -> Iterator[Stamped]:
+def merged(file: BinaryIO, size: int, pieces: Pieces, walk: MessageScanner) -> Iterator[RecordedMessage]:
     """Yield messages in order of log time, those of one time in file order.
 
     Parameters
@@ -138,7 +139,7 @@ def merged(file: BinaryIO, size: int, pieces: Pieces, walk: MessageWalk) -> Iter
         Its size [bytes].
     pieces : Pieces
         A walk through the whole of it.
-    walk : MessageWalk
+    walk : MessageScanner
         Makes the messages, and knows which are asked for.
 
     Raises
@@ -160,19 +161,19 @@ def merged(file: BinaryIO, size: int, pieces: Pieces, walk: MessageWalk) -> Iter
         raise pieces.damage
 
 
-def _pop(under_way: list[_UnderWay], walk: MessageWalk) -> Stamped:
+def _pop(under_way: list[_UnderWay], walk: MessageScanner) -> RecordedMessage:
     walk.last_time_ns, row, record, stream = heapq.heappop(under_way)
     _advance(under_way, row, stream)
     return record
 
 
-def _advance(under_way: list[_UnderWay], row: int, stream: Iterator[Stamped]) -> None:
+def _advance(under_way: list[_UnderWay], row: int, stream: Iterator[RecordedMessage]) -> None:
     record = next(stream, None)
     if record is not None:
         heapq.heappush(under_way, (record.log_time_ns, row, record, stream))
 
 
-def _messages(file: BinaryIO, size: int, offset: int, end: int, walk: MessageWalk) -> Iterator[Stamped]:
+def _messages(file: BinaryIO, size: int, offset: int, end: int, walk: MessageScanner) -> Iterator[RecordedMessage]:
     """Yield the messages of a piece by their times; what is wrong behind them was found before."""
     file.seek(offset)
     if end - offset > _BLOCK:  # one large message

@@ -41,7 +41,7 @@ class RecordConfig:
 
 
 @dataclass
-class Recording:
+class RecordingStats:
     """What has been recorded so far.
 
     Attributes

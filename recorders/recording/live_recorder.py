@@ -10,16 +10,16 @@ from uuid import uuid4
 from recorders.cdr.codec import decode
 from recorders.cdr.rosbags_types import is_known, typestore
 from recorders.errors import MessageError, TakenError, WireError
-from recorders.mcap_format.channels import Declared
-from recorders.messages.record import Stamped
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.nodes.status import NodeSource
 from recorders.reading.parts import PART, part_path
-from recorders.recording.config import RecordConfig, Recording
+from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
-from recorders.wire.frames import NO_RUN, Frame, Kind
-from recorders.wire.receiver import Event, Live, Offered, Receiver
+from recorders.wire.frames import NO_RUN, Frame, FrameType
+from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver
 from recorders.writing.writer import MAX_CHANNELS, LogWriter
 
 _POLL_S = 0.2
@@ -53,7 +53,7 @@ class LiveRecorder:
     ----------
     out : Path
         The log, or what its parts are called without their numbers.
-    recording : Recording
+    recording : RecordingStats
         What has been recorded so far.
 
     Raises
@@ -68,7 +68,7 @@ class LiveRecorder:
         *,
         config: RecordConfig | None = None,
         overwrite: bool = False,
-        on_progress: Callable[[Recording], None] = lambda recording: None,
+        on_progress: Callable[[RecordingStats], None] = lambda recording: None,
         say: Callable[[str], None] = lambda line: None,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
@@ -82,7 +82,7 @@ class LiveRecorder:
         self._last: dict[str, int] = {}
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
-        self.recording = Recording()
+        self.recording = RecordingStats()
         self._splits = self._config.split_bytes is not None or self._config.split_ns is not None
         self._session = uuid4().hex  # names what the parts are parts of
         self._first_ns: int | None = None  # when the file's first message came
@@ -98,7 +98,7 @@ class LiveRecorder:
 
     def run(
         self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
-    ) -> Recording:
+    ) -> RecordingStats:
         """Record until it is stopped, or to the end of a stream, and finish the file.
 
         What had arrived when it was stopped is recorded too, and the sender of a stream under way is told. The end of
@@ -161,7 +161,7 @@ class LiveRecorder:
         """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
         receiver.stop_hearing()
         while (event := _next(receiver, 0.0)) is not None:
-            if isinstance(event, Offered):
+            if isinstance(event, ReceivedOffer):
                 receiver.refuse(event, _STOPPED)
             else:
                 self._take(receiver, event)
@@ -174,9 +174,9 @@ class LiveRecorder:
     def _take(self, receiver: Receiver, event: Event | WireError | None) -> None:
         if isinstance(event, WireError):
             self._leave(receiver, str(event))
-        elif isinstance(event, Live):
+        elif isinstance(event, LiveMessage):
             self._write(event.record, numbered=event.numbered, declared=_declared(receiver, event.sender, event.record))
-        elif isinstance(event, Offered):
+        elif isinstance(event, ReceivedOffer):
             self._note(event)
             self._streaming, self._ended = True, False
             receiver.accept(event, 0)
@@ -186,10 +186,10 @@ class LiveRecorder:
     def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
         for record in frame.messages:
             self._write(record, numbered=True, declared=_declared(receiver, frame.sender, record))
-        if frame.kind is Kind.END:
+        if frame.kind is FrameType.END:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.to_dict())
-        elif frame.kind is Kind.ABORT:
+        elif frame.kind is FrameType.ABORT:
             self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
         else:
             receiver.consumed(frame)
@@ -205,7 +205,7 @@ class LiveRecorder:
         self._notes["broken"] = list(self.recording.broken)
         self._writer.note(self._notes)
 
-    def _note(self, offered: Offered) -> None:
+    def _note(self, offered: ReceivedOffer) -> None:
         """Keep what the sender says of its stream, for whoever reads the log."""
         offer = offered.offer
         self._notes |= {"run": offer.run, "schedule": offer.schedule or None, "logs": offer.logs}
@@ -216,7 +216,7 @@ class LiveRecorder:
                 self._writer.attach(name, self._attachments[name])
         self._writer.note(self._notes)
 
-    def _write(self, record: Stamped, *, numbered: bool, declared: Declared | None) -> None:
+    def _write(self, record: RecordedMessage, *, numbered: bool, declared: DeclaredChannel | None) -> None:
         if not self._config.wants(record.topic):
             self.recording.left_out += 1
             return
@@ -250,7 +250,7 @@ class LiveRecorder:
             self._say(f"refused a message on {_TOO_MANY}")
         self.recording.refused[_TOO_MANY] += 1
 
-    def _type(self, record: Stamped, declared: Declared | None) -> tuple[str, Declared | None]:
+    def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:
         """Return the type of a message, an empty string if nothing tells, and the channel of another log to take over.
 
         Messages on our topics are of the topics' types if they decode so, whatever a sender says of them.
@@ -266,7 +266,7 @@ class LiveRecorder:
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: Stamped) -> None:
+    def _count_gap(self, record: RecordedMessage) -> None:
         last = self._last.get(record.topic)
         if last is not None and record.sequence > last + 1:
             self.recording.gaps[record.topic] += record.sequence - last - 1
@@ -329,7 +329,7 @@ def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError |
         return error
 
 
-def _declared(receiver: Receiver, sender: bytes, record: Stamped) -> Declared | None:
+def _declared(receiver: Receiver, sender: bytes, record: RecordedMessage) -> DeclaredChannel | None:
     """Return what the sender of a replay tells of the channel of a message; live messages are of no sender."""
     return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
 

@@ -11,12 +11,12 @@ from mcap.records import Statistics
 
 from recorders.cdr.codec import decode_as
 from recorders.errors import MessageError
-from recorders.mcap_format.channels import Declarations
+from recorders.mcap_format.channels import ChannelRegistry
 from recorders.mcap_format.manifest import ContentHash
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.topics import SESSION_PHASE
-from recorders.recovery.salvage import Salvaged, Survey
+from recorders.recovery.salvage import LogSurvey, Salvaged
 from recorders.recovery.survey import CUT_OFF, survey
 from recorders.recovery.topic_info import TopicSummary
 
@@ -56,7 +56,7 @@ class LogSummary:
 
     Attributes
     ----------
-    survey : Survey
+    survey : LogSurvey
         The file and what of it can be believed.
     topics : dict
         What is on each topic.
@@ -74,7 +74,7 @@ class LogSummary:
         Whether everything is there as often as the log's summary says; None if it does not say.
     """
 
-    survey: Survey
+    survey: LogSurvey
     topics: dict[str, TopicSummary] = field(default_factory=dict)
     sessions: dict[str, SessionSummary] = field(default_factory=dict)
     undeclared: int = 0
@@ -169,7 +169,7 @@ class LogSummary:
 
     def _declared_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
         """Return stated and found numbers of channels and schemas; some writers count those that they left out."""
-        repeated = self.survey.summary.declarations if self.survey.summary else Declarations()
+        repeated = self.survey.summary.declarations if self.survey.summary else ChannelRegistry()
         met, totals = self.survey.met, {}
         for what, said, ids, listed in (
             ("channels", stated.channel_count, met.channels, repeated.channels),

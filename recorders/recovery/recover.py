@@ -10,10 +10,10 @@ from typing import Any, BinaryIO
 
 from recorders.errors import CheckFailed, LogError
 from recorders.mcap_format.attachments import attachment_data, attachment_head
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, stated_counts, to_metadata
 from recorders.recovery.copy_writer import CopyWriter
-from recorders.recovery.salvage import Damage, Salvaged, Survey
+from recorders.recovery.salvage import Damage, LogSurvey, Salvaged
 from recorders.recovery.survey import survey
 from recorders.recovery.tally import Tally
 from recorders.writing.part_file import PartFile, check_place, part_of
@@ -131,11 +131,11 @@ def recover(
 class _Copy:
     """Copies what a survey found into a new file."""
 
-    def __init__(self, found: Survey, file: BinaryIO) -> None:
+    def __init__(self, found: LogSurvey, file: BinaryIO) -> None:
         self._found = found
         self._content = ContentHash()
         self._tally = Tally()
-        self._channels: dict[Declared, int] = {}
+        self._channels: dict[DeclaredChannel, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._log = CopyWriter(file, self._profile())
 
@@ -177,7 +177,7 @@ class _Copy:
         self._log.add_message(number, *numbers, message.publish_time_ns, message.data, message.rest)
         self._content.add(channel.topic, *numbers, message.data, message.rest)
 
-    def _declare(self, channel: Declared) -> int:
+    def _declare(self, channel: DeclaredChannel) -> int:
         if len(self._channels) == _MOST_CHANNELS:
             raise LogError(f"{self._found.path}: expected at most {_MOST_CHANNELS} channels, found more")
         schema = 0  # MCAP's number for no schema

@@ -12,7 +12,7 @@ from recorders.errors import LogError
 from recorders.mcap_format.attachments import attachment_has_crc, check_attachment
 from recorders.mcap_format.chunk_contents import checked
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
-from recorders.mcap_format.records import CRC, Record, chunk_head, parse
+from recorders.mcap_format.records import CRC, RawRecord, chunk_head, parse
 
 _WINDOW = 2**20  # bytes searched at a time
 _LONGEST = 64  # bytes that a pattern needs to be recognised
@@ -26,7 +26,7 @@ _HEADS = re.compile(
 )
 
 
-def find_proven(file: BinaryIO, start: int, end: int, read: Callable[[int], Record]) -> int | None:
+def find_proven(file: BinaryIO, start: int, end: int, read: Callable[[int], RawRecord]) -> int | None:
     """Return where the first record that proves itself stands in [start, end), None if there is none.
 
     Parameters
@@ -48,7 +48,7 @@ def find_proven(file: BinaryIO, start: int, end: int, read: Callable[[int], Reco
     return None
 
 
-def proves_itself(record: Record) -> bool:
+def proves_itself(record: RawRecord) -> bool:
     """Whether a CRC or checksum of its own shows that a record is as it was written."""
     try:
         match record.opcode:
@@ -63,7 +63,7 @@ def proves_itself(record: Record) -> bool:
     return False
 
 
-def carries_crc(record: Record) -> bool:
+def carries_crc(record: RawRecord) -> bool:
     """Whether a record has a CRC of its own: 0 means none. Raises LogError if it is malformed."""
     if record.opcode == Opcode.CHUNK:
         return chunk_head(record).crc != 0

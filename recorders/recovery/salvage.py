@@ -13,13 +13,13 @@ from mcap.records import Metadata
 
 from recorders.errors import LogError
 from recorders.mcap_format.attachments import check_attachment
-from recorders.mcap_format.channels import Declarations, Declared
+from recorders.mcap_format.channels import ChannelRegistry, DeclaredChannel
 from recorders.mcap_format.chunk_contents import MESSAGE, split
 from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge
-from recorders.mcap_format.records import Record, chunk_data, parse, read_record
+from recorders.mcap_format.records import RawRecord, chunk_data, parse, read_record
 from recorders.mcap_format.unread import Unread
 from recorders.recovery.resync import carries_crc
-from recorders.recovery.summary_section import SoundSummary
+from recorders.recovery.summary_section import VerifiedSummary
 
 
 class Damage(NamedTuple):
@@ -56,7 +56,7 @@ class Salvaged(NamedTuple):
         In which of the spans of the survey that is.
     protected : bool
         Whether it stands in a chunk whose CRC holds.
-    channel : Declared or None
+    channel : DeclaredChannel or None
         Its channel; None if the declaration of that is lost.
     sequence, log_time_ns, publish_time_ns, data
         As they were recorded.
@@ -67,7 +67,7 @@ class Salvaged(NamedTuple):
     offset: int
     span: int
     protected: bool
-    channel: Declared | None
+    channel: DeclaredChannel | None
     sequence: int
     log_time_ns: int
     publish_time_ns: int
@@ -76,7 +76,7 @@ class Salvaged(NamedTuple):
 
 
 @dataclass
-class Survey:
+class LogSurvey:
     """What stands in a log, damaged or not.
 
     Attributes
@@ -99,7 +99,7 @@ class Survey:
         How many of them carry a CRC.
     data_crc : bool
         Whether there is a CRC over the data section and it holds.
-    summary : SoundSummary or None
+    summary : VerifiedSummary or None
         The summary section, if its CRC holds.
     manifest : dict
         The last manifest whose checksum holds; empty if there is none.
@@ -109,9 +109,9 @@ class Survey:
         The attachments.
     metadata_count : int
         How many metadata records there are, ours among them.
-    declarations : Declarations
+    declarations : ChannelRegistry
         The channels that a CRC protects.
-    met : Declarations
+    met : ChannelRegistry
         The channels that the messages are on, as far as these were read.
     """
 
@@ -126,13 +126,13 @@ class Survey:
     chunks: Counter[str] = field(default_factory=Counter)
     chunks_with_crc: int = 0
     data_crc: bool = False
-    summary: SoundSummary | None = None
+    summary: VerifiedSummary | None = None
     manifest: dict[str, Any] = field(default_factory=dict)
     metadata: list[int] = field(default_factory=list)
     attachments: list[Attached] = field(default_factory=list)
     metadata_count: int = 0
-    declarations: Declarations = field(default_factory=Declarations)
-    met: Declarations = field(default_factory=Declarations)
+    declarations: ChannelRegistry = field(default_factory=ChannelRegistry)
+    met: ChannelRegistry = field(default_factory=ChannelRegistry)
 
     @property
     def stated_counts(self) -> Counter[str] | None:
@@ -163,7 +163,7 @@ class Survey:
             return found
 
     @contextmanager
-    def attachment(self, attached: Attached) -> Iterator[Record]:
+    def attachment(self, attached: Attached) -> Iterator[RawRecord]:
         """Yield the record of an attachment; raises LogError if the file has changed since the survey."""
         with opened(self.path) as file:
             file.seek(attached.offset)
@@ -171,7 +171,7 @@ class Survey:
             check_attachment(record)
             yield record
 
-    def _messages(self, record: Record, span: int, declarations: Declarations) -> Iterator[Salvaged]:
+    def _messages(self, record: RawRecord, span: int, declarations: ChannelRegistry) -> Iterator[Salvaged]:
         protected = carries_crc(record)
         if not protected and record.offset >= self.doubt_from:
             return
@@ -185,11 +185,11 @@ class Survey:
                 if opcode == Opcode.MESSAGE:
                     yield _salvaged(data, start, end, place, declarations)
                 else:
-                    self._learn(declarations, Record(opcode, place[0], data[start:end]))
+                    self._learn(declarations, RawRecord(opcode, place[0], data[start:end]))
         else:
             self._learn(declarations, record)
 
-    def _learn(self, declarations: Declarations, record: Record) -> None:
+    def _learn(self, declarations: ChannelRegistry, record: RawRecord) -> None:
         """Take in a declaration, or note where it is of another channel than before, or one too many."""
         try:
             declarations.learn(record)
@@ -198,7 +198,9 @@ class Survey:
                 self.damage.append(Damage(record.offset, error.reason, 0))
 
 
-def _salvaged(data: bytes, start: int, end: int, place: tuple[int, int, bool], declarations: Declarations) -> Salvaged:
+def _salvaged(
+    data: bytes, start: int, end: int, place: tuple[int, int, bool], declarations: ChannelRegistry
+) -> Salvaged:
     channel, sequence, log_time_ns, publish_time_ns = MESSAGE.unpack_from(data, start)
     declared = declarations.channels.get(channel)
     return Salvaged(*place, declared, sequence, log_time_ns, publish_time_ns, data[start + MESSAGE.size : end])

@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 
 from recorders.reading.parts import PART, Log, Parts
 from recorders.recovery.log_info import LogSummary, summarise
-from recorders.recovery.salvage import Damage, Survey
+from recorders.recovery.salvage import Damage, LogSurvey
 from recorders.recovery.survey import survey
 from recorders.writing.writer import RESERVED
 
@@ -20,7 +20,7 @@ def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fra
     """
     if not isinstance(log, Parts):
         return summarise(log, on_progress=on_progress)
-    whole = LogSummary(Survey(log.paths[0].with_name(log.name), 0))
+    whole = LogSummary(LogSurvey(log.paths[0].with_name(log.name), 0))
     parts = []
     for number, path in enumerate(log.paths):
         part = LogSummary(survey(path))
@@ -39,7 +39,7 @@ def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fra
     return whole
 
 
-def _joined(whole: Survey, parts: Sequence[Survey]) -> Survey:
+def _joined(whole: LogSurvey, parts: Sequence[LogSurvey]) -> LogSurvey:
     """Fill in what the parts come to: sums, all that is there once, and damage with the name of its part."""
     whole.size = sum(part.size for part in parts)
     whole.profile, whole.library = parts[0].profile, parts[0].library

@@ -10,20 +10,20 @@ from mcap.opcode import Opcode
 from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
 
 from recorders.errors import LogError
-from recorders.mcap_format.channels import Declarations, Declared
-from recorders.mcap_format.records import Record, check_summary, parse, summary_records
+from recorders.mcap_format.channels import ChannelRegistry, DeclaredChannel
+from recorders.mcap_format.records import RawRecord, check_summary, parse, summary_records
 from recorders.mcap_format.sections import find_data_end, read_footer
 
 
 @dataclass
-class SoundSummary:
+class VerifiedSummary:
     """What a summary section says.
 
     Attributes
     ----------
     start : int
         Where it begins [bytes]; the data section ends there.
-    declarations : Declarations
+    declarations : ChannelRegistry
         The channels.
     statistics : Statistics, optional
         Numbers of everything, if the writer made any.
@@ -36,18 +36,18 @@ class SoundSummary:
     """
 
     start: int
-    declarations: Declarations = field(default_factory=Declarations)
+    declarations: ChannelRegistry = field(default_factory=ChannelRegistry)
     statistics: Statistics | None = None
     offsets: list[int] = field(default_factory=list)
     attachments: list[str] = field(default_factory=list)
     chunks: int = 0
 
-    def counts(self, channels: Mapping[int, Declared]) -> Counter[str] | None:
+    def counts(self, channels: Mapping[int, DeclaredChannel]) -> Counter[str] | None:
         """Return the number of messages by topic, None if the summary does not tell: an empty map says nothing.
 
         Parameters
         ----------
-        channels : mapping of int to Declared
+        channels : mapping of int to DeclaredChannel
             What the log declares: the summary need not repeat it.
         """
         stated = self.statistics
@@ -64,7 +64,7 @@ class SoundSummary:
         """Whether every chunk has its place in `offsets`."""
         return self.statistics is not None and self.chunks == self.statistics.chunk_count
 
-    def learn(self, record: Record) -> None:
+    def learn(self, record: RawRecord) -> None:
         """Take in a record of the section; raises LogError if it is malformed."""
         self.declarations.learn(record)
         match record.opcode:
@@ -81,14 +81,14 @@ class SoundSummary:
                 self.attachments.append(index.name)
 
 
-def read_sound_summary(file: BinaryIO) -> SoundSummary | None:
+def read_verified_summary(file: BinaryIO) -> VerifiedSummary | None:
     """Return the summary section of a log, None if there is none or no CRC shows that it is sound."""
     size = file.seek(0, SEEK_END)
     try:
         footer = read_footer(file)
         if not (footer.summary_crc and footer.summary_start):
             return None
-        summary = SoundSummary(footer.summary_start)
+        summary = VerifiedSummary(footer.summary_start)
         file.seek(footer.summary_start)
         check_summary(file, size)
         file.seek(footer.summary_start)

@@ -13,9 +13,9 @@ from typing import BinaryIO
 from recorders.errors import LogError
 from recorders.files.regular_file import refuse_irregular
 from recorders.mcap_format.records import CRC, MAGIC, check_summary
-from recorders.recovery.salvage import Damage, Survey, opened
-from recorders.recovery.summary_section import read_sound_summary
-from recorders.recovery.walk import NOT_WHOLE, Walk
+from recorders.recovery.salvage import Damage, LogSurvey, opened
+from recorders.recovery.summary_section import read_verified_summary
+from recorders.recovery.walk import NOT_WHOLE, ResilientScan
 from recorders.text.wording import value_text
 
 CUT_OFF = "the log is cut off"
@@ -23,7 +23,7 @@ _DATA_CRC = "the CRC of the data section does not hold: something in it was chan
 _DOUBTED = "no CRC protects the messages from here on, and they are not believed"
 
 
-def survey(path: str | os.PathLike[str], *, on_progress: Callable[[float], None] = lambda fraction: None) -> Survey:
+def survey(path: str | os.PathLike[str], *, on_progress: Callable[[float], None] = lambda fraction: None) -> LogSurvey:
     """Find out what in a log can be believed.
 
     Parameters
@@ -43,10 +43,10 @@ def survey(path: str | os.PathLike[str], *, on_progress: Callable[[float], None]
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         begins, ends = _magics(file, size)
-        summary = read_sound_summary(file)
-        walk = Walk(file, summary.start if summary else size, summary, lambda place: on_progress(place / size))
+        summary = read_verified_summary(file)
+        walk = ResilientScan(file, summary.start if summary else size, summary, lambda place: on_progress(place / size))
         walk.run()
-        found = Survey(path, size, finished=ends, summary=summary, spans=walk.spans, manifest=walk.manifest)
+        found = LogSurvey(path, size, finished=ends, summary=summary, spans=walk.spans, manifest=walk.manifest)
         found.damage = [] if begins else [Damage(0, "the log does not begin as one", 0)]
         found.damage += _all_damage(walk, found, file)
     _judge(walk, found)
@@ -64,7 +64,7 @@ def _magics(file: BinaryIO, size: int) -> tuple[bool, bool]:
     return begin == MAGIC, ends
 
 
-def _all_damage(walk: Walk, found: Survey, file: BinaryIO) -> list[Damage]:
+def _all_damage(walk: ResilientScan, found: LogSurvey, file: BinaryIO) -> list[Damage]:
     """Return what is wrong in the data section, and behind it."""
     damage = walk.damage
     if not found.finished:
@@ -81,7 +81,7 @@ def _all_damage(walk: Walk, found: Survey, file: BinaryIO) -> list[Damage]:
     return damage
 
 
-def _judge(walk: Walk, found: Survey) -> None:
+def _judge(walk: ResilientScan, found: LogSurvey) -> None:
     """Decide what is believed of that which has no CRC of its own, and enter everything into the survey."""
     found.doubt_from = _doubt_from(walk, found)
     found.chunks, found.chunks_with_crc, found.declarations = walk.chunks, walk.chunks_with_crc, walk.declarations
@@ -96,7 +96,7 @@ def _judge(walk: Walk, found: Survey) -> None:
     found.damage = sorted([*found.damage, *_doubted(walk, found)])
 
 
-def _doubt_from(walk: Walk, found: Survey) -> int:
+def _doubt_from(walk: ResilientScan, found: LogSurvey) -> int:
     """Return where belief in what has no CRC of its own ends [bytes]; sets whether the data section's CRC holds."""
     if walk.data_end and walk.crc is not None and any(walk.data_end.body[: CRC.size]):
         found.data_crc = CRC.unpack_from(walk.data_end.body)[0] == walk.crc
@@ -110,7 +110,7 @@ def _doubt_from(walk: Walk, found: Survey) -> int:
     return min(doubts, default=found.size)
 
 
-def _doubted(walk: Walk, found: Survey) -> list[Damage]:
+def _doubted(walk: ResilientScan, found: LogSurvey) -> list[Damage]:
     doubted = [span for span in walk.unprotected if span.start >= found.doubt_from]
     unknown = walk.unknown if found.damage else []  # or what damage made of others
     if not doubted:

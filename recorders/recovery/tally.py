@@ -3,8 +3,8 @@
 from collections import Counter
 from dataclasses import dataclass, field
 
-from recorders.mcap_format.channels import Declared
-from recorders.recovery.salvage import Salvaged, Survey
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.recovery.salvage import LogSurvey, Salvaged
 
 _UNDECLARED = "on channels that are not declared"
 
@@ -29,7 +29,7 @@ class Tally:
     unprotected: int = 0
     undeclared: int = 0
     missing: Counter[str] = field(default_factory=Counter)
-    _last: dict[Declared, tuple[int, int]] = field(default_factory=dict)  # span and sequence
+    _last: dict[DeclaredChannel, tuple[int, int]] = field(default_factory=dict)  # span and sequence
 
     def add(self, message: Salvaged) -> None:
         """Take in a message."""
@@ -44,7 +44,7 @@ class Tally:
             self.missing[channel.topic] += message.sequence - sequence - 1
         self._last[channel] = message.span, message.sequence
 
-    def lost(self, found: Survey) -> tuple[Counter[str] | None, bool]:
+    def lost(self, found: LogSurvey) -> tuple[Counter[str] | None, bool]:
         """Return how many messages of each topic are lost, and whether these are all.
 
         The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage, and

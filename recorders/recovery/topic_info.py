@@ -5,7 +5,7 @@ from typing import Any
 
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import MessageError
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.recovery.intervals import Intervals, rate_hz
 from recorders.recovery.salvage import Salvaged
 
@@ -54,7 +54,7 @@ class TopicSummary:
     log_times: Intervals = field(default_factory=Intervals)
     stamps: Intervals = field(default_factory=Intervals)
     ahead_ns: tuple[int, int] | None = None
-    _sequences: dict[Declared | None, int] = field(default_factory=dict)
+    _sequences: dict[DeclaredChannel | None, int] = field(default_factory=dict)
 
     @property
     def rate_hz(self) -> float | None:

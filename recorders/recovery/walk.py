@@ -12,7 +12,7 @@ from mcap.records import Channel, Header, Metadata, Schema
 
 from recorders.errors import LogError
 from recorders.mcap_format.attachments import attachment_head, check_attachment
-from recorders.mcap_format.channels import Declarations
+from recorders.mcap_format.channels import ChannelRegistry
 from recorders.mcap_format.chunk_contents import MESSAGE, checked, declarations
 from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge, damaged
 from recorders.mcap_format.lengths import Expansion
@@ -23,7 +23,7 @@ from recorders.mcap_format.records import (
     HEAD,
     INDEX,
     MAGIC,
-    Record,
+    RawRecord,
     chunk_head,
     claimed_size,
     crc_of,
@@ -33,7 +33,7 @@ from recorders.mcap_format.records import (
 )
 from recorders.recovery.resync import carries_crc, find_proven, proves_itself
 from recorders.recovery.salvage import Attached, Damage, Span
-from recorders.recovery.summary_section import SoundSummary
+from recorders.recovery.summary_section import VerifiedSummary
 
 NOT_WHOLE = "a record is not whole"
 
@@ -64,7 +64,7 @@ _SUMMARY = frozenset(
 )
 
 
-class Walk:
+class ResilientScan:
     """What a walk has met.
 
     Parameters
@@ -73,7 +73,7 @@ class Walk:
         A log.
     end : int
         Where to stop [bytes].
-    summary : SoundSummary, optional
+    summary : VerifiedSummary, optional
         Where its summary says that records begin.
     on_progress : callable
         Called with the place reached [bytes].
@@ -86,7 +86,7 @@ class Walk:
         Runs of sound records, and what is between them.
     crc : int or None
         CRC of everything up to the end of the data section, None if something is damaged.
-    data_end : Record or None
+    data_end : RawRecord or None
         The record that ends the data section.
     header : Header or None
         The record that begins the log.
@@ -94,7 +94,7 @@ class Walk:
         Chunks by compression, and how many carry a CRC.
     first_protected : int or None
         Where the first of those stands.
-    declarations : Declarations
+    declarations : ChannelRegistry
         The channels declared in them.
     unprotected : list of Span
         Messages, and chunks of them, that carry no CRC.
@@ -111,7 +111,7 @@ class Walk:
     """
 
     def __init__(
-        self, file: BinaryIO, end: int, summary: SoundSummary | None, on_progress: Callable[[int], None]
+        self, file: BinaryIO, end: int, summary: VerifiedSummary | None, on_progress: Callable[[int], None]
     ) -> None:
         self._file = file
         self._end = end
@@ -123,12 +123,12 @@ class Walk:
         self.spans: list[Span] = []
         self.damage: list[Damage] = []
         self.crc: int | None = zlib.crc32(MAGIC)
-        self.data_end: Record | None = None
+        self.data_end: RawRecord | None = None
         self.header: Header | None = None
         self.chunks: Counter[str] = Counter()
         self.chunks_with_crc = 0
         self.first_protected: int | None = None
-        self.declarations = Declarations()
+        self.declarations = ChannelRegistry()
         self.unprotected: list[Span] = []
         self.attachments: list[Attached] = []
         self.bare: list[Attached] = []
@@ -156,7 +156,7 @@ class Walk:
         else:
             self._step(record)
 
-    def _read(self, offset: int) -> Record:
+    def _read(self, offset: int) -> RawRecord:
         if self._budget < 0:
             raise damaged(offset, _GIVEN_UP)
         self._file.seek(offset)
@@ -167,7 +167,7 @@ class Walk:
         self._budget -= HEAD.size + record.size
         return record
 
-    def _candidate(self, offset: int) -> Record:
+    def _candidate(self, offset: int) -> RawRecord:
         """Read a record that may be none; a chunk only if what it claims to hold may still be decompressed in vain."""
         record = self._read(offset)
         if record.opcode == Opcode.CHUNK:
@@ -177,7 +177,7 @@ class Walk:
             self._budget -= size
         return record
 
-    def _swallows(self, record: Record) -> bool:
+    def _swallows(self, record: RawRecord) -> bool:
         """Whether what follows the fields of a record is no more of it, but other records: its length is wrong."""
         try:
             rest = record.offset + HEAD.size + known_size(record)
@@ -185,13 +185,13 @@ class Walk:
             return False
         return rest < record.end and find_proven(self._file, rest, record.end, self._candidate) is not None
 
-    def _step(self, record: Record) -> None:
+    def _step(self, record: RawRecord) -> None:
         if self.crc is not None and record.opcode != Opcode.DATA_END:
             self.crc = crc_of(record, self.crc)
         self.offset = record.end
         self._on_progress(self.offset)
 
-    def _take(self, record: Record) -> None:
+    def _take(self, record: RawRecord) -> None:
         """Check a record and remember what is in it; raises LogError if it is damaged or out of place."""
         if record.opcode in _PARSED:
             self._take_parsed(record)
@@ -218,7 +218,7 @@ class Walk:
             last = self.unknown[-1]
             self.unknown[-1] = last._replace(reason=_MORE_UNKNOWN, skipped=last.skipped + found.skipped)
 
-    def _take_parsed(self, record: Record) -> None:
+    def _take_parsed(self, record: RawRecord) -> None:
         parsed = parse(_PARSED[record.opcode], record)
         self.metadata_count += record.opcode == Opcode.METADATA
         if record.opcode == Opcode.METADATA and parsed.name == METADATA_NAME:
@@ -232,7 +232,7 @@ class Walk:
         elif record.opcode == Opcode.HEADER:
             raise damaged(record.offset, "a header in the middle of the log")
 
-    def _take_chunk(self, record: Record) -> None:
+    def _take_chunk(self, record: RawRecord) -> None:
         size = claimed_size(record)
         self._expansion.take(record.offset, chunk_head(record).size)
         self._budget -= size
@@ -256,7 +256,7 @@ class Walk:
         self._start = self.offset
         self.damage.append(Damage(record.offset, error.reason, record.end - record.offset))
 
-    def _take_unprotected(self, record: Record) -> None:
+    def _take_unprotected(self, record: RawRecord) -> None:
         if self.unprotected and self.unprotected[-1].end == record.offset:
             self.unprotected[-1] = Span(self.unprotected[-1].start, record.end)
         else:
@@ -291,7 +291,7 @@ class Walk:
         index = _is_index(following) and len(following.body) > INDEX.size
         return end if index or self._is_data_end(following) or proves_itself(following) else None
 
-    def _is_data_end(self, record: Record) -> bool:
+    def _is_data_end(self, record: RawRecord) -> bool:
         """Whether a record ends the data section; one that is longer than usual only if the summary follows it."""
         if record.opcode != Opcode.DATA_END or len(record.body) <= CRC.size or record.end == self._end:
             return record.opcode == Opcode.DATA_END and len(record.body) >= CRC.size
@@ -305,7 +305,7 @@ class Walk:
             self.spans.append(Span(self._start, self.offset))
 
 
-def known_size(record: Record) -> int:
+def known_size(record: RawRecord) -> int:
     """Return how long the fields of a record's body are that are known [bytes]; raises LogError if it is malformed."""
     if record.opcode in _PARSED:
         return parse_counted(_PARSED[record.opcode], record)[1]
@@ -323,7 +323,7 @@ def _reason(error: LogError) -> str:
     return reason[:_LONGEST_REASON]
 
 
-def _is_index(record: Record) -> bool:
+def _is_index(record: RawRecord) -> bool:
     """Whether this is the index of a chunk, as far as one can see."""
     if record.opcode != Opcode.MESSAGE_INDEX or len(record.body) < INDEX.size:
         return False

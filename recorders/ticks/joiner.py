@@ -11,7 +11,7 @@ import numpy as np
 from recorders.cdr.codec import decode_as
 from recorders.errors import JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.messages.validation import FloatArray, read_only
 from recorders.text.wording import names_text
@@ -40,7 +40,7 @@ class Tick(NamedTuple):
         Commanded hand positions [m], read-only.
     joints : JointState
         Joints at the tick.
-    records : tuple of Stamped
+    records : tuple of RecordedMessage
         The messages themselves, in the order of `LEARNER_TOPICS`.
     """
 
@@ -48,7 +48,7 @@ class Tick(NamedTuple):
     left: FloatArray
     right: FloatArray
     joints: JointState
-    records: tuple[Stamped, ...]
+    records: tuple[RecordedMessage, ...]
 
 
 class _OpenTick:
@@ -57,7 +57,7 @@ class _OpenTick:
     __slots__ = ("records", "values")
 
     def __init__(self) -> None:
-        self.records: list[Stamped | None] = [None] * len(LEARNER_TOPICS)
+        self.records: list[RecordedMessage | None] = [None] * len(LEARNER_TOPICS)
         self.values: list[Any] = [None] * len(LEARNER_TOPICS)  # targets (3,) and joints, by rank
 
 
@@ -83,7 +83,7 @@ class TickJoiner:
         self._open: dict[int, _OpenTick] = {}
         self._last = [-1] * len(LEARNER_TOPICS)
 
-    def feed(self, record: Stamped) -> tuple[Tick, ...]:
+    def feed(self, record: RecordedMessage) -> tuple[Tick, ...]:
         """Take in one message and return the tick that it completes, if any.
 
         Raises
@@ -129,7 +129,7 @@ class TickJoiner:
         self._open.clear()
         self._last = [-1] * len(LEARNER_TOPICS)
 
-    def _begin(self, record: Stamped, stamp: int) -> _OpenTick:
+    def _begin(self, record: RecordedMessage, stamp: int) -> _OpenTick:
         if len(self._open) >= MAX_OPEN:
             oldest = min(self._open)
             raise _missing(oldest, self._open[oldest], f"{_name(record)} is {MAX_OPEN} ticks ahead of it")
@@ -145,7 +145,7 @@ class TickJoiner:
         return Tick(stamp, left, right, joints, tuple(tick.records))  # type: ignore[arg-type]  # None is none of them
 
 
-def join_ticks(records: Iterable[Stamped], check: Check = pass_all) -> Iterator[Tick]:
+def join_ticks(records: Iterable[RecordedMessage], check: Check = pass_all) -> Iterator[Tick]:
     """Yield the ticks of one cycle, such as a whole episode log.
 
     Raises
@@ -214,7 +214,7 @@ def _refuse_repeated(wanted: tuple[str, ...], found: tuple[str, ...], what: str)
         raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(found)}")
 
 
-def read_input(record: Stamped, rank: int) -> tuple[int, FloatArray | JointState]:
+def read_input(record: RecordedMessage, rank: int) -> tuple[int, FloatArray | JointState]:
     """Return the stamp [ns] of a message on the topic of a rank, and the target [m] (3,) or the joints that it holds.
 
     Raises
@@ -253,11 +253,11 @@ def _refuse_nan(values: FloatArray, stamp: int) -> None:
             raise MessageError(f"expected finite numbers at {stamp} ns, found {number}")
 
 
-def _name(record: Stamped) -> str:
+def _name(record: RecordedMessage) -> str:
     return f"{record.topic} #{record.sequence}"
 
 
-def _out_of_order(record: Stamped, stamp: int, last: int) -> MessageError:
+def _out_of_order(record: RecordedMessage, stamp: int, last: int) -> MessageError:
     if stamp == last:
         return MessageError(f"{_name(record)}: a second message at {stamp} ns, expected one per tick")
     return MessageError(f"{_name(record)}: stamp {stamp} ns runs backwards, the one before was {last} ns")

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import JointError, MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SAMPLE_JOINTS
 from recorders.ticks.joiner import RANKS, Check, pass_all, read_input
 
@@ -17,7 +17,7 @@ MAX_MESSAGE = 64 << 10
 """Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
 
 
-class Refused(MessageError):
+class RejectionError(MessageError):
     """A message is of no use; `kind` says why in a word or two."""
 
     def __init__(self, kind: str, line: str) -> None:
@@ -28,7 +28,7 @@ class Refused(MessageError):
 class _Part(NamedTuple):
     """A message of a tick that waits, and its producer's number, if it has one."""
 
-    record: Stamped
+    record: RecordedMessage
     number: int | None
 
 
@@ -36,7 +36,7 @@ class LiveTick(NamedTuple):
     """A complete tick: its messages in canonical order, and whether one before it, of the same cycle, is missing."""
 
     stamp_ns: int
-    records: tuple[Stamped, ...]
+    records: tuple[RecordedMessage, ...]
     after_gap: bool
 
 
@@ -125,25 +125,25 @@ class LiveTicks:
         self._last_ns = -1
         self._lost = False  # whether a tick was given up since the last complete one
 
-    def feed(self, record: Stamped, *, numbered: bool) -> LiveTick | None:
+    def feed(self, record: RecordedMessage, *, numbered: bool) -> LiveTick | None:
         """Take in a message on one of the learner's topics, and return the tick that it completes.
 
         Parameters
         ----------
-        record : Stamped
+        record : RecordedMessage
             The message.
         numbered : bool
             Whether its sequence is its producer's.
 
         Raises
         ------
-        Refused
+        RejectionError
             If the message is of no use.
         """
         rank = RANKS[record.topic]
         try:
             stamp = self._read(record, rank)
-        except Refused:
+        except RejectionError:
             self._note_refused(record, rank)
             raise
         tick = self._find(record, rank, stamp)
@@ -151,22 +151,22 @@ class LiveTicks:
         present = [part for part in tick if part is not None]
         return self._complete(stamp, present) if len(present) == len(tick) else None
 
-    def _read(self, record: Stamped, rank: int) -> int:
+    def _read(self, record: RecordedMessage, rank: int) -> int:
         if len(record.data) > MAX_MESSAGE:
             line = f"{record.topic} #{record.sequence}: {len(record.data)} bytes, expected at most {MAX_MESSAGE}"
-            raise Refused("too large", line)
+            raise RejectionError("too large", line)
         try:
             stamp, value = read_input(record, rank)
         except MessageError as error:
-            raise Refused("unreadable", str(error)) from None
+            raise RejectionError("unreadable", str(error)) from None
         try:
             self._check(value)
         except (JointError, MessageError) as error:
             kind = "wrong joints" if isinstance(error, JointError) else "implausible"
-            raise Refused(kind, f"{record.topic} #{record.sequence}: {error}") from None
+            raise RejectionError(kind, f"{record.topic} #{record.sequence}: {error}") from None
         return stamp
 
-    def _note_refused(self, record: Stamped, rank: int) -> None:
+    def _note_refused(self, record: RecordedMessage, rank: int) -> None:
         """Note where there was a target, if of no use: joints alone at that stamp are a lost tick."""
         try:
             stamp = stamp_ns(record.type, record.data)
@@ -178,9 +178,9 @@ class LiveTicks:
         if len(self._refused_at) > MAX_PENDING:
             del self._refused_at[next(iter(self._refused_at))]
 
-    def _find(self, record: Stamped, rank: int, stamp: int) -> list[_Part | None]:
+    def _find(self, record: RecordedMessage, rank: int, stamp: int) -> list[_Part | None]:
         if stamp <= self._last_ns:
-            raise Refused(
+            raise RejectionError(
                 "not after the last tick",
                 f"{record.topic} #{record.sequence}: stamp {stamp} ns is not after the tick at {self._last_ns} ns; "
                 "time starts anew with a phase marker only",
@@ -192,7 +192,7 @@ class LiveTicks:
             tick = self._pending[stamp] = [None] * len(LEARNER_TOPICS)
         elif tick[rank] is not None:
             line = f"{record.topic} #{record.sequence}: a second message at {stamp} ns, expected one per tick"
-            raise Refused("repeated", line)
+            raise RejectionError("repeated", line)
         return tick
 
     def _complete(self, stamp: int, parts: list[_Part]) -> LiveTick:

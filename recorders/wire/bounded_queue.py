@@ -11,7 +11,7 @@ _KEEPING = 1024  # what Python needs to keep an item, however small it is [bytes
 _LOOK_S = 0.5  # longest single wait
 
 
-class Inbox(Generic[_Item]):
+class BoundedQueue(Generic[_Item]):
     """A queue between the threads of the network, which put, and the one that takes.
 
     Parameters

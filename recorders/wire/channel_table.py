@@ -14,7 +14,7 @@ from typing import Any, Self, TypeAlias, TypeVar
 import zenoh
 
 from recorders.errors import WireError
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 
 TABLE_VERSION = 1
 MAX_TABLE = 4 << 20
@@ -34,7 +34,7 @@ def table_key(namespace: str, sender: str) -> str:
     return f"{namespace}/@replay/{sender}/channels"
 
 
-def to_json(channels: Iterable[Declared]) -> bytes:
+def to_json(channels: Iterable[DeclaredChannel]) -> bytes:
     """Return the table of channels as JSON; a schema that several of them share is in it once."""
     rows: list[dict[str, Any]] = []
     schemas: dict[Schema, int] = {}
@@ -55,7 +55,7 @@ def to_json(channels: Iterable[Declared]) -> bytes:
     return json.dumps({"version": TABLE_VERSION, "channels": rows, "schemas": texts}).encode()
 
 
-def from_json(data: bytes) -> list[Declared]:
+def from_json(data: bytes) -> list[DeclaredChannel]:
     """Read a table of channels back.
 
     Raises
@@ -80,7 +80,7 @@ def telling(
     session: zenoh.Session,
     namespace: str,
     sender: str,
-    channels: Sequence[Declared],
+    channels: Sequence[DeclaredChannel],
     say: Callable[[str], None] = lambda line: None,
 ) -> Iterator[None]:
     """Publish the channels of a stream, and answer whoever asks for them, while the block runs.
@@ -123,7 +123,7 @@ class ChannelTables:
         self._namespace = namespace
         self._say = say
         self._published: dict[str, bytes] = {}  # by key, not read yet
-        self._tables: dict[bytes, dict[str, list[Declared]]] = {}
+        self._tables: dict[bytes, dict[str, list[DeclaredChannel]]] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -135,7 +135,7 @@ class ChannelTables:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    def find(self, sender: bytes, topic: str, type_name: str) -> Declared | None:
+    def find(self, sender: bytes, topic: str, type_name: str) -> DeclaredChannel | None:
         """Return what a sender has told of the channel of a message; None if it has told nothing of it."""
         table = self._tables.get(sender)
         if table is None:
@@ -144,8 +144,8 @@ class ChannelTables:
         of_type = [channel for channel in channels if channel.type == type_name]
         return of_type[0] if of_type else channels[0] if len(channels) == 1 else None
 
-    def _ask(self, sender: bytes) -> dict[str, list[Declared]]:
-        table: dict[str, list[Declared]] = {}
+    def _ask(self, sender: bytes) -> dict[str, list[DeclaredChannel]]:
+        table: dict[str, list[DeclaredChannel]] = {}
         try:
             for channel in self._answer(sender):
                 table.setdefault(channel.topic, []).append(channel)
@@ -158,7 +158,7 @@ class ChannelTables:
         if sample.kind == zenoh.SampleKind.PUT and len(sample.payload) <= MAX_TABLE:
             _remember(self._published, str(sample.key_expr), sample.payload.to_bytes())
 
-    def _answer(self, sender: bytes) -> list[Declared]:
+    def _answer(self, sender: bytes) -> list[DeclaredChannel]:
         key = table_key(self._namespace, sender.hex())
         if (published := self._published.pop(key, None)) is not None:
             return from_json(published)
@@ -185,13 +185,13 @@ def _schema(row: Any) -> Schema:
     return _text(row["name"]), _text(row["encoding"]), base64.b64decode(row["data"], validate=True)
 
 
-def _channel(row: Any, schemas: Sequence[Schema]) -> Declared:
+def _channel(row: Any, schemas: Sequence[Schema]) -> DeclaredChannel:
     place, metadata = row["schema"], row["metadata"]
     if not (isinstance(metadata, dict) and (place is None or (type(place) is int and place >= 0))):
         raise ValueError("a channel of another form")
     pairs = tuple((_text(name), _text(value, MAX_TABLE)) for name, value in metadata.items())
     schema = None if place is None else schemas[place]
-    return Declared(_text(row["topic"]), _text(row["encoding"]), pairs, schema)
+    return DeclaredChannel(_text(row["topic"]), _text(row["encoding"]), pairs, schema)
 
 
 def _text(value: Any, longest: int = _MAX_NAME) -> str:

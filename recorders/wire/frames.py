@@ -8,7 +8,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 from recorders.errors import MessageError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.wire.stream import PROTOCOL_VERSION
 
@@ -26,7 +26,7 @@ NO_RUN = bytes(16)
 """The run of a live message: it belongs to no stream, and nobody acknowledges it."""
 
 
-class Kind(IntEnum):
+class FrameType(IntEnum):
     """What a frame's payload is."""
 
     MESSAGE = 0  # one message; the payload is its CDR bytes, the key its topic
@@ -35,18 +35,18 @@ class Kind(IntEnum):
     ABORT = 3  # the sender failed; the payload says why
 
 
-_LIVE_HEAD = bytes([PROTOCOL_VERSION, Kind.MESSAGE, 0, 0])
+_LIVE_HEAD = bytes([PROTOCOL_VERSION, FrameType.MESSAGE, 0, 0])
 _NOBODY = NO_RUN + NO_RUN  # neither run nor sender
 
 
 class Frame(NamedTuple):
     """One Zenoh sample of a stream: the index of its first message, and the messages it carries."""
 
-    kind: Kind
+    kind: FrameType
     run: bytes
     sender: bytes
     first: int
-    messages: tuple[Stamped, ...] = ()
+    messages: tuple[RecordedMessage, ...] = ()
     reason: str = ""
 
     @property
@@ -110,12 +110,12 @@ def message_key(namespace: str, topic: str) -> str:
 def pack(frame: Frame) -> tuple[bytes, bytes]:
     """Return (payload, attachment) of a frame."""
     sequence, log_time_ns, payload = 0, 0, b""
-    if frame.kind is Kind.MESSAGE:
+    if frame.kind is FrameType.MESSAGE:
         (message,) = frame.messages
         sequence, log_time_ns, payload = message.sequence, message.log_time_ns, message.data
-    elif frame.kind is Kind.BATCH:
+    elif frame.kind is FrameType.BATCH:
         payload = _pack_messages(frame.messages)
-    elif frame.kind is Kind.ABORT:
+    elif frame.kind is FrameType.ABORT:
         payload = frame.reason.encode()
     attachment = _ATTACHMENT.pack(
         PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns
@@ -143,19 +143,19 @@ def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
     """
     try:
         version, kind, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(attachment)
-        frame = Frame(Kind(kind), run, sender, index)
+        frame = Frame(FrameType(kind), run, sender, index)
         if version != PROTOCOL_VERSION:
             raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
-        if frame.kind is Kind.MESSAGE:
-            return frame._replace(messages=(Stamped(topic, type_of(topic), payload, sequence, log_time_ns),))
-        if frame.kind is Kind.BATCH:
+        if frame.kind is FrameType.MESSAGE:
+            return frame._replace(messages=(RecordedMessage(topic, type_of(topic), payload, sequence, log_time_ns),))
+        if frame.kind is FrameType.BATCH:
             return frame._replace(messages=_unpack_messages(payload))
         return frame._replace(reason=payload.decode(errors="replace"))
     except (struct.error, ValueError) as error:
         raise MessageError(f"{topic}: {len(payload)} bytes that are no frame of a replay ({error})") from error
 
 
-def _pack_messages(messages: Sequence[Stamped]) -> bytes:
+def _pack_messages(messages: Sequence[RecordedMessage]) -> bytes:
     parts: list[bytes] = []
     for topic, kind, data, sequence, log_time_ns in messages:
         name = _name(topic, kind)
@@ -163,7 +163,7 @@ def _pack_messages(messages: Sequence[Stamped]) -> bytes:
     return b"".join(parts)
 
 
-def _unpack_messages(payload: bytes) -> tuple[Stamped, ...]:
+def _unpack_messages(payload: bytes) -> tuple[RecordedMessage, ...]:
     messages, place = [], 0
     while place < len(payload):
         name_length, data_length, sequence, log_time_ns = _RECORD.unpack_from(payload, place)
@@ -173,7 +173,7 @@ def _unpack_messages(payload: bytes) -> tuple[Stamped, ...]:
         if place > len(payload):
             raise ValueError(f"a record of {data_length} bytes overruns the payload")
         topic, kind = _topic_and_type(payload[name_at:data_at])
-        messages.append(Stamped(topic, kind, payload[data_at:place], sequence, log_time_ns))
+        messages.append(RecordedMessage(topic, kind, payload[data_at:place], sequence, log_time_ns))
     return tuple(messages)
 
 

@@ -14,7 +14,7 @@ _Source: TypeAlias = tuple[str, int]  # session and publisher
 _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what is heard as it is said
 
 
-class Kept:
+class HistorySubscriber:
     """Asks for what was published last on some keys before this came, beside a subscriber that hears all keys.
 
     Only publishers with a cache keep anything, and they number what they say. Of each, one kept message is taken, and

@@ -9,12 +9,12 @@ import zenoh
 
 from recorders.cdr.codec import encode
 from recorders.messages.message_types import Message
-from recorders.messages.record import Stamped
-from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, Kind, check_namespace, message_key, pack
+from recorders.messages.record import RecordedMessage
+from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
 from recorders.wire.session import publishing
 
 
-class Producer:
+class TopicPublisher:
     """The publishing end of a live node: a robot, a learner, a served controller.
 
     Nobody acknowledges these messages; a subscriber that falls behind can lose some, and sees so by their numbers.
@@ -49,7 +49,7 @@ class Producer:
     ) -> None:
         self._stack.close()
 
-    def publish(self, topic: str, message: Message, *, log_time_ns: int) -> Stamped:
+    def publish(self, topic: str, message: Message, *, log_time_ns: int) -> RecordedMessage:
         """Publish one message and return it as it went out.
 
         Parameters
@@ -61,8 +61,8 @@ class Producer:
         log_time_ns : int
             The producer's time [ns], for whoever records.
         """
-        record = Stamped(topic, message.TYPE, encode(message), self._numbered[topic], log_time_ns)
-        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, self.published, (record,)))
+        record = RecordedMessage(topic, message.TYPE, encode(message), self._numbered[topic], log_time_ns)
+        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self.published, (record,)))
         self._publisher(topic, message.TYPE).put(payload, attachment=attachment)
         self._numbered[topic] += 1
         self.published += 1

@@ -13,15 +13,15 @@ from typing import Any, NamedTuple, Self, TypeAlias
 import zenoh
 
 from recorders.errors import MessageError, ReenactError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
-from recorders.wire.bounded_queue import Inbox
+from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import ChannelTables
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     NO_RUN,
     Frame,
-    Kind,
+    FrameType,
     batch_topic,
     check_name,
     check_namespace,
@@ -29,7 +29,7 @@ from recorders.wire.frames import (
     message_key,
     unpack,
 )
-from recorders.wire.history import Kept
+from recorders.wire.history import HistorySubscriber
 from recorders.wire.session import publishing
 from recorders.wire.stream import MAX_MESSAGE, WINDOW_BYTES, Consumer, Offer, Progress
 
@@ -89,25 +89,25 @@ class ReceiverConfig:
         check_namespace(self.namespace)
 
 
-class Offered(NamedTuple):
+class ReceivedOffer(NamedTuple):
     """A stream on offer, to be accepted or refused."""
 
     offer: Offer
     query: zenoh.Query
 
 
-class Live(NamedTuple):
+class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
     A replay that does not await this consumer is heard so, too: then `sender` tells it from others.
     """
 
-    record: Stamped
+    record: RecordedMessage
     numbered: bool
     sender: bytes = NO_RUN
 
 
-Event: TypeAlias = Offered | Frame | Live
+Event: TypeAlias = ReceivedOffer | Frame | LiveMessage
 
 
 class Receiver:
@@ -144,7 +144,7 @@ class Receiver:
         self._config = config or ReceiverConfig()
         self._say = say
         self._lock = threading.Lock()
-        self._events: Inbox[Event] = Inbox(limit=self._config.waiting_bytes)
+        self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
         self._released = threading.Event()  # no sender waits for word from here
         self._released.set()
         self._all_heard = threading.Event()  # whatever had arrived when hearing was stopped is queued
@@ -173,7 +173,9 @@ class Receiver:
         enter(self._session.liveliness().declare_token(control_key(namespace, name, "alive")))
         enter(self.channels)
         self._hearing = self._stack.enter_context(ExitStack())
-        kept = Kept(self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample)
+        kept = HistorySubscriber(
+            self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample
+        )
         self._hearing.enter_context(
             self._session.declare_subscriber(
                 f"{namespace}/**",
@@ -231,13 +233,13 @@ class Receiver:
             If a stream is under way and its sender has been silent for too long.
         """
         while (event := self._events.get(timeout_s)) is not None:
-            if not (isinstance(event, Offered) and self._offer is not None):
+            if not (isinstance(event, ReceivedOffer) and self._offer is not None):
                 return event
             self.refuse(event, _TAKEN.format(self._config.name))  # it came while another was being decided
         self._check_silence()
         return None
 
-    def accept(self, offered: Offered, start: int) -> None:
+    def accept(self, offered: ReceivedOffer, start: int) -> None:
         """Take an offer, from the stream index `start` on."""
         with self._lock:
             self._offer = offered.offer
@@ -249,7 +251,7 @@ class Receiver:
         with offered.query as query:
             self._answer(query, self._progress)
 
-    def refuse(self, offered: Offered, reason: str) -> None:
+    def refuse(self, offered: ReceivedOffer, reason: str) -> None:
         """Turn an offer down; another may follow."""
         self._say_once(f"refused an offer: {reason}")
         with offered.query as query:
@@ -348,7 +350,7 @@ class Receiver:
         deadline = time.monotonic() + wait_s
         while True:
             event = self.next_event(deadline - time.monotonic())
-            if isinstance(event, Offered):
+            if isinstance(event, ReceivedOffer):
                 try:
                     start = consumer.hello(event.offer)
                 except ReenactError as error:
@@ -359,16 +361,16 @@ class Receiver:
             if time.monotonic() >= deadline:
                 raise WireError(f"{self._config.name}: nobody offered a stream within {wait_s:g} s")
 
-    def _messages(self) -> Iterator[Stamped]:
+    def _messages(self) -> Iterator[RecordedMessage]:
         """Yield the stream; a frame counts as consumed when the message after it is asked for."""
         while True:
             event = self.next_event(_POLL_S)
-            if isinstance(event, Live):
+            if isinstance(event, LiveMessage):
                 yield event.record
             elif isinstance(event, Frame):
-                if event.kind is Kind.END:
+                if event.kind is FrameType.END:
                     return
-                if event.kind is Kind.ABORT:
+                if event.kind is FrameType.ABORT:
                     self._released.set()
                     raise WireError(f"the sender gave up at message {self._progress.next}: {event.reason}")
                 yield from event.messages
@@ -427,33 +429,35 @@ class Receiver:
             if self._config.live and topic != batch_topic():
                 return None
             raise
-        if frame.kind is Kind.MESSAGE and not frame.messages[0].type:
+        if frame.kind is FrameType.MESSAGE and not frame.messages[0].type:
             return frame._replace(messages=(frame.messages[0]._replace(type=_schema_of(sample)),))
         return frame
 
     def _queue_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
         kind = type_of(topic) or _schema_of(sample)
         if frame is None:
-            self._put_live(Live(Stamped(topic, kind, sample.payload.to_bytes(), 0, time.time_ns()), numbered=False))
+            self._put_live(
+                LiveMessage(RecordedMessage(topic, kind, sample.payload.to_bytes(), 0, time.time_ns()), numbered=False)
+            )
             return
         for record in frame.messages:
-            self._put_live(Live(record._replace(type=record.type or kind), numbered=True, sender=frame.sender))
+            self._put_live(LiveMessage(record._replace(type=record.type or kind), numbered=True, sender=frame.sender))
 
-    def _put_live(self, live: Live) -> None:
+    def _put_live(self, live: LiveMessage) -> None:
         if not self._events.put(live, len(live.record.data)):
             self._refuse_message(live.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already")
 
     def _queue_in_order(self, frame: Frame) -> None:
         """Queue what is new of a frame; what came before is a repeat, what comes after a gap is sent again."""
         received = self._progress.received
-        if frame.kind is Kind.ABORT and self._progress.result is not None:
+        if frame.kind is FrameType.ABORT and self._progress.result is not None:
             self.give_up()  # all of it is here; somebody else who was awaited has failed
             return
-        if frame.kind is Kind.ABORT:
+        if frame.kind is FrameType.ABORT:
             self._events.put(frame._replace(reason=_printable(frame.reason)), len(frame.reason))
             return
         in_place = frame.first <= received
-        new = frame.end > received or (frame.kind is Kind.END and frame.first == received)
+        new = frame.end > received or (frame.kind is FrameType.END and frame.first == received)
         if in_place and new:
             rest = frame._replace(first=received, messages=frame.messages[received - frame.first :])
             if self._events.put(rest, rest.size):
@@ -480,7 +484,7 @@ class Receiver:
                 self._answer(query, Progress(error=str(error)))
             return
         taken, left = self._offer, self._left.get(offer.sender)
-        if taken is None and left is None and self._events.put(Offered(offer, query), len(_payload(query))):
+        if taken is None and left is None and self._events.put(ReceivedOffer(offer, query), len(_payload(query))):
             return
         with query:
             if taken is not None and taken.sender == offer.sender:

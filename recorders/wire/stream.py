@@ -7,7 +7,7 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, Protocol, Self
 
 from recorders.errors import WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.text.wording import value_text
 
 PROTOCOL_VERSION = 1
@@ -100,7 +100,7 @@ class Consumer(Protocol):
     def hello(self, offer: Offer) -> int:
         """Return the stream index wanted next; raise ReenactError to refuse the offer."""
 
-    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         """Take the whole stream, from the index named in `hello` on, and return what is to be said of it (JSON)."""
 
 

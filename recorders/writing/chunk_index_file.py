@@ -8,7 +8,7 @@ from typing import Any
 from mcap.data_stream import RecordBuilder
 from mcap.records import ChunkIndex
 
-from recorders.files.anonymous_file import NamelessFile
+from recorders.files.anonymous_file import AnonymousFile
 
 _PIECE = 2**20  # bytes
 
@@ -31,7 +31,7 @@ class ChunkIndexFile:
     """
 
     def __init__(self, near: Path) -> None:
-        self._file = NamelessFile(near)
+        self._file = AnonymousFile(near)
 
     def append(self, index: ChunkIndex) -> None:
         """Take the index of one more chunk."""

@@ -12,7 +12,7 @@ from pathlib import Path
 from recorders.errors import LogError
 from recorders.writing.chunk_writer import ChunkWriter, copy_regular
 from recorders.writing.part_file import PartFile
-from recorders.writing.periodic_thread import Periodic
+from recorders.writing.periodic_thread import PeriodicThread
 
 FLUSH_AFTER_S = 0.05  # half of the 100 ms that a crash may cost: the other half is for a machine that is busy
 SYNC_EVERY_S = 1.0
@@ -73,8 +73,8 @@ class LogFile:
         self._untold: LogError | None = self._unwritable("an earlier write was interrupted")  # until there is another
         self._oldest_s = 0.0  # when the first of the pending messages came
         self._threads = (
-            Periodic(self._flush_late, name="log flush", first_s=FLUSH_AFTER_S),
-            Periodic(self._sync, name="log sync", first_s=SYNC_EVERY_S),
+            PeriodicThread(self._flush_late, name="log flush", first_s=FLUSH_AFTER_S),
+            PeriodicThread(self._sync, name="log sync", first_s=SYNC_EVERY_S),
         )
 
     def change(self, act: Callable[[], None]) -> None:

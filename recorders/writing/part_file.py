@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError, TakenError
-from recorders.files.anonymous_file import NamelessFile
+from recorders.files.anonymous_file import AnonymousFile
 
 _FLAGS = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
 
@@ -100,7 +100,7 @@ class PartFile:
     def rewrite(self, copy: Callable[[BinaryIO, BinaryIO], None]) -> None:
         """Put a copy in the place of the file; raises OSError or what `copy` does, and the file is as before."""
         self.stream.flush()
-        other = NamelessFile(self.part)
+        other = AnonymousFile(self.part)
         try:
             _lock(other.stream.fileno())
             with self.part.open("rb") as source:

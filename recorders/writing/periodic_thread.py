@@ -4,7 +4,7 @@ import threading
 from collections.abc import Callable
 
 
-class Periodic:
+class PeriodicThread:
     """Calls a function until it is stopped. An interpreter that ends does not wait for it.
 
     Parameters

@@ -11,7 +11,7 @@ from typing import Any, Self, TypeAlias
 from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.errors import LogError, MessageError
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import (
     FORMAT_VERSION,
     METADATA_NAME,
@@ -21,7 +21,7 @@ from recorders.mcap_format.manifest import (
     to_metadata,
 )
 from recorders.messages.message_types import Message
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.text.wording import names_text
 from recorders.writing.chunk_writer import ChunkWriter
@@ -29,7 +29,8 @@ from recorders.writing.log_file import LogFile
 
 RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256", "environment")
 
-_Channel: TypeAlias = tuple[str, str, bool, Declared | None]  # topic, type, numbered by its producer, of another log
+# topic, type, numbered by its producer, of another log
+_Channel: TypeAlias = tuple[str, str, bool, DeclaredChannel | None]
 
 MAX_CHANNELS = 2**16 - 1
 """As many as MCAP's numbers of channels tell apart."""
@@ -121,7 +122,7 @@ class LogWriter:
         sequence: int | None = None,
         type_name: str | None = None,
         opaque: bool = False,
-        declared: Declared | None = None,
+        declared: DeclaredChannel | None = None,
     ) -> None:
         """Write one message.
 
@@ -139,7 +140,7 @@ class LogWriter:
             ROS 2 type of bytes on a topic that is not in the table.
         opaque : bool
             The bytes are not a ROS 2 message: they go to a channel of their own, without a schema.
-        declared : Declared, optional
+        declared : DeclaredChannel, optional
             The channel of bytes that come from another log: its encoding, schema and metadata are taken over, whatever
             they are.
 
@@ -171,7 +172,7 @@ class LogWriter:
         self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
         self._numbered[topic] += sequence is None
 
-    def copy(self, record: Stamped) -> None:
+    def copy(self, record: RecordedMessage) -> None:
         """Write a record as it is: bytes, sequence and log time of its own; raises as `write` does."""
         self.write(
             record.topic,
@@ -226,7 +227,7 @@ class LogWriter:
         }
         chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
 
-    def _open_channel(self, channel: _Channel, declared: Declared) -> None:
+    def _open_channel(self, channel: _Channel, declared: DeclaredChannel) -> None:
         topic, _, producer, _ = channel
         schema = 0  # MCAP's number for no schema
         if declared.schema is not None:
@@ -242,13 +243,13 @@ class LogWriter:
         self._counts[topic] += 1
 
 
-def _opaque(topic: str) -> Declared:
-    return Declared(topic, "application/octet-stream")
+def _opaque(topic: str) -> DeclaredChannel:
+    return DeclaredChannel(topic, "application/octet-stream")
 
 
-def _standard(topic: str, type_name: str) -> Declared:
+def _standard(topic: str, type_name: str) -> DeclaredChannel:
     """Return the channel of messages of a standard ROS 2 type; raises MessageError if there is none of this name."""
-    return Declared(topic, "cdr", schema=(type_name, "ros2msg", schema_text(type_name).encode()))
+    return DeclaredChannel(topic, "cdr", schema=(type_name, "ros2msg", schema_text(type_name).encode()))
 
 
 def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:

@@ -7,7 +7,7 @@ from typing import TypeAlias
 
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
 from replay.diff.rules import EXACT, Rules
 
@@ -27,7 +27,7 @@ class Entry:
 
     Attributes
     ----------
-    record : Stamped
+    record : RecordedMessage
         The message.
     tick_ns : int or None
         Stamp of the tick that it is part of [ns]; None for messages that stand alone.
@@ -39,7 +39,7 @@ class Entry:
         Whether the other log has the same message at its place.
     """
 
-    record: Stamped
+    record: RecordedMessage
     tick_ns: int | None
     cycle: int
     seen_ns: int
@@ -84,7 +84,7 @@ class Entry:
 Queues: TypeAlias = tuple[deque[Entry], deque[Entry]]
 
 
-class Channel:
+class AlignedQueue:
     """Messages of both logs that have one order; those of one tick, in a row, are brought into that of their ranks.
 
     Attributes
@@ -130,7 +130,7 @@ class Channel:
         self.parted = bool(a and b) or max(len(a), len(b)) > MAX_SKEW
 
 
-class SideBySide:
+class LogAligner:
     """Reads two logs in step and sorts their messages to channels.
 
     The learner's topics and the phase markers are one channel; every other topic is one of its own, since two
@@ -138,14 +138,14 @@ class SideBySide:
 
     Parameters
     ----------
-    a, b : iterable of Stamped
+    a, b : iterable of RecordedMessage
         The logs, in their own order.
     rules : Rules
         What counts as the same.
     """
 
-    def __init__(self, a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = EXACT) -> None:
-        self._channels: dict[str, Channel] = {}
+    def __init__(self, a: Iterable[RecordedMessage], b: Iterable[RecordedMessage], rules: Rules = EXACT) -> None:
+        self._channels: dict[str, AlignedQueue] = {}
         self._logs = (_entries(a, rules), _entries(b, rules))
 
     def read(self) -> Iterator[Entry]:
@@ -175,12 +175,12 @@ class SideBySide:
         name = SESSION_PHASE if topic in _LEARNER else topic
         channel = self._channels.get(name)
         if channel is None:
-            channel = self._channels[name] = Channel()
+            channel = self._channels[name] = AlignedQueue()
         channel.push(side, entry)
         return channel.parted
 
 
-def _entries(records: Iterable[Stamped], rules: Rules) -> Iterator[Entry]:
+def _entries(records: Iterable[RecordedMessage], rules: Rules) -> Iterator[Entry]:
     cycle = seen = 0
     for place, record in enumerate(records):
         entry = Entry(record, None, cycle, seen, place, rules)

@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from itertools import islice
 
 from recorders.errors import CheckFailed
-from recorders.messages.record import Stamped
-from replay.diff.alignment import Entry, Queues, SideBySide
+from recorders.messages.record import RecordedMessage
+from replay.diff.alignment import Entry, LogAligner, Queues
 from replay.diff.fields import ABSENT, FieldDifference
 from replay.diff.rules import EXACT, Rules
 
@@ -53,7 +53,9 @@ class Divergence:
         return f"{message} is {self.kind}: {self.field} is {self.a} in {a}, {self.b} in {b}"
 
 
-def first_divergence(a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = EXACT) -> Divergence | None:
+def first_divergence(
+    a: Iterable[RecordedMessage], b: Iterable[RecordedMessage], rules: Rules = EXACT
+) -> Divergence | None:
     """Return the first message at which two logs part, None if they say the same.
 
     The learner's topics and the phase markers have one order, except that messages of one tick may come in any. Every
@@ -62,7 +64,7 @@ def first_divergence(a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = 
 
     Parameters
     ----------
-    a, b : iterable of Stamped
+    a, b : iterable of RecordedMessage
         The logs, read as far as needed and never kept: memory grows with the skew between topics only.
 
     rules : Rules
@@ -73,22 +75,22 @@ def first_divergence(a: Iterable[Stamped], b: Iterable[Stamped], rules: Rules = 
     Divergence or None
         If several topics part, the earliest by cycle, stamp, rank of the topic, place in the log.
     """
-    logs = SideBySide(a, b, rules)
+    logs = LogAligner(a, b, rules)
     for _ in logs.read():
         pass
     return _earliest(logs)
 
 
-def guard(stream: Iterable[Stamped], recorded: Iterable[Stamped]) -> Iterator[Stamped]:
+def guard(stream: Iterable[RecordedMessage], recorded: Iterable[RecordedMessage]) -> Iterator[RecordedMessage]:
     """Yield the messages of a stream, in its order, for as long as they are those of a recorded run.
 
     What is yielded runs one tick behind what is read of the stream, as the messages of a tick may come in any order.
 
     Parameters
     ----------
-    stream : iterable of Stamped
+    stream : iterable of RecordedMessage
         What is to be passed on.
-    recorded : iterable of Stamped
+    recorded : iterable of RecordedMessage
         What it must be, on all topics.
 
     Raises
@@ -96,7 +98,7 @@ def guard(stream: Iterable[Stamped], recorded: Iterable[Stamped]) -> Iterator[St
     CheckFailed
         In place of the first message that differs, or where either side ends too early.
     """
-    logs = SideBySide(recorded, stream)
+    logs = LogAligner(recorded, stream)
     pending: deque[Entry] = deque()
     for entry in logs.read():
         pending.append(entry)
@@ -107,12 +109,12 @@ def guard(stream: Iterable[Stamped], recorded: Iterable[Stamped]) -> Iterator[St
         raise CheckFailed(divergence.between("the recorded run", "this one"))
 
 
-def _agreed(pending: deque[Entry]) -> Iterator[Stamped]:
+def _agreed(pending: deque[Entry]) -> Iterator[RecordedMessage]:
     while pending and pending[0].agreed:
         yield pending.popleft().record
 
 
-def _earliest(logs: SideBySide) -> Divergence | None:
+def _earliest(logs: LogAligner) -> Divergence | None:
     found = [_judge(queues) for queues in logs.parted()]
     return min(found, key=lambda pair: pair[0].moment)[1] if found else None
 

@@ -16,7 +16,7 @@ from recorders.messages.message_types import (
     TFMessage,
     TransformStamped,
 )
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.validation import FloatArray
 
 Value: TypeAlias = int | float | str
@@ -35,7 +35,7 @@ class FieldDifference(NamedTuple):
     b: str
 
 
-def differing_field(a: Stamped, b: Stamped) -> FieldDifference:
+def differing_field(a: RecordedMessage, b: RecordedMessage) -> FieldDifference:
     """Return the first thing that differs between two messages of one topic that are not the same.
 
     Type and sequence come first, then the fields in the order of the message, floats to the bit. Where messages do

@@ -6,7 +6,7 @@ from fnmatch import fnmatchcase
 
 from recorders.cdr.codec import decode
 from recorders.errors import ConfigError, MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from replay.diff.fields import FieldDifference, Value, differing_byte, differing_field, differing_value, fields, texts
 
@@ -60,11 +60,11 @@ class Rules:
         """Whether sequence numbers count."""
         return not self._ignores(SEQUENCE)
 
-    def same(self, a: Stamped, b: Stamped) -> bool:
+    def same(self, a: RecordedMessage, b: RecordedMessage) -> bool:
         """Whether two messages are the same; the time of recording never enters."""
         return a[:4] == b[:4] or (not self._exact and self._difference(a, b) is None)
 
-    def difference(self, a: Stamped, b: Stamped) -> FieldDifference:
+    def difference(self, a: RecordedMessage, b: RecordedMessage) -> FieldDifference:
         """Return the first thing that differs between two messages of one topic that are not the same."""
         return (None if self._exact else self._difference(a, b)) or differing_field(a, b)
 
@@ -72,7 +72,7 @@ class Rules:
     def _exact(self) -> bool:
         return not self.ignored and self.tolerance is None
 
-    def _difference(self, a: Stamped, b: Stamped) -> FieldDifference | None:
+    def _difference(self, a: RecordedMessage, b: RecordedMessage) -> FieldDifference | None:
         if a.topic != b.topic:
             return FieldDifference("topic", *texts(a.topic, b.topic))
         if a.type != b.type and not self._ignores(TYPE):

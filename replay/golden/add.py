@@ -25,7 +25,7 @@ from replay.golden.finding import PHYSICS
 from replay.golden.folder import CASE_FILE, put, restore
 from replay.golden.learning_tier import short
 from replay.golden.log_tier import describe, index, slim
-from replay.golden.recipe import MAX_CASE_BYTES, EpochEnd, Recipe, Runner
+from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, Runner
 from replay.sources.scheduled import Replay
 
 Progress = Callable[[float], None]
@@ -33,7 +33,7 @@ Progress = Callable[[float], None]
 
 def add_case(
     folder: Path,
-    recipe: Recipe,
+    recipe: CaseSpec,
     runner: Runner,
     *,
     reason: str | None = None,
@@ -45,7 +45,7 @@ def add_case(
     ----------
     folder : Path
         Where it goes; its name is that of the case.
-    recipe : Recipe
+    recipe : CaseSpec
         What is to be run, with the logs wherever they lie; the case gets copies.
     runner : Runner
         Runs it.
@@ -103,7 +103,7 @@ def _before(folder: Path, reason: str | None) -> Case | None:
 
 
 def _make(
-    folder: Path, recipe: Recipe, runner: Runner, *, before: Case | None, reason: str | None, progress: Progress
+    folder: Path, recipe: CaseSpec, runner: Runner, *, before: Case | None, reason: str | None, progress: Progress
 ) -> Case:
     kept = replace(recipe, logs=_copies(recipe, folder))
     _check_size(folder)
@@ -127,7 +127,7 @@ def _make(
     return made
 
 
-def _run(recipe: Recipe, runner: Runner, progress: Progress) -> tuple[bytes, bytes]:
+def _run(recipe: CaseSpec, runner: Runner, progress: Progress) -> tuple[bytes, bytes]:
     steps, states = bytearray(), []
     for event in runner.learn(recipe):
         if isinstance(event, EpochEnd):
@@ -138,7 +138,7 @@ def _run(recipe: Recipe, runner: Runner, progress: Progress) -> tuple[bytes, byt
     return bytes(steps), runner.pack(states)
 
 
-def _copies(recipe: Recipe, folder: Path) -> tuple[Path, ...]:
+def _copies(recipe: CaseSpec, folder: Path) -> tuple[Path, ...]:
     names = [check_name(log.name) for log in recipe.logs]
     taken = [*names, CASE_FILE, *own_files(names)]
     if len(set(taken)) != len(taken):

@@ -12,7 +12,7 @@ from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.text.wording import json_fault_text, names_text, value_text
 from replay.golden.folder import CASE_FILE
 from replay.golden.log_tier import LogEntry, file_sha256
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 
 FORMAT_VERSION = 1
@@ -79,7 +79,7 @@ class Case:
     ----------
     folder : Path
         Where it lies; its name is that of the case.
-    recipe : Recipe
+    recipe : CaseSpec
         What is run.
     logs : tuple of LogEntry
         What the logs were when the case was made.
@@ -96,7 +96,7 @@ class Case:
     """
 
     folder: Path
-    recipe: Recipe
+    recipe: CaseSpec
     logs: tuple[LogEntry, ...]
     expected: Mapping[str, Any]
     tolerances: Tolerances = Tolerances()
@@ -197,7 +197,7 @@ def _case(folder: Path, values: object) -> Case:
     if table["format_version"] != FORMAT_VERSION:
         raise ConfigError(f"expected golden case format {FORMAT_VERSION}, found {value_text(table['format_version'])}")
     logs = tuple(LogEntry(**_typed(log, _LOG_KINDS, "a log")) for log in table["logs"])
-    recipe = Recipe(
+    recipe = CaseSpec(
         logs=tuple(folder / check_name(log.name) for log in logs),
         learner=table["learner"],
         schedule=Schedule.from_dict(table["schedule"]),

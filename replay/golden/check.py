@@ -12,15 +12,15 @@ from replay.golden.folder import find_cases
 from replay.golden.learning_tier import check_learning
 from replay.golden.log_tier import altered, check_index
 from replay.golden.physics_tier import check_physics
-from replay.golden.recipe import Recipe, Runner
+from replay.golden.recipe import CaseSpec, Runner
 
-Changed: TypeAlias = Callable[[Recipe], tuple[str, str, str] | None]
+Changed: TypeAlias = Callable[[CaseSpec], tuple[str, str, str] | None]
 """Names the first thing of a case that is not so any more: what, in the case, today."""
 
 PASSED, FAILED = "passed", "failed"
 
 
-def _nothing(recipe: Recipe) -> None:
+def _nothing(recipe: CaseSpec) -> None:
     return None
 
 

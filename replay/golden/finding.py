@@ -15,7 +15,7 @@ CASE, LOG, LEARNING, PHYSICS = "case", "log", "learning", "physics"
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
-class Element:
+class ElementDifference:
     """The first element of the state that differs at the end of an epoch: its name, as in `x[17]`, and both values."""
 
     epoch: int
@@ -41,7 +41,7 @@ class Finding:
         them counted from 0.
     note : str
         What else helps to understand it.
-    epoch_end : Element, optional
+    epoch_end : ElementDifference, optional
         Of a run that parted at a tick, the element that differs once that tick's epoch is over: a case keeps digests
         of every tick, but states of the ends of epochs alone.
     environment : tuple of str
@@ -54,7 +54,7 @@ class Finding:
     found: str
     place: Mapping[str, str | int] = dataclasses.field(default_factory=dict)
     note: str = ""
-    epoch_end: Element | None = None
+    epoch_end: ElementDifference | None = None
     environment: tuple[str, ...] = ()
 
     def __str__(self) -> str:

@@ -6,15 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 from replay.golden.case import STATES_FILE, STEP_BYTES, STEPS_FILE, Case
-from replay.golden.finding import LEARNING, Element, Finding, said
-from replay.golden.recipe import LATER_RESULTS, EpochEnd, Moment, Runner
+from replay.golden.finding import LEARNING, ElementDifference, Finding, said
+from replay.golden.recipe import LATER_RESULTS, EpochEnd, Runner, TickDigests
 from replay.golden.reference_stream import altered_stream
 
 _PART = STEP_BYTES // 3
 _PARTS = ("stream", "outputs", "state")
 
 
-def short(moment: Moment) -> bytes:
+def short(moment: TickDigests) -> bytes:
     """Return what a case keeps of a tick."""
     return moment.stream[:_PART] + moment.outputs[:_PART] + moment.state[:_PART]
 
@@ -36,7 +36,7 @@ class _Walk:
         self._steps = case.read(STEPS_FILE)
         self._states = case.read(STATES_FILE)
         self._taken = 0
-        self._last: Moment | None = None
+        self._last: TickDigests | None = None
         self._finding: Finding | None = None
 
     def first(self) -> Finding | None:
@@ -50,7 +50,7 @@ class _Walk:
 
     def _walk(self) -> Finding | None:
         for event in self._runner.learn(self._case.recipe):
-            if isinstance(event, Moment):
+            if isinstance(event, TickDigests):
                 self._compare(event)
             elif (named := self._element(event)) is not None:
                 return named
@@ -60,7 +60,7 @@ class _Walk:
             return Finding(LEARNING, "ticks", f"{missing} more after this", "the end", place)
         return self._finding
 
-    def _compare(self, moment: Moment) -> None:
+    def _compare(self, moment: TickDigests) -> None:
         expected = self._steps[self._taken * STEP_BYTES : (self._taken + 1) * STEP_BYTES]
         self._taken += 1
         self._last = moment
@@ -74,10 +74,10 @@ class _Walk:
             return self._finding
         if self._finding is None:
             return Finding(LEARNING, *difference, {"epoch": end.epoch}, "at the end of the epoch")
-        return replace(self._finding, epoch_end=Element(end.epoch, *difference))
+        return replace(self._finding, epoch_end=ElementDifference(end.epoch, *difference))
 
 
-def _parted(moment: Moment, expected: bytes) -> Finding:
+def _parted(moment: TickDigests, expected: bytes) -> Finding:
     found = short(moment)
     for place, part in enumerate(_PARTS):
         old, new = (data[place * _PART : (place + 1) * _PART] for data in (expected, found))
@@ -87,7 +87,7 @@ def _parted(moment: Moment, expected: bytes) -> Finding:
     raise ValueError("expected two ticks that differ")
 
 
-def _place(moment: Moment) -> dict[str, str | int]:
+def _place(moment: TickDigests) -> dict[str, str | int]:
     names = ("epoch", "cycle", "phase", "log", "tick", "stamp_ns")
     return {name: getattr(moment, name) for name in names}
 

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from recorders.errors import LogError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
@@ -157,7 +157,7 @@ def _found(path: Path) -> Iterator[_Key]:
     return map(_key, LogReader(path).records(topics=CASE_TOPICS, file_order=True))
 
 
-def _key(record: Stamped) -> _Key:
+def _key(record: RecordedMessage) -> _Key:
     digest = hashlib.sha256(framed(record)).digest()
     return _Key(CASE_TOPICS.index(record.topic), record.sequence, int.from_bytes(digest[:8], "little"))
 

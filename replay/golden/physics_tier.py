@@ -8,7 +8,7 @@ from pathlib import Path
 from recorders.cdr.codec import decode
 from recorders.errors import MissingExtra
 from recorders.messages.message_types import JointState, Message, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
@@ -94,9 +94,9 @@ class _Logged:
 
     def __init__(self, path: Path) -> None:
         self._records = LogReader(path).records(topics=_TOPICS)
-        self._waiting: defaultdict[str, deque[Stamped]] = defaultdict(deque)
+        self._waiting: defaultdict[str, deque[RecordedMessage]] = defaultdict(deque)
 
-    def next(self, topic: str) -> Stamped | None:
+    def next(self, topic: str) -> RecordedMessage | None:
         """Return the next message on a topic, None if there is no more."""
         while not self._waiting[topic]:
             record = next(self._records, None)
@@ -105,7 +105,7 @@ class _Logged:
             self._waiting[record.topic].append(record)
         return self._waiting[topic].popleft()
 
-    def first_left(self, *, up_to_ns: int) -> Stamped | None:
+    def first_left(self, *, up_to_ns: int) -> RecordedMessage | None:
         """Return a message that was not asked for and is stamped no later, None if there is none: the rest is read."""
         left = chain.from_iterable((*self._waiting.values(), self._records))
         return next((record for record in left if _stamp(decode(record.type, record.data)) <= up_to_ns), None)

@@ -32,7 +32,7 @@ State: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 
 @dataclass(frozen=True)
-class Recipe:
+class CaseSpec:
     """What goes into a run.
 
     Parameters
@@ -80,7 +80,7 @@ class Recipe:
         return Replay(self.logs, self.schedule)
 
 
-class Moment(NamedTuple):
+class TickDigests(NamedTuple):
     """A tick of a run, and digests of what the learner had become after it.
 
     Attributes
@@ -118,10 +118,10 @@ class EpochEnd(NamedTuple):
 class Runner(Protocol):
     """Runs cases: the one thing that a golden check needs to be told about learners and robots."""
 
-    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+    def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         """Run step by step, and yield every tick and the end of every epoch."""
 
-    def train(self, recipe: Recipe) -> dict[str, Any]:
+    def train(self, recipe: CaseSpec) -> dict[str, Any]:
         """Run as programs do, in pieces, and return what came of it: JSON, with errors under `errors_cm`.
 
         Errors of each hand, left then right, are under `hands_cm`, and those of trials under `trials_hands_cm`.

@@ -7,13 +7,13 @@ from itertools import zip_longest
 from recorders.cdr.codec import decode, encode
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
 from recorders.reading.reader import LogReader
 from replay.diff.divergence import first_divergence
 from replay.golden.case import Case
 from replay.golden.finding import LEARNING, Finding, of_message
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.scheduled import typed
 
 _INPUTS = tuple(topic.name for topic in LEARNER_TOPICS)
@@ -30,7 +30,7 @@ def altered_stream(case: Case) -> Finding | None:
     return None
 
 
-def expected_stream(case: Case) -> Iterator[Stamped]:
+def expected_stream(case: Case) -> Iterator[RecordedMessage]:
     """Yield the messages of the run, phase markers included."""
     recipe = case.recipe
     if recipe.as_recorded:
@@ -39,13 +39,13 @@ def expected_stream(case: Case) -> Iterator[Stamped]:
     presentations = enumerate(_presentations(recipe, len(case.logs)))
     for number, (epoch, cycle, phase, log) in presentations:
         marker = Phase(str(case.expected.get("run")), epoch, cycle, phase, case.logs[log].ticks_sha256)
-        yield Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, encode(marker.to_message()), number, 0)
+        yield RecordedMessage(SESSION_PHASE, TOPICS[SESSION_PHASE].type, encode(marker.to_message()), number, 0)
         yield from map(typed, LogReader(recipe.logs[log]).records(topics=_INPUTS))
 
 
-def _by_marker(stream: Iterator[Stamped]) -> Iterator[list[Stamped]]:
+def _by_marker(stream: Iterator[RecordedMessage]) -> Iterator[list[RecordedMessage]]:
     """Yield presentations: a phase marker and what follows it up to the next."""
-    presentation: list[Stamped] = []
+    presentation: list[RecordedMessage] = []
     for message in stream:
         if message.topic == SESSION_PHASE and presentation:
             yield presentation
@@ -54,7 +54,7 @@ def _by_marker(stream: Iterator[Stamped]) -> Iterator[list[Stamped]]:
     yield presentation
 
 
-def _cycle_of(presentation: list[Stamped], case: Case) -> dict[str, str | int]:
+def _cycle_of(presentation: list[RecordedMessage], case: Case) -> dict[str, str | int]:
     """Epoch, cycle, phase and log of a presentation; cycles repeat the sequences and stamps of their messages."""
     marker = decode(presentation[0].type, presentation[0].data) if presentation else None
     if not isinstance(marker, String):
@@ -65,7 +65,7 @@ def _cycle_of(presentation: list[Stamped], case: Case) -> dict[str, str | int]:
     return {"epoch": phase.epoch, "cycle": phase.cycle, "phase": phase.phase, "log": log}
 
 
-def _presentations(recipe: Recipe, logs: int) -> Iterator[tuple[int, int, str, int]]:
+def _presentations(recipe: CaseSpec, logs: int) -> Iterator[tuple[int, int, str, int]]:
     phases = [phase for phase, cycles in recipe.schedule.phases for _ in range(cycles)]
     for epoch in range(recipe.schedule.epochs):
         for cycle, phase in enumerate(phases):

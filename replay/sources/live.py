@@ -10,12 +10,12 @@ from recorders.cdr.codec import decode_as, encode
 from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.ticks.joiner import RANKS, Check, pass_all
-from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks, Refused
+from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks, RejectionError
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import read_robot, renamed
@@ -98,12 +98,12 @@ class LiveStream:
         first = f"; the first: {self._first_refusal}" if self._first_refusal else ""
         return f"; {said}{first}" if said else ""
 
-    def feed(self, record: Stamped, *, numbered: bool = True) -> tuple[Stamped, ...]:
+    def feed(self, record: RecordedMessage, *, numbered: bool = True) -> tuple[RecordedMessage, ...]:
         """Take in a message and return what of the stream goes on with it; messages on other topics are passed over.
 
         Parameters
         ----------
-        record : Stamped
+        record : RecordedMessage
             The message.
         numbered : bool
             Whether its sequence is its producer's; the others are numbered here, as a recorder numbers them.
@@ -117,7 +117,7 @@ class LiveStream:
             if record.topic == SESSION_PHASE:
                 return (self._follow(record),)
             tick = self._joiner.feed(record, numbered=numbered)
-        except Refused as error:
+        except RejectionError as error:
             self.refuse(record.topic, error.kind, str(error))
             return ()
         return () if tick is None else self._pass_on(tick)
@@ -133,11 +133,11 @@ class LiveStream:
         self.refused[reason] += 1
         self._say_sometimes(f"refused, {kind}: {line}", self.refused[reason])
 
-    def _follow(self, record: Stamped) -> Stamped:
+    def _follow(self, record: RecordedMessage) -> RecordedMessage:
         """Begin a new cycle with a marker."""
         phase = _parse(record)
         if phase.epoch >= self._epochs:
-            raise Refused(
+            raise RejectionError(
                 "marker",
                 f"{record.topic} #{record.sequence}: expected an epoch below {self._epochs}, found {phase.epoch}; "
                 "say how many there are with --epochs",
@@ -149,7 +149,7 @@ class LiveStream:
         self._joiner.begin()
         return record
 
-    def _pass_on(self, tick: LiveTick) -> tuple[Stamped, ...]:
+    def _pass_on(self, tick: LiveTick) -> tuple[RecordedMessage, ...]:
         self.ticks += 1
         if tick.after_gap:
             self.gaps += 1
@@ -163,14 +163,14 @@ class LiveStream:
             return tick.records
         return self._marker(tick), *tick.records
 
-    def _marker(self, tick: LiveTick) -> Stamped:
+    def _marker(self, tick: LiveTick) -> RecordedMessage:
         """Return the marker in force, to be said again before a tick."""
         if self._phase is None:
             self._phase = Phase(LIVE_RUN, 0, 0, LEARN, log="")
         self._marked = True
         self._repeats += 1
         data = encode(self._phase.to_message())
-        return Stamped(SESSION_PHASE, String.TYPE, data, self._repeats - 1, tick.records[0].log_time_ns)
+        return RecordedMessage(SESSION_PHASE, String.TYPE, data, self._repeats - 1, tick.records[0].log_time_ns)
 
     def _say_sometimes(self, line: str, count: int) -> None:
         if str(count).strip("0") == "1":
@@ -233,7 +233,7 @@ class LiveLog:
         """Return what the consumers are told before the first message."""
         return live_offer(self._run, epochs=self._epochs, robot=self._robot, messages=self._count, log=self.path.name)
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
         for index, record in enumerate(self._stream(self._made())):
             if index >= start:
@@ -260,7 +260,7 @@ class LiveLog:
         records = renamed(self._reader, self._renames, LIVE_TOPICS, file_order=True)
         return any(after.log_time_ns < before.log_time_ns for before, after in pairwise(records))
 
-    def _stream(self, live: LiveStream, *, file_order: bool = True) -> Iterator[Stamped]:
+    def _stream(self, live: LiveStream, *, file_order: bool = True) -> Iterator[RecordedMessage]:
         for record in renamed(self._reader, self._renames, LIVE_TOPICS, file_order=file_order):
             yield from live.feed(record)
         live.finish()
@@ -284,12 +284,12 @@ def _printable(line: str) -> str:
     return line if line.isprintable() else ascii(line)[1:-1]
 
 
-def _parse(record: Stamped) -> Phase:
+def _parse(record: RecordedMessage) -> Phase:
     if len(record.data) > MAX_MESSAGE:
-        raise Refused("too large", f"{record.topic} #{record.sequence}: {len(record.data)} bytes")
+        raise RejectionError("too large", f"{record.topic} #{record.sequence}: {len(record.data)} bytes")
     try:
         if record.type != String.TYPE:
             raise MessageError(f"expected {String.TYPE}, found {record.type[:80]!r}")
         return Phase.from_message(decode_as(String, record.data))
     except MessageError as error:
-        raise Refused("marker", f"{record.topic} #{record.sequence}: {error}") from None
+        raise RejectionError("marker", f"{record.topic} #{record.sequence}: {error}") from None

@@ -8,9 +8,9 @@ from dataclasses import dataclass, field, replace
 from itertools import count, islice
 
 from recorders.errors import ConfigError, LogError
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import Log
 from recorders.reading.raw_messages import FOREVER_NS
@@ -107,13 +107,13 @@ class Playback:
             messages=self._count(),
         )
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
         rounds = range(self._config.loops) if self._config.loops else count()
         return islice((message for _ in rounds for message in self._once()), start, None)
 
     @property
-    def channels(self) -> tuple[Declared, ...]:
+    def channels(self) -> tuple[DeclaredChannel, ...]:
         """The channels of what is played, by the names that it is played under."""
         renames, played = self._config.renames, self._played
         return tuple(
@@ -122,7 +122,7 @@ class Playback:
             if channel.topic in played
         )
 
-    def _once(self) -> Iterator[Stamped]:
+    def _once(self) -> Iterator[RecordedMessage]:
         config = self._config
         begin_ns, end_ns = 0, FOREVER_NS
         if config.sliced:

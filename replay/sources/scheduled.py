@@ -9,7 +9,7 @@ from itertools import chain, count, islice, pairwise
 from recorders.cdr.codec import encode
 from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
@@ -28,7 +28,7 @@ _NEEDED = tuple(topic.name for topic in LEARNER_TOPICS)
 _NO_RENAMES: Mapping[str, str] = {}
 
 
-class Episode:
+class EpisodeLog:
     """The ticks of one log, read once or as often as they are asked for.
 
     Parameters
@@ -64,10 +64,10 @@ class Episode:
         self.topics = tuple(self._reader.topics)
         self._renames = {foreign: ours for foreign, ours in renames.items() if foreign in self.topics}
         self.robot = read_robot(self._reader)
-        self._cache: list[Stamped] | None = []
+        self._cache: list[RecordedMessage] | None = []
         self._survey()
 
-    def __iter__(self) -> Iterator[Stamped]:
+    def __iter__(self) -> Iterator[RecordedMessage]:
         """Yield the messages in log order."""
         return iter(self._cache) if self._cache is not None else self._read()
 
@@ -76,7 +76,7 @@ class Episode:
         """Whether the messages are in memory."""
         return self._cache is not None
 
-    def _read(self) -> Iterator[Stamped]:
+    def _read(self) -> Iterator[RecordedMessage]:
         return renamed(self._reader, self._renames, _NEEDED)
 
     def _survey(self) -> None:
@@ -121,7 +121,7 @@ class Episode:
 
 def renamed(
     reader: Reader, renames: Mapping[str, str], topics: Collection[str], *, file_order: bool = False
-) -> Iterator[Stamped]:
+) -> Iterator[RecordedMessage]:
     """Yield the messages of a log on some topics, by our names for them, those without a type as of our topic's.
 
     Parameters
@@ -151,7 +151,7 @@ def renamed(
             yield typed(record._replace(topic=topic))
 
 
-def check_size(record: Stamped, path: Log, *, hint: str = "") -> None:
+def check_size(record: RecordedMessage, path: Log, *, hint: str = "") -> None:
     """Raise LogError if a message is larger than those that travel: better at the start than in the middle."""
     if len(record.data) > MAX_MESSAGE:
         raise LogError(
@@ -160,7 +160,7 @@ def check_size(record: Stamped, path: Log, *, hint: str = "") -> None:
         )
 
 
-def typed(record: Stamped) -> Stamped:
+def typed(record: RecordedMessage) -> RecordedMessage:
     """Return a message with the type of its topic in the table of topics, if its writer has named none."""
     return record if record.type else record._replace(type=type_of(record.topic))
 
@@ -252,7 +252,7 @@ class Replay:
         if not paths:
             raise LogError("expected at least one log, found none")
         self.schedule = schedule
-        self.episodes = [Episode(path, renames=renames) for path in paths]
+        self.episodes = [EpisodeLog(path, renames=renames) for path in paths]
         self.robot = self.episodes[0].robot
         for episode in self.episodes[1:]:
             if episode.robot != self.robot:
@@ -281,7 +281,7 @@ class Replay:
             messages=len(self),
         )
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages of the run from index `start` on; presentations before it are not read."""
         index = 0
         for marker, episode in self.presentations():
@@ -291,12 +291,14 @@ class Replay:
                 yield from islice(chain((marker,), episode), skip, None)
             index = end
 
-    def presentations(self) -> Iterator[tuple[Stamped, Episode]]:
+    def presentations(self) -> Iterator[tuple[RecordedMessage, EpisodeLog]]:
         """Yield the phase marker of every presentation, and the log that is presented under it."""
         number = count()
         for epoch in range(self.schedule.epochs):
             for cycle, phase in self.schedule.epoch():
                 for episode in self.episodes:
                     data = encode(Phase(self.run, epoch, cycle, phase, episode.digest).to_message())
-                    marker = Stamped(SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, next(number), log_time_ns=0)
+                    marker = RecordedMessage(
+                        SESSION_PHASE, TOPICS[SESSION_PHASE].type, data, next(number), log_time_ns=0
+                    )
                     yield marker, episode

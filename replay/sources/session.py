@@ -7,7 +7,7 @@ from recorders.cdr.codec import decode
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
@@ -73,7 +73,7 @@ class RecordedSession:
         """Messages of the stream."""
         return self._count
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages in the order of the file, from index `start` on."""
         return islice(renamed(self._reader, self._renames, _TOPICS, file_order=True), start, None)
 
@@ -86,7 +86,7 @@ class RecordedSession:
         return Schedule.from_dict(recorded).to_dict()
 
 
-def _phase(path: Log, message: Stamped) -> Phase:
+def _phase(path: Log, message: RecordedMessage) -> Phase:
     with naming(path):
         marker = decode(message.type, message.data)
         if not isinstance(marker, String):

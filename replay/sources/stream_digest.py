@@ -4,19 +4,19 @@ import hashlib
 import struct
 from collections.abc import Iterable
 
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 _FRAME = struct.Struct("<HII")  # topic length, sequence, data length
 
 
-def framed(record: Stamped) -> bytes:
+def framed(record: RecordedMessage) -> bytes:
     """Return topic, sequence and bytes of a message, unambiguously joined. Its log time does not enter."""
     name, _, data, sequence, _ = record
     topic = name.encode()
     return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
 
 
-def link(records: Iterable[Stamped]) -> bytes:
+def link(records: Iterable[RecordedMessage]) -> bytes:
     """Return what one link of the stream digest hashes: a tick's records in canonical order, or one phase marker."""
     return b"".join(map(framed, records))
 
@@ -36,7 +36,7 @@ class StreamDigest:
     def __init__(self, value: bytes = bytes(32)) -> None:
         self._value = value
 
-    def update(self, records: Iterable[Stamped]) -> None:
+    def update(self, records: Iterable[RecordedMessage]) -> None:
         """Add one link: the records of a completed tick, in canonical order, or one phase marker."""
         self.extend((link(records),))
 

@@ -2,14 +2,14 @@
 
 from collections.abc import Iterator, Sequence
 
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 _BATCH_BYTES = 1 << 20  # a batch is closed when it is this large [bytes]
 
 
-def batches(messages: Iterator[Stamped], size: int) -> Iterator[Sequence[Stamped]]:
+def batches(messages: Iterator[RecordedMessage], size: int) -> Iterator[Sequence[RecordedMessage]]:
     """Cut a stream into chunks of so many messages, and no more than so many bytes."""
-    chunk: list[Stamped] = []
+    chunk: list[RecordedMessage] = []
     chunk_bytes = 0
     for message in messages:
         if chunk and chunk_bytes + len(message.data) > _BATCH_BYTES:

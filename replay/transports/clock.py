@@ -7,7 +7,7 @@ from fractions import Fraction
 from typing import Protocol
 
 from recorders.errors import ConfigError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.text.quantities import seconds_text
 
 _NS_PER_S = 1_000_000_000
@@ -142,7 +142,7 @@ class Pausable:
             self._changed.notify_all()
 
 
-def paced(stream: Iterator[Stamped], clock: Clock) -> Iterator[Stamped]:
+def paced(stream: Iterator[RecordedMessage], clock: Clock) -> Iterator[RecordedMessage]:
     """Yield the messages when the clock says that they are due."""
     for message in stream:
         clock.wait(message.log_time_ns)

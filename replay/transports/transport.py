@@ -3,10 +3,10 @@
 from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.wire.stream import Consumer, Offer
 
-StreamFrom = Callable[[int], Iterator[Stamped]]
+StreamFrom = Callable[[int], Iterator[RecordedMessage]]
 """Gives the stream from an index on; index 0 is the first message of the run."""
 
 
@@ -16,7 +16,7 @@ class Source(Protocol):
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
 
-    def stream(self, start: int = 0) -> Iterator[Stamped]:
+    def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
 
 

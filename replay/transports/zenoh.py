@@ -12,12 +12,12 @@ from uuid import uuid4
 import zenoh
 
 from recorders.errors import ReenactError, WireError
-from recorders.mcap_format.channels import Declared
-from recorders.messages.record import Stamped
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.record import RecordedMessage
 from recorders.wire.channel_table import telling
 from recorders.wire.frames import (
     Frame,
-    Kind,
+    FrameType,
     batch_key,
     control_key,
     message_key,
@@ -56,7 +56,7 @@ class ZenohTransport:
         Told how many messages every consumer has consumed.
     say : callable
         Told, in one line, if no consumer is awaited and nobody listens.
-    channels : sequence of Declared
+    channels : sequence of DeclaredChannel
         The channels of what is sent, of which recorders are told: by the names that it is sent under.
     """
 
@@ -67,7 +67,7 @@ class ZenohTransport:
         config: SenderConfig | None = None,
         on_progress: Callable[[int], None] = lambda consumed: None,
         say: Callable[[str], None] = lambda line: None,
-        channels: Sequence[Declared] = (),
+        channels: Sequence[DeclaredChannel] = (),
     ) -> None:
         self._session = session
         self._config = config or SenderConfig()
@@ -114,7 +114,7 @@ class _Delivery:
         config: SenderConfig,
         offer: Offer,
         on_progress: Callable[[int], None],
-        channels: Sequence[Declared],
+        channels: Sequence[DeclaredChannel],
     ) -> None:
         self._session = session
         self._config = config
@@ -173,18 +173,18 @@ class _Delivery:
         batched = self._config.batch > 1
         for messages in batches(stream_from(index), self._config.batch):
             self._await_room(len(messages), sum(len(message.data) for message in messages))
-            self._send(self._frame(Kind.BATCH if batched else Kind.MESSAGE, tuple(messages)))
-        self._send(self._frame(Kind.END))
+            self._send(self._frame(FrameType.BATCH if batched else FrameType.MESSAGE, tuple(messages)))
+        self._send(self._frame(FrameType.END))
         self._await(lambda: all(progress.result is not None for progress in self._progress.values()))
         self._ended = True
 
-    def _frame(self, kind: Kind, messages: tuple[Stamped, ...] = (), reason: str = "") -> Frame:
+    def _frame(self, kind: FrameType, messages: tuple[RecordedMessage, ...] = (), reason: str = "") -> Frame:
         return Frame(kind, *self._offer.identity, self._sent, messages, reason)
 
     def _abort(self, reason: str) -> None:
         """Tell the consumers that may have taken the offer, as well as the connection allows."""
         with suppress(zenoh.ZError):
-            self._put(self._frame(Kind.ABORT, reason=reason))
+            self._put(self._frame(FrameType.ABORT, reason=reason))
 
     def _greet(self, name: str) -> None:
         """Wait until a consumer answers, or a served controller of that name is ready."""
@@ -240,7 +240,7 @@ class _Delivery:
         self._put(frame)
 
     def _put(self, frame: Frame) -> None:
-        single = frame.kind is Kind.MESSAGE
+        single = frame.kind is FrameType.MESSAGE
         namespace = self._config.namespace
         key = message_key(namespace, frame.messages[0].topic) if single else batch_key(namespace)
         payload, attachment = pack(frame)
@@ -250,7 +250,7 @@ class _Delivery:
         encoding = self._encoding(frame.messages[0]) if single else None
         self._publisher(key).put(payload, attachment=attachment, encoding=encoding)
 
-    def _encoding(self, message: Stamped) -> str:
+    def _encoding(self, message: RecordedMessage) -> str:
         """Return how a message is encoded, and its type, for whoever hears it alone."""
         kind = "octet-stream" if (message.topic, message.type) in self._no_cdr else "cdr"
         return f"application/{kind};{message.type}"
@@ -310,7 +310,7 @@ class _Delivery:
             self._resend(name, answer)
 
     def _sent_end(self) -> bool:
-        return bool(self._unacknowledged) and self._unacknowledged[-1].kind is Kind.END
+        return bool(self._unacknowledged) and self._unacknowledged[-1].kind is FrameType.END
 
     def _resend(self, name: str, answer: Progress) -> None:
         """Send again what a consumer lacks; from the stream itself, if somebody else has acknowledged it."""
@@ -318,13 +318,13 @@ class _Delivery:
             self._progress[name] = answer
             raise _Rewind(answer.received)
         for frame in tuple(self._unacknowledged):
-            if frame.end > answer.received or frame.kind is Kind.END:
+            if frame.end > answer.received or frame.kind is FrameType.END:
                 self._put(frame)
 
     def _discard_consumed(self) -> None:
         consumed = self._consumed()
         while self._unacknowledged and self._unacknowledged[0].end <= consumed:
-            if self._unacknowledged[0].kind is Kind.END:
+            if self._unacknowledged[0].kind is FrameType.END:
                 break
             self._unacknowledged_bytes -= self._unacknowledged.popleft().size
         self._on_progress(consumed)

@@ -18,7 +18,7 @@ from recorders.messages.message_types import (
     TFMessage,
     TransformStamped,
 )
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CLOCK, LEARNER_OUTPUT, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TF
 from recorders.writing.writer import LogWriter
 
@@ -70,12 +70,12 @@ def message(request: pytest.FixtureRequest) -> Message:
 
 
 @pytest.fixture
-def ticks() -> Callable[[int], list[Stamped]]:
+def ticks() -> Callable[[int], list[RecordedMessage]]:
     """Return the records of the first n ticks, as a log would hold them."""
 
-    def make(count: int) -> list[Stamped]:
+    def make(count: int) -> list[RecordedMessage]:
         return [
-            Stamped(topic, message.TYPE, encode(message), tick, tick * TICK_NS)
+            RecordedMessage(topic, message.TYPE, encode(message), tick, tick * TICK_NS)
             for tick in range(count)
             for topic, message in tick_messages(tick)
         ]

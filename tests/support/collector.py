@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from typing import Any
 
 from recorders.errors import MessageError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.wire.stream import Offer
 
 
@@ -29,7 +29,7 @@ class Collector:
             raise MessageError(self._refuse)
         return self._start
 
-    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         digest, count = hashlib.sha256(), 0
         for message in messages:
             if self._start + count == self._fail_at:

@@ -29,7 +29,7 @@ from mcap.records import (
 
 from recorders.mcap_format.manifest import FORMAT_VERSION, METADATA_NAME, to_metadata
 from recorders.mcap_format.records import MAGIC
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 COMPRESSIONS = {"": bytes, "lz4": lz4.frame.compress, "zstd": zstandard.ZstdCompressor().compress}
 MANIFEST = {"format_version": FORMAT_VERSION, "robot": "none", "seed": 7}
@@ -47,7 +47,7 @@ class EveryRecord:
 
     crcs: bool = True
     raw: bytearray = field(default_factory=lambda: bytearray(MAGIC))
-    truth: list[Stamped] = field(default_factory=list)
+    truth: list[RecordedMessage] = field(default_factory=list)
     channels: list[Channel] = field(default_factory=list)
     indexes: dict[Opcode, list[McapRecord]] = field(default_factory=dict)
 
@@ -73,7 +73,9 @@ class EveryRecord:
         """Return the next message, on the channel declared last, and remember it as true."""
         index, channel = len(self.truth), self.channels[-1]
         time_ns = 10**9 + (index ^ 1) * 10**7  # not in order
-        self.truth.append(Stamped(channel.topic, SCHEMA.name, b"message %d" % index * (index % 4), index, time_ns))
+        self.truth.append(
+            RecordedMessage(channel.topic, SCHEMA.name, b"message %d" % index * (index % 4), index, time_ns)
+        )
         return Message(channel.id, time_ns, self.truth[-1].data, time_ns, index)
 
     def channel(self) -> Channel:
@@ -140,7 +142,7 @@ def packed(*records: McapRecord) -> bytes:
     return found
 
 
-def write_every_record(path: Path, *, crcs: bool = True) -> list[Stamped]:
+def write_every_record(path: Path, *, crcs: bool = True) -> list[RecordedMessage]:
     """Write such a log and return its messages in the order of the file."""
     log = EveryRecord(crcs)
     log.add(Header("ros2", "by hand"))

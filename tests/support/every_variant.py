@@ -35,7 +35,7 @@ from mcap.records import (
 )
 
 from recorders.mcap_format.records import MAGIC
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 FLAGS = ("ch", "mx", "chx", "ax", "mdx", "rch", "rsh", "st", "sum", "pad")
 PADDING = b"\x01\xff\xff"
@@ -53,11 +53,11 @@ class Data(NamedTuple):
     metadata: Sequence[Metadata] = ()
 
     @property
-    def stamped(self) -> list[Stamped]:
+    def stamped(self) -> list[RecordedMessage]:
         """The messages as a reader must yield them."""
         names = {schema.id: schema.name for schema in self.schemas}
         channels = {channel.id: (channel.topic, names.get(channel.schema_id, "")) for channel in self.channels}
-        return [Stamped(*channels[m.channel_id], m.data, m.sequence, m.log_time) for m in self.messages]
+        return [RecordedMessage(*channels[m.channel_id], m.data, m.sequence, m.log_time) for m in self.messages]
 
 
 def variants() -> Iterator[frozenset[str]]:

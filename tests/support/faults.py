@@ -21,7 +21,7 @@ from pipeline.robot.config import RobotConfig
 from pipeline.samples import pairs
 from pipeline.training import run as learning_run
 from recorders.messages.message_types import JointState
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import JointMap
@@ -77,7 +77,7 @@ def log_of(folder: Path) -> Path:
     return next(folder.glob("*.mcap"))
 
 
-def rewrite_log(folder: Path, change: Callable[[int, Stamped], Sequence[Stamped]]) -> None:
+def rewrite_log(folder: Path, change: Callable[[int, RecordedMessage], Sequence[RecordedMessage]]) -> None:
     """Write the log of a case again, with each record, by its place, as what `change` makes of it."""
     path = log_of(folder)
     reader = LogReader(path)
@@ -188,11 +188,11 @@ def trial_of_the_wrong_hand(patch: Patch, folder: Path) -> None:
 # In the replay.
 
 
-def _presenting(patch: Patch, change: Callable[[int, Stamped], Sequence[Stamped]]) -> None:
+def _presenting(patch: Patch, change: Callable[[int, RecordedMessage], Sequence[RecordedMessage]]) -> None:
     """Change messages of the fourth presentation, by their place in it; the phase marker is at 0."""
     right = Replay.stream
 
-    def changed(replay: Replay) -> Iterator[Stamped]:
+    def changed(replay: Replay) -> Iterator[RecordedMessage]:
         presentation, place = -1, 0
         for message in right(replay):
             begins = message.topic == SESSION_PHASE
@@ -211,7 +211,7 @@ def message_repeated(patch: Patch, folder: Path) -> None:
 
 
 def message_changed(patch: Patch, folder: Path) -> None:
-    def changed(message: Stamped) -> Stamped:
+    def changed(message: RecordedMessage) -> RecordedMessage:
         data = bytearray(message.data)
         data[-8 * 7] ^= 1  # the last bit of x: a pose ends with seven numbers
         return message._replace(data=bytes(data))
@@ -288,7 +288,7 @@ def log_repeats_a_message(patch: Patch, folder: Path) -> None:
 
 
 def log_with_another_message(patch: Patch, folder: Path) -> None:
-    def changed(place: int, record: Stamped) -> list[Stamped]:
+    def changed(place: int, record: RecordedMessage) -> list[RecordedMessage]:
         return [record._replace(data=record.data[:-1] + b"\x01") if place == 11 else record]
 
     rewrite_log(folder, changed)

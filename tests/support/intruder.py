@@ -15,12 +15,12 @@ import zenoh
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
 from recorders.wire.frames import (
     NO_RUN,
     Frame,
-    Kind,
+    FrameType,
     batch_key,
     batch_topic,
     control_key,
@@ -58,7 +58,7 @@ class Intruder:
         self._session = session
         self._random = random.Random(7)
         self._seen = threading.Event()
-        self._stream = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0)
+        self._stream = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0)
 
     def listen(self) -> None:
         """Learn run, sender and place of the stream, as anyone can who may subscribe."""
@@ -101,17 +101,19 @@ class Intruder:
         ):
             data = encode(message)
             self._put(message_key(NAMESPACE, topic), data)
-            self._forge(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (Stamped(topic, message.TYPE, data, 0, 0),)))
+            self._forge(
+                Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (RecordedMessage(topic, message.TYPE, data, 0, 0),))
+            )
 
     def forged_frames(self) -> None:
         """Frames of the run that is under way, from another sender: back in time, the end, an abort, a batch."""
         run, here = self._stream.run, self._stream.first + 1
-        past = Stamped(LEFT_TARGET, PoseStamped.TYPE, encode(PoseStamped(0, np.zeros(3))), 0, 0)
+        past = RecordedMessage(LEFT_TARGET, PoseStamped.TYPE, encode(PoseStamped(0, np.zeros(3))), 0, 0)
         for first in range(here, here + 20):
-            self._forge(Frame(Kind.MESSAGE, run, STRANGER, first, (past,)))
-            self._forge(Frame(Kind.BATCH, run, STRANGER, first, (past, past)))
-            self._forge(Frame(Kind.END, run, STRANGER, first))
-            self._forge(Frame(Kind.ABORT, run, STRANGER, first, reason="forged"))
+            self._forge(Frame(FrameType.MESSAGE, run, STRANGER, first, (past,)))
+            self._forge(Frame(FrameType.BATCH, run, STRANGER, first, (past, past)))
+            self._forge(Frame(FrameType.END, run, STRANGER, first))
+            self._forge(Frame(FrameType.ABORT, run, STRANGER, first, reason="forged"))
 
     def forged_answers(self) -> None:
         """Acknowledgements, a result and a failure that the learner never gave."""
@@ -131,7 +133,7 @@ class Intruder:
 
     def _forge(self, frame: Frame) -> None:
         payload, attachment = pack(frame)
-        single = frame.kind is Kind.MESSAGE
+        single = frame.kind is FrameType.MESSAGE
         key = message_key(NAMESPACE, frame.messages[0].topic) if single else batch_key(NAMESPACE)
         self._put(key, payload, attachment)
 

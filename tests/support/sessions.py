@@ -6,7 +6,7 @@ from pathlib import Path
 from mcap.writer import Writer
 
 from recorders.cdr.rosbags_types import schema_text
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.parts import PART, part_path
 from recorders.reading.reader import LogReader
 from recorders.writing.writer import RESERVED, LogWriter
@@ -29,7 +29,7 @@ def split(log: Path, out: Path, at: Sequence[int], *, numbered: bool = True) -> 
     return paths
 
 
-def write_foreign(path: Path, records: Sequence[Stamped]) -> Path:
+def write_foreign(path: Path, records: Sequence[RecordedMessage]) -> Path:
     """Write messages as another program does, by the library; a topic without a type has no schema."""
     with path.open("wb") as file:
         writer = Writer(file)

@@ -15,7 +15,7 @@ import zenoh
 from collector import Collector
 
 from recorders.errors import ReenactError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
@@ -62,11 +62,11 @@ def refusal(process: subprocess.Popen[str]) -> str:
     return line
 
 
-def stream_from(start: int) -> Iterator[Stamped]:
+def stream_from(start: int) -> Iterator[RecordedMessage]:
     """The stream that `replay` sends."""
     for index in range(start, COUNT):
         topic = LEARNER_TOPICS[index % 3]
-        yield Stamped(topic.name, topic.type, f"payload {index}".encode(), index, index)
+        yield RecordedMessage(topic.name, topic.type, f"payload {index}".encode(), index, index)
 
 
 def learn(session: zenoh.Session, seconds: float) -> dict[str, Any]:

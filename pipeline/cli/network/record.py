@@ -14,7 +14,7 @@ from pipeline.terminal import console
 from recorders.errors import LogError
 
 if TYPE_CHECKING:
-    from recorders.recording.config import RecordConfig, Recording
+    from recorders.recording.config import RecordConfig, RecordingStats
     from recorders.wire.receiver import ReceiverConfig
 
 
@@ -110,7 +110,7 @@ def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverCo
     return ReceiverConfig(name=name, namespace=namespace, live=True, kept=latched)
 
 
-def _outcome(recording: "Recording", key: str) -> str:
+def _outcome(recording: "RecordingStats", key: str) -> str:
     """Return the last line: where the recording is, or why it is empty."""
     if recording.messages:
         first, last = recording.paths[0], recording.paths[-1]

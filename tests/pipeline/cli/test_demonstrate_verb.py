@@ -23,7 +23,7 @@ from recorders.messages.message_types import PoseStamped
 from recorders.reading.reader import LogReader
 from recorders.wire.frames import control_key, message_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
 
@@ -105,7 +105,7 @@ def targets_of(path: Path) -> np.ndarray:
 def test_a_tracker_with_our_attachment_is_followed_for_a_duration(tmp_path: Path) -> None:
     options = ("--map", f"{TRACKER}={topics.RIGHT_TARGET}", "--hand", "right", "--duration", 1.0)
     with listening(tmp_path, *options) as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             for pose in poses_of(np.arange(0.0, 1.5, 0.01)):
                 producer.publish(TRACKER, pose, log_time_ns=0)
             result = result_of(process)

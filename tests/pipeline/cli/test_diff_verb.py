@@ -13,7 +13,7 @@ from processes import reenact, start
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.messages.message_types import JointState, Message
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
@@ -29,7 +29,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_episode(tmp_path_factory.mktemp("diff") / "log.mcap", samples=SAMPLES)
 
 
-def copied(log: Path, path: Path, edit: Callable[[list[Stamped]], list[Stamped]]) -> Path:
+def copied(log: Path, path: Path, edit: Callable[[list[RecordedMessage]], list[RecordedMessage]]) -> Path:
     with LogWriter(path, manifest={}) as writer:
         for record in edit(list(LogReader(log))):
             writer.copy(record)
@@ -54,7 +54,7 @@ def test_equal_logs_are_equal(log: Path, tmp_path: Path) -> None:
 
 
 def test_messages_of_one_tick_that_arrive_swapped_are_no_divergence(log: Path, tmp_path: Path) -> None:
-    def swap(records: list[Stamped]) -> list[Stamped]:
+    def swap(records: list[RecordedMessage]) -> list[RecordedMessage]:
         return [*records[:9], records[11], records[9], records[10], *records[12:]]
 
     swapped = copied(log, tmp_path / "swapped.mcap", swap)
@@ -81,7 +81,7 @@ def test_the_last_bit_of_one_float_is_named(log: Path, tmp_path: Path) -> None:
     ids=["dropped", "repeated", "swapped with another tick's"],
 )
 def test_a_message_out_of_its_place_is_named(
-    log: Path, tmp_path: Path, edit: Callable[[list[Stamped]], list[Stamped]], sequence: int
+    log: Path, tmp_path: Path, edit: Callable[[list[RecordedMessage]], list[RecordedMessage]], sequence: int
 ) -> None:
     run = reenact("diff", log, copied(log, tmp_path / "other.mcap", edit), cwd=tmp_path)
     assert run.returncode == 1
@@ -137,7 +137,7 @@ def test_a_replay_against_its_recorded_run_agrees_or_stops_where_they_part(log: 
 def changed(recorded: Path, path: Path) -> Path:
     """Copy a run with one target moved in its third cycle."""
 
-    def edit(records: list[Stamped]) -> list[Stamped]:
+    def edit(records: list[RecordedMessage]) -> list[RecordedMessage]:
         place = [n for n, record in enumerate(records) if record.topic == LEFT_TARGET][2 * (SAMPLES + 1) + 5]
         data = bytearray(records[place].data)
         data[-8 * 6] ^= 1

@@ -14,11 +14,11 @@ from recorders.cdr.codec import encode
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.reader import LogReader
 from replay.sources.live import LiveLog
-from replay.sources.scheduled import Episode
+from replay.sources.scheduled import EpisodeLog
 from replay.sources.session import RecordedSession
 
 SAMPLES = 11
@@ -29,7 +29,7 @@ def episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_episode(tmp_path_factory.mktemp("order") / "episode.mcap", samples=SAMPLES)
 
 
-def write(path: Path, source: Path, records: list[Stamped]) -> Path:
+def write(path: Path, source: Path, records: list[RecordedMessage]) -> Path:
     """Write messages as another program does, two ticks a chunk, in the order given, with the robot of a log."""
     reader = LogReader(source)
     with path.open("wb") as file:
@@ -57,7 +57,7 @@ def shuffled(episode: Path) -> Path:
 
 
 def test_it_is_the_same_episode(episode: Path, shuffled: Path) -> None:
-    assert Episode(shuffled).digest == Episode(episode).digest
+    assert EpisodeLog(shuffled).digest == EpisodeLog(episode).digest
     assert (read_samples(shuffled).targets == read_samples(episode).targets).all()
     assert (read_samples(shuffled).joints == read_samples(episode).joints).all()
 
@@ -88,7 +88,7 @@ def test_as_live_goes_by_the_file_where_a_clock_was_set_back(episode: Path, tmp_
 
 def test_as_recorded_goes_by_the_file(episode: Path, tmp_path: Path) -> None:
     marker = Phase("ab" * 16, 0, 0, LEARN, log="").to_message()
-    begin = Stamped(SESSION_PHASE, String.TYPE, encode(marker), 0, 2**40)
+    begin = RecordedMessage(SESSION_PHASE, String.TYPE, encode(marker), 0, 2**40)
     records = [begin, *LogReader(episode)]
     path = write_foreign(tmp_path / "session.mcap", records)
     assert next(iter(LogReader(path))) == records[1]

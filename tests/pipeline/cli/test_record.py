@@ -28,7 +28,7 @@ from pipeline.robot.config import load_robot
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import LogError, WireError
 from recorders.messages.message_types import Float64MultiArray, PoseStamped, String
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import (
     LEARNER_DIGEST,
     LEARNER_ERROR,
@@ -41,11 +41,11 @@ from recorders.messages.topics import (
 )
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import open_log
-from recorders.recording.config import RecordConfig, Recording
+from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack
+from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import Offer
@@ -110,16 +110,16 @@ def await_that(holds: Callable[[], bool]) -> None:
         time.sleep(0.01)
 
 
-def handed_over(part: Path) -> list[Stamped]:
+def handed_over(part: Path) -> list[RecordedMessage]:
     """Return what another process finds in a log that is being written."""
-    found: list[Stamped] = []
+    found: list[RecordedMessage] = []
     with suppress(LogError):
         for record in LogReader(part):
             found.append(record)  # one by one: the last step raises
     return found
 
 
-def bare(record: Stamped) -> tuple[str, int, bytes]:
+def bare(record: RecordedMessage) -> tuple[str, int, bytes]:
     return record.topic, record.sequence, record.data
 
 
@@ -136,7 +136,7 @@ def pose(index: int) -> PoseStamped:
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
 def test_a_producers_messages_keep_their_numbers_and_bytes(tmp_path: Path, number: signal.Signals) -> None:
     with recorder(tmp_path) as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             sent = [producer.publish(LEFT_TARGET, pose(index), log_time_ns=0) for index in range(500)]
         result = stop_once_all_is_there(session, process, number)
     recorded = list(LogReader(tmp_path / "log.mcap"))
@@ -150,10 +150,10 @@ def test_a_producers_messages_keep_their_numbers_and_bytes(tmp_path: Path, numbe
 
 def test_gaps_are_counted(tmp_path: Path) -> None:
     with recorder(tmp_path) as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             records = [producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)]
         for sequence in (1, 2, 6, 7, 10):
-            frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (records[0]._replace(sequence=sequence),))
+            frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (records[0]._replace(sequence=sequence),))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
         result = stop_once_all_is_there(session, process)
@@ -162,10 +162,10 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
 
 def test_a_late_message_is_no_second_gap(tmp_path: Path) -> None:
     with recorder(tmp_path) as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             record = producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)
         for sequence in (5, 3, 6, 0, 1):  # 0: the producer begins anew
-            frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
+            frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
         result = stop_once_all_is_there(session, process)
@@ -225,7 +225,7 @@ def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp
         plain = {"camera/raw": b"\x00\x01\x02", "hand/left/target": b"no pose at all", "notes": b"{}"}
         for key, payload in plain.items():
             session.put(f"reenact/{key}", payload)
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             producer.publish("/my/values", Float64MultiArray([1.0, 2.0]), log_time_ns=0)
             producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
         result = stop_once_all_is_there(session, process)
@@ -255,7 +255,7 @@ def test_a_topic_too_many_for_a_log_is_refused_and_ends_nothing(
 
 def test_topics_are_chosen(tmp_path: Path) -> None:
     with recorder(tmp_path, "--include", "/hand/*", "--exclude", "/hand/right/*") as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             for topic in (LEFT_TARGET, RIGHT_TARGET):
                 producer.publish(topic, pose(1), log_time_ns=0)
             producer.publish(LEARNER_OUTPUT, Float64MultiArray([3.0]), log_time_ns=0)
@@ -265,7 +265,7 @@ def test_topics_are_chosen(tmp_path: Path) -> None:
 
 def test_files_are_split_by_size(tmp_path: Path) -> None:
     with recorder(tmp_path, "--split", "10KB") as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             for index in range(300):
                 producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
         result = stop_once_all_is_there(session, process)
@@ -278,13 +278,15 @@ def test_files_are_split_by_size(tmp_path: Path) -> None:
 
 
 @contextmanager
-def recording_here(out: Path, **options: Any) -> Iterator[tuple[Producer, LiveRecorder, Callable[[], Recording]]]:
+def recording_here(
+    out: Path, **options: Any
+) -> Iterator[tuple[TopicPublisher, LiveRecorder, Callable[[], RecordingStats]]]:
     """Record in this process; yields who is recorded, the recorder, and what stops it and returns the recording."""
     over, endpoint = threading.Event(), free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
         open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
-        Producer(elsewhere) as producer,
+        TopicPublisher(elsewhere) as producer,
         Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
         ThreadPoolExecutor() as pool,
         ExitStack() as stack,
@@ -293,7 +295,7 @@ def recording_here(out: Path, **options: Any) -> Iterator[tuple[Producer, LiveRe
         live = LiveRecorder(out, **options)
         recording = pool.submit(live.run, receiver, stopped=over.is_set)
 
-        def stopped() -> Recording:
+        def stopped() -> RecordingStats:
             over.set()
             return recording.result(timeout=60)
 
@@ -301,7 +303,7 @@ def recording_here(out: Path, **options: Any) -> Iterator[tuple[Producer, LiveRe
 
 
 def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
-    looks: list[Recording] = []
+    looks: list[RecordingStats] = []
     options = {"config": RecordConfig(split_ns=1), "on_progress": looks.append}
     with (
         recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
@@ -398,7 +400,7 @@ def test_until_end_waits_for_as_long_as_the_sender_awaits_another(
         open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
         Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
         Receiver(elsewhere) as slow,
-        Producer(elsewhere) as producer,
+        TopicPublisher(elsewhere) as producer,
         ThreadPoolExecutor() as pool,
         ExitStack() as stack,
     ):
@@ -426,7 +428,7 @@ class Slow:
     def hello(self, offer: Offer) -> int:
         return 0
 
-    def consume(self, messages: Iterator[Stamped]) -> dict[str, object]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, object]:
         count = len(list(messages))
         time.sleep(self._seconds)
         self._say()

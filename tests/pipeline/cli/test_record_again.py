@@ -17,7 +17,7 @@ from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import LEFT_TARGET
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 
@@ -47,7 +47,7 @@ class Recorder:
         self._command = ("record", *options, "--connect", endpoint)
         self.published = 0
 
-    def life(self, producer: Producer, number: signal.Signals, part: Callable[[], Path]) -> list[str]:
+    def life(self, producer: TopicPublisher, number: signal.Signals, part: Callable[[], Path]) -> list[str]:
         """Let it live until it has so many messages, and end it; returns its lines up to the one that it records."""
         with start(*self._command, cwd=self._folder) as process:
             lines = [wait_for_line(process, "")]
@@ -74,7 +74,7 @@ class Recorder:
 
 def test_a_recorder_that_is_killed_records_again_and_again(tmp_path: Path) -> None:
     endpoint = free_endpoint()
-    with open_session(SessionConfig(listen=(endpoint,))) as session, Producer(session) as producer:
+    with open_session(SessionConfig(listen=(endpoint,))) as session, TopicPublisher(session) as producer:
         recorder = Recorder(tmp_path, session, endpoint, "--out", "log.mcap")
         for life in range(2):
             lines = recorder.life(producer, signal.SIGKILL, lambda: tmp_path / "log.mcap.part")
@@ -95,7 +95,7 @@ def test_a_recorder_that_is_killed_records_again_and_again(tmp_path: Path) -> No
 
 def test_a_recorder_in_parts_that_is_killed_leaves_its_parts_together(tmp_path: Path) -> None:
     endpoint = free_endpoint()
-    with open_session(SessionConfig(listen=(endpoint,))) as session, Producer(session) as producer:
+    with open_session(SessionConfig(listen=(endpoint,))) as session, TopicPublisher(session) as producer:
         recorder = Recorder(tmp_path, session, endpoint, "--out", "log.mcap", "--split", "5KB")
         recorder.life(producer, signal.SIGKILL, lambda: latest(tmp_path, "*.part"))
         killed = sorted(path.name for path in tmp_path.iterdir())
@@ -109,7 +109,7 @@ def test_a_recorder_in_parts_that_is_killed_leaves_its_parts_together(tmp_path: 
 
 def test_a_recorder_without_a_name_says_where_it_is_and_two_are_in_nobodys_way(tmp_path: Path) -> None:
     endpoint = free_endpoint()
-    with open_session(SessionConfig(listen=(endpoint,))) as session, Producer(session) as producer:
+    with open_session(SessionConfig(listen=(endpoint,))) as session, TopicPublisher(session) as producer:
         recorder = Recorder(tmp_path, session, endpoint)
         recorder.life(producer, signal.SIGKILL, lambda: latest(tmp_path, "*.part"))
         lines = recorder.life(producer, signal.SIGINT, lambda: latest(tmp_path, "*.part"))

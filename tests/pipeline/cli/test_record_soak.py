@@ -14,7 +14,7 @@ from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, RIGHT_TARGET, S
 from recorders.nodes.keys import node_key
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
 WARM_UP, STEPS, STEP = 40, 260, 4_000  # messages: in all 13 minutes at 1,458 a second
@@ -38,7 +38,7 @@ def await_recorded(session: zenoh.Session, count: int) -> None:
         time.sleep(0.05)
 
 
-def publish(producer: Producer, first: int) -> None:
+def publish(producer: TopicPublisher, first: int) -> None:
     joints = tuple(f"joint_{number}" for number in range(15))
     for number in range(first, first + STEP, 4):
         for topic in (LEFT_TARGET, RIGHT_TARGET):
@@ -52,7 +52,7 @@ def test_the_memory_of_a_recorder_has_no_slope(tmp_path: Path) -> None:
     endpoint = free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
-        Producer(session) as producer,
+        TopicPublisher(session) as producer,
         start("record", "--out", "log.mcap", "--connect", endpoint, cwd=tmp_path) as process,
     ):
         wait_for_line(process, "records reenact/**")

@@ -13,7 +13,7 @@ from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from recorders.rerun_scene.recording import Destination
 from replay.sources.live import LiveLog
-from replay.sources.scheduled import Episode
+from replay.sources.scheduled import EpisodeLog
 
 FOREIGN = {LEFT_TARGET: "/tracker/left", RIGHT_TARGET: "/tracker/right", SAMPLE_JOINTS: "/arm/joints"}
 RENAMES = {foreign: ours for ours, foreign in FOREIGN.items()}
@@ -32,14 +32,14 @@ def untyped(episode: Path) -> Path:
 
 
 def test_mapped_topics_have_the_types_of_ours(episode: Path, untyped: Path) -> None:
-    assert list(Episode(untyped, renames=RENAMES)) == list(Episode(episode))
+    assert list(EpisodeLog(untyped, renames=RENAMES)) == list(EpisodeLog(episode))
     live = list(LiveLog(untyped, renames=RENAMES).stream())
     assert live == list(LiveLog(episode).stream())
 
 
 def test_topics_of_our_names_without_a_type_have_ours(episode: Path, tmp_path: Path) -> None:
     plain = write_foreign(tmp_path / "plain.mcap", [record._replace(type="") for record in LogReader(episode)])
-    assert Episode(plain).digest == Episode(episode).digest
+    assert EpisodeLog(plain).digest == EpisodeLog(episode).digest
     robot = read_samples(episode).robot
     assert read_samples(plain, robot=robot).joints.tolist() == read_samples(episode).joints.tolist()
 
@@ -53,6 +53,6 @@ def test_a_topic_of_another_type_is_no_topic_of_ours(episode: Path, tmp_path: Pa
     wrong = [record._replace(topic=FOREIGN[record.topic], type="std_msgs/msg/String") for record in LogReader(episode)]
     log = write_foreign(tmp_path / "wrong.mcap", wrong)
     with pytest.raises(LogError, match=r"--map /arm/joints=/sample/joint_states: expected a topic of sensor_msgs/msg"):
-        Episode(log, renames=RENAMES)
+        EpisodeLog(log, renames=RENAMES)
     with pytest.raises(LogError, match=r": expected geometry_msgs/msg/PoseStamped, found 'std_msgs/msg/String'"):
         view_log(log, Destination(path=tmp_path / "a.rrd"), robot="asimo", renames=RENAMES)

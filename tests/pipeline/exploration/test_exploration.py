@@ -22,7 +22,7 @@ from recorders.cdr.codec import decode
 from recorders.errors import ConfigError, LogError, MotionError
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, PoseStamped, String, TFMessage
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import JointMap, Tick, join_ticks
@@ -50,7 +50,7 @@ def ticks_of(path: Path) -> list[Tick]:
     return list(join_ticks(LogReader(path)))
 
 
-def records_of(path: Path, topic: str) -> list[Stamped]:
+def records_of(path: Path, topic: str) -> list[RecordedMessage]:
     return list(LogReader(path).records(topics=[topic]))
 
 

@@ -30,7 +30,7 @@ from recorders.errors import MotionError, WireError
 from recorders.messages import topics
 from recorders.messages.message_types import JointState, String
 from recorders.messages.phase import EVALUATE, LEARN, WASHOUT, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.ticks.joiner import Tick, TickJoiner
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -63,7 +63,7 @@ def live(backend: Simulation | RemoteRobot, motion: Motion, *, seed: int = 3) ->
 
 
 @pytest.fixture(scope="module")
-def here() -> list[Stamped]:
+def here() -> list[RecordedMessage]:
     """The stream of a closed motion with the robot in this process."""
     return list(live(Simulation(ASIMO), short_motion(closed=True)).stream_from(0))
 
@@ -75,7 +75,7 @@ def remote() -> Iterator[RemoteRobot]:
         yield RemoteRobot(session)
 
 
-def cycles(stream: list[Stamped]) -> list[tuple[Phase, list[Tick]]]:
+def cycles(stream: list[RecordedMessage]) -> list[tuple[Phase, list[Tick]]]:
     """Phase marker and ticks of each presentation."""
     found: list[tuple[Phase, list[Tick]]] = []
     joiner = TickJoiner()
@@ -89,7 +89,7 @@ def cycles(stream: list[Stamped]) -> list[tuple[Phase, list[Tick]]]:
     return found
 
 
-def test_a_presentation_is_a_marker_and_t_plus_one_ticks(here: list[Stamped]) -> None:
+def test_a_presentation_is_a_marker_and_t_plus_one_ticks(here: list[RecordedMessage]) -> None:
     motion = short_motion(closed=True)
     assert here[0].topic == topics.SESSION_PHASE
     for number, (phase, ticks) in enumerate(cycles(here)):
@@ -100,20 +100,20 @@ def test_a_presentation_is_a_marker_and_t_plus_one_ticks(here: list[Stamped]) ->
         np.testing.assert_array_equal(targets, [*motion.targets, motion.targets[0]])
 
 
-def test_every_command_is_in_the_stream_at_the_time_when_it_takes_effect(here: list[Stamped]) -> None:
+def test_every_command_is_in_the_stream_at_the_time_when_it_takes_effect(here: list[RecordedMessage]) -> None:
     commands = [record for record in here if record.topic == topics.JOINT_COMMANDS]
     stamps = [decode_as(JointState, record.data).stamp_ns for record in commands]
     assert stamps == list(range(CYCLE_NS, 4 * CYCLE_NS, 5_000_000))
     assert stamps == [record.log_time_ns for record in commands]
 
 
-def test_each_topic_is_numbered_without_a_gap(here: list[Stamped]) -> None:
+def test_each_topic_is_numbered_without_a_gap(here: list[RecordedMessage]) -> None:
     for topic in {record.topic for record in here}:
         numbers = [record.sequence for record in here if record.topic == topic]
         assert numbers == list(range(len(numbers)))
 
 
-def test_joints_of_a_tick_are_those_before_its_target_is_held(here: list[Stamped]) -> None:
+def test_joints_of_a_tick_are_those_before_its_target_is_held(here: list[RecordedMessage]) -> None:
     for record in here:
         message = decode(record.type, record.data)
         if record.topic == topics.SAMPLE_JOINTS:
@@ -124,7 +124,7 @@ def test_joints_of_a_tick_are_those_before_its_target_is_held(here: list[Stamped
 
 
 def test_two_sessions_with_a_robot_elsewhere_and_one_here_are_equal_to_the_bit(
-    here: list[Stamped], remote: RemoteRobot
+    here: list[RecordedMessage], remote: RemoteRobot
 ) -> None:
     for _ in range(2):
         assert list(live(remote, short_motion(closed=True)).stream_from(0)) == here
@@ -256,7 +256,7 @@ def test_nobody_need_be_awaited(csv_motion: Path) -> None:
 def explore_with(session: LiveSession, opened: zenoh.Session, ordeal: Callable[[], object]) -> dict[str, Any]:
     """Stream a live session to the learner, let something befall it in the middle, and return its result."""
 
-    def stream_from(index: int) -> Iterator[Stamped]:
+    def stream_from(index: int) -> Iterator[RecordedMessage]:
         for sent, message in enumerate(session.stream_from(index)):
             if sent == len(PHASES) * SAMPLES * 10:  # in the middle, and of a hold
                 ordeal()
@@ -267,7 +267,7 @@ def explore_with(session: LiveSession, opened: zenoh.Session, ordeal: Callable[[
 
 @pytest.mark.parametrize("behind_the_cut", ["explorer", "learner"])
 def test_a_session_whose_connection_is_cut_goes_on_where_it_was(
-    here: list[Stamped], tmp_path: Path, behind_the_cut: str
+    here: list[RecordedMessage], tmp_path: Path, behind_the_cut: str
 ) -> None:
     expected = Trainer(LearnerConfig(seed=5))
     expected.hello(live(Simulation(ASIMO), short_motion(closed=True)).offer())

@@ -17,7 +17,7 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, circles
 from pipeline.robot.config import load_robot
 from replay.golden.add import add_case
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 
 
@@ -30,7 +30,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     explore(robot, motion, seed=2, out=log, config=ExplorationConfig(settle_ns=200_000_000))
     learner = LearnerConfig(reservoir=20, seed=4).to_dict()
     # The checkpoint falls into the middle of the fourth presentation.
-    recipe = Recipe((log,), learner, Schedule(epochs=2), resume_after=3 * 9 + 4, physics=True)
+    recipe = CaseSpec((log,), learner, Schedule(epochs=2), resume_after=3 * 9 + 4, physics=True)
     return add_case(folder / "cases" / "small", recipe, GoldenRunner()).folder
 
 

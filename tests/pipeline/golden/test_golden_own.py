@@ -14,7 +14,7 @@ from recorders.errors import ConfigError
 from replay.golden.add import add_case
 from replay.golden.case import load_case
 from replay.golden.check import check_case
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 
 SETTINGS = "reservoir = 20\nseed = 4\n"
@@ -27,7 +27,7 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     log = write_episode(work / "log.mcap", samples=4)
     (work / "learner.toml").write_text(SETTINGS)
     shutil.copytree(data_path("robots", "asimo"), work / "robot")
-    recipe = Recipe((log,), read_settings(work / "learner.toml"), Schedule(epochs=1))
+    recipe = CaseSpec((log,), read_settings(work / "learner.toml"), Schedule(epochs=1))
     add_case(work / "golden/a", recipe, GoldenRunner())
     return work
 

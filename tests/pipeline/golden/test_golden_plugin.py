@@ -13,7 +13,7 @@ from episodes import write_episode
 from pipeline.golden.runner import GoldenRunner
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from replay.golden.add import add_case
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 
 ROOT = Path(__file__).parents[3]
@@ -23,7 +23,7 @@ ROOT = Path(__file__).parents[3]
 def project(tmp_path_factory: pytest.TempPathFactory) -> Path:
     tmp_path = tmp_path_factory.mktemp("project")
     log = write_episode(tmp_path / "log.mcap", samples=6)
-    recipe = Recipe((log,), LearnerConfig(reservoir=20, seed=1).to_dict(), Schedule(epochs=1))
+    recipe = CaseSpec((log,), LearnerConfig(reservoir=20, seed=1).to_dict(), Schedule(epochs=1))
     one = add_case(tmp_path / "golden" / "one", recipe, GoldenRunner()).folder
     shutil.copytree(one, one.with_name("two"))
     (tmp_path / "tests").mkdir()

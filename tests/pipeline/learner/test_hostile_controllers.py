@@ -30,7 +30,7 @@ from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.errors import ConfigError, ControllerError
 from replay.golden.add import add_case
-from replay.golden.recipe import Recipe
+from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 
 SUPPORT = Path(__file__).parents[2] / "support"
@@ -120,7 +120,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 @pytest.fixture(scope="module")
 def cases(folder: Path) -> Path:
-    recipe = Recipe((folder / "log.mcap",), LearnerConfig(reservoir=20).to_dict(), Schedule(epochs=1))
+    recipe = CaseSpec((folder / "log.mcap",), LearnerConfig(reservoir=20).to_dict(), Schedule(epochs=1))
     golden, source = folder / "golden", add_case(folder / "golden/sound", recipe, GoldenRunner()).folder
     changes: dict[str, Change] = {
         "reservoir": lambda case: case["learner"].update(reservoir=900_000, reservoir_reservoir_density=0.0),

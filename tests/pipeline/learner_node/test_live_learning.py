@@ -29,7 +29,7 @@ from pipeline.training.trainer import Trainer, train_on
 from recorders.cdr.codec import decode, decode_as, encode
 from recorders.messages.message_types import Float64MultiArray, JointState, Message, String
 from recorders.messages.phase import EVALUATE, LEARN, WASHOUT, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import (
     LEARNER_DIGEST,
     LEARNER_ERROR,
@@ -39,7 +39,7 @@ from recorders.messages.topics import (
     SESSION_PHASE,
 )
 from recorders.reading.reader import LogReader
-from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
+from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -60,7 +60,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @pytest.fixture(scope="module")
-def ticks(log: Path) -> list[list[Stamped]]:
+def ticks(log: Path) -> list[list[RecordedMessage]]:
     records = list(LogReader(log))
     return [records[3 * tick : 3 * tick + 3] for tick in range(TICKS)]
 
@@ -89,13 +89,13 @@ class Publisher:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._session = session
-        self.heard: list[Stamped] = []
+        self.heard: list[RecordedMessage] = []
         for topic in (LEARNER_OUTPUT, LEARNER_ERROR, LEARNER_DIGEST, LEARNER_STATUS):
             session.declare_subscriber(message_key("reenact", topic), self._note)
 
-    def say(self, records: Sequence[Stamped], *, numbered: bool = True) -> None:
+    def say(self, records: Sequence[RecordedMessage], *, numbered: bool = True) -> None:
         for record in records:
-            attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))[1] if numbered else None
+            attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))[1] if numbered else None
             key = message_key("reenact", record.topic)
             block = zenoh.CongestionControl.BLOCK
             self._session.put(key, record.data, attachment=attachment, congestion_control=block)
@@ -126,11 +126,11 @@ def publisher(endpoint: str) -> Iterator[Publisher]:
         yield Publisher(session)
 
 
-def flat(ticks: Sequence[Sequence[Stamped]]) -> list[Stamped]:
+def flat(ticks: Sequence[Sequence[RecordedMessage]]) -> list[RecordedMessage]:
     return [record for tick in ticks for record in tick]
 
 
-def offline(records: Sequence[Stamped], *, epochs: int = 1) -> dict[str, Any]:
+def offline(records: Sequence[RecordedMessage], *, epochs: int = 1) -> dict[str, Any]:
     """Learn in this process from the same messages."""
     live = LiveStream(epochs=epochs, check=plausible(ASIMO))
     stream = [out for record in records for out in live.feed(record)]
@@ -148,12 +148,12 @@ def picked(result: dict[str, Any]) -> dict[str, Any]:
     return {name: result[name] for name in SAME}
 
 
-def marker(*, epoch: int, cycle: int, phase: str) -> Stamped:
+def marker(*, epoch: int, cycle: int, phase: str) -> RecordedMessage:
     data = encode(Phase("ab" * 16, epoch, cycle, phase, log="").to_message())
-    return Stamped(SESSION_PHASE, String.TYPE, data, 7 * epoch + cycle, 0)
+    return RecordedMessage(SESSION_PHASE, String.TYPE, data, 7 * epoch + cycle, 0)
 
 
-def altered(record: Stamped, **changes: object) -> Stamped:
+def altered(record: RecordedMessage, **changes: object) -> RecordedMessage:
     message: Message = decode(record.type, record.data)
     return record._replace(data=encode(replace(message, **changes)))  # type: ignore[type-var]
 
@@ -182,7 +182,7 @@ def test_a_paced_replay_live_and_both_recordings_of_it_are_one_state(log: Path, 
 
 
 def test_from_bare_messages_it_learns_says_what_it_does_and_ends_by_a_signal(
-    ticks: list[list[Stamped]], tmp_path: Path
+    ticks: list[list[RecordedMessage]], tmp_path: Path
 ) -> None:
     with learner(tmp_path) as (endpoint, process), publisher(endpoint) as robot:
         robot.say(flat(ticks), numbered=False)
@@ -201,7 +201,7 @@ def test_from_bare_messages_it_learns_says_what_it_does_and_ends_by_a_signal(
     assert statuses[-1] | {"ticks": TICKS, "refused": {}, "dropped": 0, "gaps": 0} == statuses[-1]
 
 
-def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Stamped]]) -> None:
+def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[RecordedMessage]]) -> None:
     endpoint, arrived = free_endpoint(), threading.Event()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
@@ -218,7 +218,7 @@ def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Stamped
     assert picked(result) == offline(flat(ticks))
 
 
-def test_bad_company_changes_nothing_and_is_named(ticks: list[list[Stamped]], tmp_path: Path) -> None:
+def test_bad_company_changes_nothing_and_is_named(ticks: list[list[RecordedMessage]], tmp_path: Path) -> None:
     left, _, joints = ticks[40]
     other = JointState(0, ("antenna",), [0.0])
     bad = [
@@ -229,7 +229,7 @@ def test_bad_company_changes_nothing_and_is_named(ticks: list[list[Stamped]], tm
         joints._replace(data=encode(other)),
         joints._replace(data=bytes(100_000)),
         joints._replace(data=bytes(MAX_PAYLOAD + 1)),
-        Stamped(SESSION_PHASE, String.TYPE, b"\xff" * 50, 0, 0),
+        RecordedMessage(SESSION_PHASE, String.TYPE, b"\xff" * 50, 0, 0),
         left._replace(topic="/nothing/of\x1bours"),
     ]
     with learner(tmp_path, "--ticks", TICKS) as (endpoint, process), publisher(endpoint) as robot:
@@ -256,7 +256,7 @@ def test_bad_company_changes_nothing_and_is_named(ticks: list[list[Stamped]], tm
 
 
 def test_markers_are_followed_and_no_pair_is_learned_across_a_missing_tick(
-    ticks: list[list[Stamped]], tmp_path: Path
+    ticks: list[list[RecordedMessage]], tmp_path: Path
 ) -> None:
     lossy = flat(ticks[:10]) + ticks[10][1:] + flat(ticks[11:15]) + flat(ticks[18:20])
     heard = [
@@ -308,7 +308,7 @@ def test_an_exploration_that_awaits_nobody_is_learned_from_and_the_robot_says_wh
     assert picked(result) == as_recorded(tmp_path / "kept.mcap")
 
 
-def test_killed_it_goes_on_from_its_checkpoint(ticks: list[list[Stamped]], tmp_path: Path) -> None:
+def test_killed_it_goes_on_from_its_checkpoint(ticks: list[list[RecordedMessage]], tmp_path: Path) -> None:
     keeping = ("--checkpoint", "k.npz", "--every", 10)
     with learner(tmp_path, *keeping) as (endpoint, process), publisher(endpoint) as robot:
         robot.say(flat(ticks[:50]))
@@ -347,7 +347,9 @@ def test_progress_is_the_share_of_the_stream_where_its_length_is_known(log: Path
     assert {share for _, share in shown} == {None}
 
 
-def test_where_nothing_can_be_learned_no_controller_is_written(ticks: list[list[Stamped]], tmp_path: Path) -> None:
+def test_where_nothing_can_be_learned_no_controller_is_written(
+    ticks: list[list[RecordedMessage]], tmp_path: Path
+) -> None:
     far = [altered(record, position=[320.0, 200.0, 760.0]) for tick in ticks for record in tick[:2]]
     with learner(tmp_path, "--checkpoint", "k.npz") as (endpoint, process), publisher(endpoint) as robot:
         robot.say(far)
@@ -361,7 +363,7 @@ def test_where_nothing_can_be_learned_no_controller_is_written(ticks: list[list[
 
 
 def test_a_stream_that_breaks_off_leaves_it_alive_and_one_that_ends_ends_it(
-    log: Path, ticks: list[list[Stamped]], tmp_path: Path
+    log: Path, ticks: list[list[RecordedMessage]], tmp_path: Path
 ) -> None:
     with learner(tmp_path, "--record", "kept.mcap") as (endpoint, process), publisher(endpoint) as robot:
         awaited = ("replay", log, "--play", "--await", "learner", "--json", "--connect", endpoint)

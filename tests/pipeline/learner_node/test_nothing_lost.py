@@ -20,7 +20,7 @@ from waiting import wait_until
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_OUTPUT, LEARNER_TOPICS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
@@ -252,7 +252,7 @@ def late(endpoint: str) -> str:
 def test_a_pause_in_the_stream_is_no_silence(log: Path) -> None:
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
 
-    def paused(begin: int) -> Iterator[Stamped]:
+    def paused(begin: int) -> Iterator[RecordedMessage]:
         for index, message in enumerate(source.stream(begin), begin):
             if index == 100:
                 time.sleep(1.5 * SILENCE_S)

@@ -20,7 +20,7 @@ from pipeline.training.trainer import train
 from recorders.cdr.codec import decode, encode
 from recorders.errors import WireError
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.wire.frames import batch_topic
 from recorders.wire.loopback import free_endpoint
@@ -33,7 +33,7 @@ from replay.transports.transport import StreamFrom
 from replay.transports.zenoh import ZenohTransport
 
 SEED = 5
-Spoil: TypeAlias = Callable[[Stamped], Stamped]
+Spoil: TypeAlias = Callable[[RecordedMessage], RecordedMessage]
 
 
 @pytest.fixture(scope="module")
@@ -64,7 +64,7 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
         await_word(guest, "garbage is out")
         done = threads.submit(await_word, guest, "done")
 
-        def slow(begin: int) -> Iterator[Stamped]:
+        def slow(begin: int) -> Iterator[RecordedMessage]:
             """The stream, all through what the intruder does."""
             for index, message in enumerate(source.stream(begin), begin):
                 if index == len(source) - 1:
@@ -86,14 +86,14 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
     assert "Traceback" not in said
 
 
-def backwards(message: Stamped) -> Stamped:
+def backwards(message: RecordedMessage) -> RecordedMessage:
     """The same message, a second earlier than the log begins."""
     target = decode(message.type, message.data)
     assert isinstance(target, PoseStamped)
     return message._replace(data=encode(replace(target, stamp_ns=0)))
 
 
-def of_another_robot(message: Stamped) -> Stamped:
+def of_another_robot(message: RecordedMessage) -> RecordedMessage:
     joints = decode(message.type, message.data)
     assert isinstance(joints, JointState)
     return message._replace(data=encode(replace(joints, name=("antenna", *joints.name[1:]))))
@@ -115,7 +115,7 @@ def test_a_bad_message_of_its_own_stream_is_named_and_the_learner_goes_on_from_b
     for cycle, (topic, spoil, complaint) in enumerate(SPOILT, 2):
         bad = [index for index, message in enumerate(source.stream()) if message.topic == topic][cycle * 41 + 20]
 
-        def spoilt(begin: int, *, bad: int = bad, spoil: Spoil = spoil) -> Iterator[Stamped]:
+        def spoilt(begin: int, *, bad: int = bad, spoil: Spoil = spoil) -> Iterator[RecordedMessage]:
             for index, message in enumerate(source.stream(begin), begin):
                 yield spoil(message) if index == bad else message
 

@@ -21,7 +21,7 @@ from pipeline.training.trainer import train
 from recorders.cdr.codec import encode
 from recorders.errors import JointError
 from recorders.messages.message_types import JointState, Message, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, SAMPLE_JOINTS
 from replay.sources.schedule import Schedule
 
@@ -148,7 +148,7 @@ def test_served_targets_and_joints_are_checked_by_the_same_rule(folder: Path) ->
         (SAMPLE_JOINTS, JointState(1, ASIMO.joints, np.rad2deg(ASIMO.comfort))),
     ]
     for topic, message in wrong:
-        assert served.take(Stamped(topic, message.TYPE, encode(message), 0, 0)) is None
+        assert served.take(RecordedMessage(topic, message.TYPE, encode(message), 0, 0)) is None
     assert served.status()["refused"] == {"out of range": 2}
     assert said[0].endswith("looks like millimetres")
     assert served.status()["last_refusal"].endswith("looks like degrees")

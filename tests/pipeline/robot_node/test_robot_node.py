@@ -24,7 +24,7 @@ from recorders.cdr.codec import decode, decode_as, encode
 from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, PoseStamped, String
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.wire.frames import message_key, unpack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -243,7 +243,7 @@ def test_a_duration_that_is_no_multiple_of_the_period_is_refused(remote: RemoteR
 
 
 def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: RemoteRobot) -> None:
-    heard: list[Stamped] = []
+    heard: list[RecordedMessage] = []
 
     def hear(sample: zenoh.Sample) -> None:
         topic = "/" + str(sample.key_expr).removeprefix("reenact/")

@@ -29,10 +29,10 @@ from pipeline.training.trainer import train
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import LogError, WireError
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS, LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
-from recorders.wire.frames import NO_RUN, Frame, Kind, message_key, pack, unpack
+from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.live import live_offer
@@ -93,8 +93,8 @@ class Watcher:
     def delete(self, topic: str) -> None:
         self._session.delete(message_key(self._namespace, topic))
 
-    def put(self, record: Stamped, *, attached: bool = True, encoding: str | None = None) -> None:
-        payload, attachment = pack(Frame(Kind.MESSAGE, NO_RUN, NO_RUN, record.sequence, (record,)))
+    def put(self, record: RecordedMessage, *, attached: bool = True, encoding: str | None = None) -> None:
+        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, record.sequence, (record,)))
         self._session.put(
             message_key(self._namespace, record.topic),
             payload,
@@ -103,7 +103,7 @@ class Watcher:
             congestion_control=zenoh.CongestionControl.BLOCK,
         )
 
-    def command(self) -> tuple[int, np.ndarray, Stamped]:
+    def command(self) -> tuple[int, np.ndarray, RecordedMessage]:
         """Return stamp, positions and record of the next command."""
         sample = self._commands.get(timeout=WAIT_S)
         assert sample.attachment is not None
@@ -148,10 +148,10 @@ def stop(process: subprocess.Popen[str], signum: int = signal.SIGTERM) -> tuple[
     return json.loads(summary), said
 
 
-def targets(stamp_ns: int, u: Iterable[float], *, sequence: int = 0) -> list[Stamped]:
+def targets(stamp_ns: int, u: Iterable[float], *, sequence: int = 0) -> list[RecordedMessage]:
     hands = np.reshape(np.array(u), (2, 3))
     return [
-        Stamped(topic, PoseStamped.TYPE, encode(PoseStamped(stamp_ns, hand)), sequence, stamp_ns)
+        RecordedMessage(topic, PoseStamped.TYPE, encode(PoseStamped(stamp_ns, hand)), sequence, stamp_ns)
         for topic, hand in zip((LEFT_TARGET, RIGHT_TARGET), hands, strict=True)
     ]
 
@@ -205,7 +205,7 @@ def test_what_is_no_target_is_refused_and_the_rest_is_served_on(
     u = samples.targets[0]
     left, right = targets(20, u)
     nan, _ = targets(30, [np.nan, *u[1:]])
-    joints = Stamped(LEFT_TARGET, "", encode(JointState(40, ("a",), np.zeros(1))), 0, 0)
+    joints = RecordedMessage(LEFT_TARGET, "", encode(JointState(40, ("a",), np.zeros(1))), 0, 0)
     with serving(controller, tmp_path, listens=listens) as (watcher, process):
         for record in targets(10, u):
             watcher.put(record)
@@ -327,15 +327,15 @@ def test_a_log_that_cannot_be_written_on_stops_no_command(
     assert len(kept) >= 60
 
 
-def exchange(watcher: Watcher, records: list[Stamped]) -> None:
+def exchange(watcher: Watcher, records: list[RecordedMessage]) -> None:
     """Put the targets of a tick and await their command."""
     for record in records:
         watcher.put(record)
     assert watcher.command()[0] == decode_as(PoseStamped, records[0].data).stamp_ns
 
 
-def recorded_before_damage(path: Path) -> list[Stamped]:
-    records: list[Stamped] = []
+def recorded_before_damage(path: Path) -> list[RecordedMessage]:
+    records: list[RecordedMessage] = []
     with suppress(LogError):
         for record in LogReader(path):
             records.append(record)

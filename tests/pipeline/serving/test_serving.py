@@ -26,7 +26,7 @@ from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, ControllerError
 from recorders.messages.message_types import JointState, Message, PoseStamped, String
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from replay.sources.schedule import Schedule
@@ -51,16 +51,16 @@ def samples(log: Path) -> Samples:
     return read_samples(log)
 
 
-def record(topic: str, message: Message) -> Stamped:
-    return Stamped(topic, message.TYPE, encode(message), 0, 0)
+def record(topic: str, message: Message) -> RecordedMessage:
+    return RecordedMessage(topic, message.TYPE, encode(message), 0, 0)
 
 
-def pair(stamp_ns: int, u: Iterable[float] = CENTRE) -> list[Stamped]:
+def pair(stamp_ns: int, u: Iterable[float] = CENTRE) -> list[RecordedMessage]:
     left, right = np.reshape(np.array(u), (2, 3))
     return [record(LEFT_TARGET, PoseStamped(stamp_ns, left)), record(RIGHT_TARGET, PoseStamped(stamp_ns, right))]
 
 
-def feed(served: ServedController, records: Iterable[Stamped]) -> list[Command]:
+def feed(served: ServedController, records: Iterable[RecordedMessage]) -> list[Command]:
     return [command for record in records if (command := served.take(record)) is not None]
 
 
@@ -117,7 +117,7 @@ COORDINATES = st.sampled_from([0.0, 0.32, 0.2, -0.2, 0.76, 0.6, 9.0, 1e9, np.nan
 
 
 @st.composite
-def messages(draw: st.DrawFn, *, about_ns: int) -> Stamped:
+def messages(draw: st.DrawFn, *, about_ns: int) -> RecordedMessage:
     topic = draw(st.sampled_from([LEFT_TARGET, RIGHT_TARGET, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, JOINT_COMMANDS]))
     hand = CENTRE[:3] if topic == LEFT_TARGET else CENTRE[3:]
     place = draw(st.one_of(st.just(hand), st.tuples(COORDINATES, COORDINATES, COORDINATES)))
@@ -126,11 +126,11 @@ def messages(draw: st.DrawFn, *, about_ns: int) -> Stamped:
         at, other = draw(st.integers(0, 23)), draw(st.sampled_from([0, 1, 2, 127, 128, 255]))
         pose = pose[:at] + bytes([other]) + pose[at + 1 :]
     kind = draw(st.sampled_from([PoseStamped.TYPE] * 5 + [JointState.TYPE]))
-    return Stamped(topic, kind, pose[: draw(st.sampled_from([len(pose)] * 6 + [len(pose) - 1, 3]))], 0, 0)
+    return RecordedMessage(topic, kind, pose[: draw(st.sampled_from([len(pose)] * 6 + [len(pose) - 1, 3]))], 0, 0)
 
 
 @st.composite
-def streams(draw: st.DrawFn) -> list[list[Stamped]]:
+def streams(draw: st.DrawFn) -> list[list[RecordedMessage]]:
     """Messages by twos, most of them the hands of a tick."""
     pairs = []
     for tick in range(draw(st.integers(2, 24))):
@@ -142,7 +142,7 @@ def streams(draw: st.DrawFn) -> list[list[Stamped]]:
     return pairs
 
 
-def feed_pair(served: ServedController, first: Stamped, second: Stamped) -> list[Command]:
+def feed_pair(served: ServedController, first: RecordedMessage, second: RecordedMessage) -> list[Command]:
     """Feed two messages as the node does: as a usual pair if they may be one, else one after the other."""
     left, right = (second, first) if first.topic == RIGHT_TARGET else (first, second)
     if (left.topic, right.topic) == (LEFT_TARGET, RIGHT_TARGET) and left.type == PoseStamped.TYPE == right.type:
@@ -155,7 +155,7 @@ def feed_pair(served: ServedController, first: Stamped, second: Stamped) -> list
 @settings(max_examples=60, deadline=None)
 @given(pairs=streams(), learn=st.integers(0, 3).map(lambda drawn: drawn == 0))
 def test_a_pair_is_taken_as_its_messages_are_one_after_the_other(
-    controller: Controller, pairs: list[list[Stamped]], learn: bool
+    controller: Controller, pairs: list[list[RecordedMessage]], learn: bool
 ) -> None:
     at_once, singly = (ServedController(controller, config=ServingConfig(learn=learn)) for _ in range(2))
     for first, second in pairs:
@@ -245,7 +245,7 @@ FAR = [*CENTRE[:5], 1e300]
     ],
 )
 def test_what_is_no_target_is_refused_and_changes_nothing(
-    controller: Controller, bad: list[Stamped], reason: Refusal
+    controller: Controller, bad: list[RecordedMessage], reason: Refusal
 ) -> None:
     said: list[str] = []
     served, undisturbed = ServedController(controller, say=said.append), ServedController(controller)
@@ -341,7 +341,7 @@ def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_
     ]
 
 
-def whole_tick(stamp_ns: int) -> list[Stamped]:
+def whole_tick(stamp_ns: int) -> list[RecordedMessage]:
     robot = load_robot("asimo")
     return [*pair(stamp_ns), record(SAMPLE_JOINTS, JointState(stamp_ns, robot.joints, robot.comfort))]
 
@@ -386,7 +386,7 @@ def test_late_messages_that_do_not_go_on_begin_nothing(controller: Controller) -
     assert served.status()["refused"] == {"stale": 3 * 5 * RESTART_AFTER + 1}
 
 
-def ticks(log: Path) -> list[Stamped]:
+def ticks(log: Path) -> list[RecordedMessage]:
     return [r for r in LogReader(log) if r.topic in (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS)]
 
 
@@ -432,7 +432,7 @@ def test_a_tick_that_lacks_its_joints_is_as_if_it_had_not_been(controller: Contr
     assert served.status()["refused"] == {"no partner": 2}
 
 
-def stamp_of(record: Stamped) -> int:
+def stamp_of(record: RecordedMessage) -> int:
     kind = JointState if record.topic == SAMPLE_JOINTS else PoseStamped
     return decode_as(kind, record.data).stamp_ns
 

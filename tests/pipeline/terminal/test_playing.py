@@ -18,7 +18,7 @@ from processes import command
 
 from pipeline.terminal.replay_controls import Guarded
 from recorders.errors import CheckFailed
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -152,7 +152,7 @@ def test_in_the_background_it_plays_on_and_lets_the_terminal_be(log: Path) -> No
         assert replay.count() == SAMPLES + 1
 
 
-Edit = Callable[[list[Stamped], int], list[Stamped]]
+Edit = Callable[[list[RecordedMessage], int], list[RecordedMessage]]
 EDITS: dict[str, Edit] = {
     "dropped": lambda run, at: run[:at] + run[at + 1 :],
     "repeated": lambda run, at: [*run[:at], run[at], *run[at:]],
@@ -172,7 +172,7 @@ def test_a_replay_parts_from_a_run_in_which_a_message_is_out_of_place(
     with LogWriter(tmp_path / "run.mcap", manifest={}) as writer:
         for record in edit(run, at):
             writer.copy(record)
-    passed: list[Stamped] = []
+    passed: list[RecordedMessage] = []
     with pytest.raises(CheckFailed, match=r"^/hand/left/target #5 at 1000000000 ns"):
         passed.extend(Guarded(replay, tmp_path / "run.mcap", everything=everything).stream())
     assert passed == run[: len(passed)]

@@ -12,7 +12,7 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.trainer import Trainer, train_on
 from recorders.errors import ConfigError, ControllerError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
@@ -25,7 +25,7 @@ def replay(tmp_path_factory: pytest.TempPathFactory) -> Replay:
     return Replay([log], Schedule(epochs=2))
 
 
-def cut(replay: Replay, start: int, end: int) -> Iterator[Stamped]:
+def cut(replay: Replay, start: int, end: int) -> Iterator[RecordedMessage]:
     yield from islice(replay.stream(start), end - start)
     if end < len(replay):
         raise WireError("killed")

@@ -20,7 +20,7 @@ from recorders.cdr.codec import encode
 from recorders.errors import ConfigError, JointError, LogError, MessageError
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from recorders.writing.writer import LogWriter
@@ -41,7 +41,7 @@ def replayed(log: Path) -> Replay:
     return Replay([log], SCHEDULE)
 
 
-def feed(replay: Replay, messages: Iterator[Stamped], config: LearnerConfig = CONFIG) -> Trainer:
+def feed(replay: Replay, messages: Iterator[RecordedMessage], config: LearnerConfig = CONFIG) -> Trainer:
     trainer = Trainer(config)
     trainer.hello(replay.offer())
     trainer.consume(messages)
@@ -66,8 +66,8 @@ def test_the_size_of_the_pieces_does_not_enter(replayed: Replay, piece: int, mon
 
 
 def test_arrival_order_within_a_tick_does_not_enter(replayed: Replay) -> None:
-    def shuffled() -> Iterator[Stamped]:
-        generator, tick = np.random.default_rng(2), list[Stamped]()
+    def shuffled() -> Iterator[RecordedMessage]:
+        generator, tick = np.random.default_rng(2), list[RecordedMessage]()
         for message in replayed.stream():
             if message.topic == SESSION_PHASE:
                 yield message
@@ -87,7 +87,7 @@ def test_the_seed_enters(replayed: Replay) -> None:
 
 
 def test_a_nanometre_enters_both_digests(replayed: Replay) -> None:
-    def changed() -> Iterator[Stamped]:
+    def changed() -> Iterator[RecordedMessage]:
         for place, message in enumerate(replayed.stream()):
             if place == 95:  # a target of the first cycle that learns
                 assert message.topic == LEFT_TARGET
@@ -227,7 +227,9 @@ def test_messages_before_a_phase_marker_are_refused(replayed: Replay) -> None:
 
 
 def test_a_marker_of_another_run_is_refused(replayed: Replay) -> None:
-    marker = Stamped(SESSION_PHASE, "std_msgs/msg/String", encode(Phase("other", 0, 0, "learn", "").to_message()), 0, 0)
+    marker = RecordedMessage(
+        SESSION_PHASE, "std_msgs/msg/String", encode(Phase("other", 0, 0, "learn", "").to_message()), 0, 0
+    )
     with pytest.raises(MessageError, match=r"expected run .* found other"):
         feed(replayed, iter([marker]))
 
@@ -239,7 +241,7 @@ def test_a_lost_message_is_named(replayed: Replay) -> None:
 
 
 def test_another_robots_joints_are_refused(replayed: Replay) -> None:
-    def foreign() -> Iterator[Stamped]:
+    def foreign() -> Iterator[RecordedMessage]:
         for message in replayed.stream():
             if message.topic == SAMPLE_JOINTS:
                 message = message._replace(data=encode(JointState(0, ("wheel",), np.zeros(1))))

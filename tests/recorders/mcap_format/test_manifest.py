@@ -7,7 +7,7 @@ import pytest
 
 from recorders.errors import LogError
 from recorders.mcap_format.manifest import FORMAT_VERSION, content_sha256, environment, from_metadata, to_metadata
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 
 
 def test_values_come_back_and_are_json_strings():
@@ -56,7 +56,7 @@ def test_the_environment_names_no_user_host_or_path():
 
 
 def test_the_content_hash_tells_every_field_apart():
-    base = Stamped("/a", "t", b"bc", 1, 2)
+    base = RecordedMessage("/a", "t", b"bc", 1, 2)
     variants = [
         [base],
         [base._replace(topic="/ab", data=b"c")],

@@ -11,7 +11,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin
 from rosbags.rosbag2 import Writer as BagWriter
 
 from recorders.cdr.rosbags_types import typestore
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.reader import LogReader
 
 STRING = "std_msgs/msg/String"
@@ -23,7 +23,9 @@ def as_library_reads(path, *, by_time):
     """Return every message as mcap's own reader gives it, by log time or in file order."""
     with path.open("rb") as file:
         return [
-            Stamped(channel.topic, schema.name if schema else "", message.data, message.sequence, message.log_time)
+            RecordedMessage(
+                channel.topic, schema.name if schema else "", message.data, message.sequence, message.log_time
+            )
             for schema, channel, message in make_reader(file).iter_messages(log_time_order=by_time)
         ]
 

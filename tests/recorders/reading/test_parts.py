@@ -8,7 +8,7 @@ from episodes import write_episode
 from sessions import split, write_foreign
 
 from recorders.errors import LogError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.parts import Parts, find_log, is_log, one_session, part_path, recordings
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import open_log
@@ -109,8 +109,8 @@ def test_a_thousand_parts_sort_by_name() -> None:
 
 
 def test_parts_of_others_that_overlap_are_merged_by_time(tmp_path: Path) -> None:
-    def message(number: int) -> Stamped:
-        return Stamped(f"/{number % 2}", "std_msgs/msg/String", b"\0\1\0\0\1\0\0\0\0", number, 2**63 + number)
+    def message(number: int) -> RecordedMessage:
+        return RecordedMessage(f"/{number % 2}", "std_msgs/msg/String", b"\0\1\0\0\1\0\0\0\0", number, 2**63 + number)
 
     names = {"a.mcap": (0, 1, 5, 6), "b.mcap": (2, 3, 8, 9), "c.mcap": (4, 7, 10)}
     paths = [write_foreign(tmp_path / name, list(map(message, numbers))) for name, numbers in names.items()]

@@ -15,7 +15,7 @@ from mcap.writer import CompressionType, IndexType, Writer
 from recorders.errors import LogError
 from recorders.mcap_format.records import MAGIC
 from recorders.messages.message_types import PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, SAMPLE_JOINTS, TOPICS
 from recorders.reading.reader import LogReader
 
@@ -33,7 +33,7 @@ def read_until_damage(path):
 
 def test_records_come_in_file_order_with_their_own_bytes(log, ticks):
     assert list(LogReader(log)) == ticks(40)
-    assert all(type(record) is Stamped for record in LogReader(log))
+    assert all(type(record) is RecordedMessage for record in LogReader(log))
 
 
 def test_topics_filter(log, ticks):
@@ -155,7 +155,7 @@ def foreign(path, **options):
         writer.finish()
     types = ["foxglove.PoseInFrame", "Note", ""]
     topics = ["/pose", "/note", "/raw"]
-    return [Stamped(topics[i % 3], types[i % 3], bytes([i]) * i, i, 100 - i) for i in range(30)]
+    return [RecordedMessage(topics[i % 3], types[i % 3], bytes([i]) * i, i, 100 - i) for i in range(30)]
 
 
 @pytest.mark.parametrize("indexed", [True, False])

@@ -18,7 +18,7 @@ from recorders.errors import LogError
 from recorders.mcap_format.errors import DamagedLog
 from recorders.mcap_format.records import MAGIC
 from recorders.messages.message_types import PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.reader import LogReader
 from recorders.reading.time_order import MOST_HELD
 from recorders.recovery.recover import recover
@@ -47,7 +47,7 @@ def message(index, time_ns, size=8):
 
 
 def stamped(messages):
-    return [Stamped(CHANNELS[m.channel_id - 1].topic, "", m.data, m.sequence, m.log_time) for m in messages]
+    return [RecordedMessage(CHANNELS[m.channel_id - 1].topic, "", m.data, m.sequence, m.log_time) for m in messages]
 
 
 def chunk(messages, *, stated=None, declared=(), squeeze=None):
@@ -93,7 +93,7 @@ def write(path, times_ns, draw):
             if index % 7 == 6:
                 writer.add_attachment(0, 0, f"{index}", "text/plain", b"between")
         writer.finish()
-    return [Stamped(("/even", "/odd")[k % 2], "", bytes(k), k, time_ns) for k, time_ns in enumerate(times_ns)]
+    return [RecordedMessage(("/even", "/odd")[k % 2], "", bytes(k), k, time_ns) for k, time_ns in enumerate(times_ns)]
 
 
 @few

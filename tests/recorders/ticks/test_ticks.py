@@ -6,7 +6,7 @@ import pytest
 from recorders.cdr.codec import encode
 from recorders.errors import JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.ticks import joiner as ticks_module
 from recorders.ticks.joiner import JointMap, TickJoiner, join_ticks
@@ -21,7 +21,7 @@ def record(topic, tick, **changes):
     else:
         side = 1 if topic == LEFT_TARGET else -1
         message = PoseStamped(tick, changes.pop("values", np.array([0.3, 0.2 * side, tick])))
-    return Stamped(topic, message.TYPE, encode(message), tick, tick)._replace(**changes)
+    return RecordedMessage(topic, message.TYPE, encode(message), tick, tick)._replace(**changes)
 
 
 def one_tick(tick):
@@ -59,7 +59,7 @@ def test_topics_may_run_ahead_of_one_another():
 
 
 def test_other_topics_are_passed_over():
-    other = Stamped("/joint_states", "any", b"not even CDR", 0, 0)
+    other = RecordedMessage("/joint_states", "any", b"not even CDR", 0, 0)
     assert len(run([other, *one_tick(0), other])) == 1
 
 
@@ -81,14 +81,14 @@ def test_a_robot_need_not_know_its_velocities_and_efforts():
     """Many publish NaN for what they do not measure; the learner reads positions alone."""
     unknown = np.array([0, np.nan, np.inf])
     message = JointState(1, NAMES, np.arange(3.0), velocity=unknown, effort=unknown)
-    joints = Stamped(SAMPLE_JOINTS, message.TYPE, encode(message), 1, 1)
+    joints = RecordedMessage(SAMPLE_JOINTS, message.TYPE, encode(message), 1, 1)
     (tick,) = run([joints, *one_tick(1)[:2]])
     assert JointMap(NAMES).positions(tick.joints).tolist() == [0.0, 1.0, 2.0]
 
 
 def test_a_wrong_type_is_named():
     message = String("x")
-    wrong = Stamped(LEFT_TARGET, message.TYPE, encode(message), 4, 0)
+    wrong = RecordedMessage(LEFT_TARGET, message.TYPE, encode(message), 4, 0)
     with pytest.raises(
         MessageError, match=r"/hand/left/target #4: expected geometry_msgs.* found 'std_msgs/msg/String'"
     ):
@@ -155,7 +155,7 @@ def test_a_publisher_that_stays_silent_does_not_fill_the_memory(monkeypatch):
 def test_large_messages_are_joined_too():
     names = tuple(f"joint_{index}" for index in range(500))
     message = JointState(1, names, np.zeros(500))
-    joints = Stamped(SAMPLE_JOINTS, message.TYPE, encode(message), 1, 1)
+    joints = RecordedMessage(SAMPLE_JOINTS, message.TYPE, encode(message), 1, 1)
     (tick,) = run([joints, *one_tick(1)[:2]])
     assert tick.joints.name == names
 

@@ -11,7 +11,7 @@ from mcap.reader import make_reader
 from mcap.writer import Writer
 
 from recorders.errors import WireError
-from recorders.mcap_format.channels import Declared
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.recording.live_recorder import LiveRecorder
 from recorders.wire.channel_table import MAX_TABLE, ChannelTables, from_json, table_key, telling, to_json
 from recorders.wire.loopback import free_endpoint
@@ -24,21 +24,23 @@ from replay.transports.zenoh import ZenohTransport
 SENDER = "0123456789abcdef" * 2
 TEXT = b"\0\1\0\0\1\0\0\0\0"
 CHANNELS = (
-    Declared("/gauge", "cdr", (("offered_qos_profiles", "- reliable"),), ("my/msg/Gauge", "ros2msg", b"float64 value")),
-    Declared("/proto", "protobuf", (), ("foo.Bar", "protobuf", b"\x0a\x07foo.Bar\x00\xff")),
-    Declared("/json", "json", (), ("Thing", "jsonschema", b'{"type": "object"}')),
-    Declared("/ros1", "ros1", (), ("std_msgs/String", "ros1msg", b"string data")),
-    Declared("/text", "cdr", (), ("std_msgs/msg/String", "ros2msg", b"# another text of it\nstring data\n")),
-    Declared(
+    DeclaredChannel(
+        "/gauge", "cdr", (("offered_qos_profiles", "- reliable"),), ("my/msg/Gauge", "ros2msg", b"float64 value")
+    ),
+    DeclaredChannel("/proto", "protobuf", (), ("foo.Bar", "protobuf", b"\x0a\x07foo.Bar\x00\xff")),
+    DeclaredChannel("/json", "json", (), ("Thing", "jsonschema", b'{"type": "object"}')),
+    DeclaredChannel("/ros1", "ros1", (), ("std_msgs/String", "ros1msg", b"string data")),
+    DeclaredChannel("/text", "cdr", (), ("std_msgs/msg/String", "ros2msg", b"# another text of it\nstring data\n")),
+    DeclaredChannel(
         "/robot_description", "cdr", (), ("std_msgs/msg/String", "ros2msg", b"# another text of it\nstring data\n")
     ),
-    Declared("/untyped", "cdr"),
-    Declared("/two", "json", (), ("Thing", "jsonschema", b'{"type": "object"}')),
-    Declared("/two", "protobuf", (), ("foo.Bar", "protobuf", b"\x0a\x07foo.Bar\x00\xff")),
+    DeclaredChannel("/untyped", "cdr"),
+    DeclaredChannel("/two", "json", (), ("Thing", "jsonschema", b'{"type": "object"}')),
+    DeclaredChannel("/two", "protobuf", (), ("foo.Bar", "protobuf", b"\x0a\x07foo.Bar\x00\xff")),
 )
 
 
-def write(path: Path, channels: tuple[Declared, ...] = CHANNELS) -> Path:
+def write(path: Path, channels: tuple[DeclaredChannel, ...] = CHANNELS) -> Path:
     with path.open("wb") as file:
         writer = Writer(file)
         writer.start()
@@ -51,7 +53,7 @@ def write(path: Path, channels: tuple[Declared, ...] = CHANNELS) -> Path:
     return path
 
 
-def declared(path: Path) -> set[Declared]:
+def declared(path: Path) -> set[DeclaredChannel]:
     """Return the channels of a log that have messages, as the library reads them."""
     with path.open("rb") as file:
         summary = make_reader(file).get_summary()
@@ -61,7 +63,7 @@ def declared(path: Path) -> set[Declared]:
         schema = summary.schemas.get(channel.schema_id)
         metadata = tuple((name, text) for name, text in channel.metadata.items() if name != "sequence")
         texts = (schema.name, schema.encoding, schema.data) if schema else None
-        found.add(Declared(channel.topic, channel.message_encoding, metadata, texts))
+        found.add(DeclaredChannel(channel.topic, channel.message_encoding, metadata, texts))
     return found
 
 
@@ -92,7 +94,9 @@ def test_a_replay_that_is_recorded_has_the_channels_of_its_log(
             )
             playing.close()
             recorder.run(receiver, stopped=lambda: recorder.recording.messages == 3 * len(CHANNELS))
-    renamed = {Declared("/renamed", *[getattr(CHANNELS[0], name) for name in ("encoding", "metadata", "schema")])}
+    renamed = {
+        DeclaredChannel("/renamed", *[getattr(CHANNELS[0], name) for name in ("encoding", "metadata", "schema")])
+    }
     assert declared(tmp_path / "out.mcap") == {*CHANNELS[1:], *renamed}
     assert recorder.recording.opaque == {"/untyped": 3}
 
@@ -119,7 +123,7 @@ def test_a_table_reads_back() -> None:
 
 def test_a_table_that_is_too_large_is_said_not_sent() -> None:
     said: list[str] = []
-    large = [Declared("/t", "json", (), ("T", "jsonschema", bytes(MAX_TABLE)))]
+    large = [DeclaredChannel("/t", "json", (), ("T", "jsonschema", bytes(MAX_TABLE)))]
     with open_session(SessionConfig()) as session, telling(session, "reenact", SENDER, large, said.append):
         pass
     assert len(said) == 1

@@ -7,15 +7,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from recorders.errors import MessageError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import TOPICS
-from recorders.wire.frames import NO_RUN, Frame, Kind, live_attachment, message_key, pack, unpack
+from recorders.wire.frames import NO_RUN, Frame, FrameType, live_attachment, message_key, pack, unpack
 from recorders.wire.stream import Offer, Progress
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 
 stamped = st.builds(
-    lambda topic, data, sequence, time: Stamped(topic.name, topic.type, data, sequence, time),
+    lambda topic, data, sequence, time: RecordedMessage(topic.name, topic.type, data, sequence, time),
     st.sampled_from(list(TOPICS.values())),
     st.binary(max_size=200),
     st.integers(0, 2**32 - 1),
@@ -25,31 +25,31 @@ indices = st.integers(0, 2**64 - 1)
 
 
 @given(message=stamped, index=indices)
-def test_a_single_message_survives(message: Stamped, index: int) -> None:
-    frame = Frame(Kind.MESSAGE, RUN, SENDER, index, (message,))
+def test_a_single_message_survives(message: RecordedMessage, index: int) -> None:
+    frame = Frame(FrameType.MESSAGE, RUN, SENDER, index, (message,))
     assert unpack(message.topic, *pack(frame)) == frame
 
 
 @given(messages=st.lists(stamped, max_size=20), index=indices)
-def test_a_batch_survives(messages: list[Stamped], index: int) -> None:
-    frame = Frame(Kind.BATCH, RUN, SENDER, index, tuple(messages))
+def test_a_batch_survives(messages: list[RecordedMessage], index: int) -> None:
+    frame = Frame(FrameType.BATCH, RUN, SENDER, index, tuple(messages))
     assert unpack("/replay/batch", *pack(frame)) == frame
 
 
 def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
-    message = Stamped("/clock", TOPICS["/clock"].type, b"any bytes", 3, 4)
-    assert pack(Frame(Kind.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
+    message = RecordedMessage("/clock", TOPICS["/clock"].type, b"any bytes", 3, 4)
+    assert pack(Frame(FrameType.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
 
 
 @given(message=stamped)
-def test_a_live_attachment_is_that_of_a_message_of_no_run(message: Stamped) -> None:
-    frame = Frame(Kind.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
+def test_a_live_attachment_is_that_of_a_message_of_no_run(message: RecordedMessage) -> None:
+    frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
     assert live_attachment(message.sequence, message.log_time_ns) == pack(frame)[1]
 
 
-@pytest.mark.parametrize("kind", [Kind.END, Kind.ABORT])
-def test_the_end_survives(kind: Kind) -> None:
-    frame = Frame(kind, RUN, SENDER, 7, reason="disk full" if kind is Kind.ABORT else "")
+@pytest.mark.parametrize("kind", [FrameType.END, FrameType.ABORT])
+def test_the_end_survives(kind: FrameType) -> None:
+    frame = Frame(kind, RUN, SENDER, 7, reason="disk full" if kind is FrameType.ABORT else "")
     assert unpack("/replay/batch", *pack(frame)) == frame
 
 
@@ -61,8 +61,8 @@ def test_random_bytes_are_refused_with_a_message_error(payload: bytes, attachmen
 
 @given(data=st.data())
 def test_damaged_batches_never_raise_anything_else(data: st.DataObject) -> None:
-    messages = tuple(Stamped("/clock", TOPICS["/clock"].type, b"12345", n, n) for n in range(3))
-    payload, attachment = pack(Frame(Kind.BATCH, RUN, SENDER, 0, messages))
+    messages = tuple(RecordedMessage("/clock", TOPICS["/clock"].type, b"12345", n, n) for n in range(3))
+    payload, attachment = pack(Frame(FrameType.BATCH, RUN, SENDER, 0, messages))
     cut = payload[: data.draw(st.integers(0, len(payload)))]
     flipped = bytearray(cut)
     if flipped:

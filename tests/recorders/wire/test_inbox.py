@@ -6,25 +6,25 @@ import time
 
 import pytest
 
-from recorders.wire.bounded_queue import Inbox
+from recorders.wire.bounded_queue import BoundedQueue
 
 
 @pytest.mark.parametrize("wait_s", [0.0, 0.2, 0.7])
 def test_nothing_is_told_when_the_time_is_over(wait_s: float) -> None:
     began_s = time.monotonic()
-    assert Inbox[str](limit=1).get(wait_s) is None
+    assert BoundedQueue[str](limit=1).get(wait_s) is None
     assert time.monotonic() - began_s >= wait_s
 
 
 @pytest.mark.parametrize("wait_s", [math.inf, 60.0])
 def test_what_comes_late_is_told_at_once(wait_s: float) -> None:
-    inbox = Inbox[str](limit=1)
+    inbox = BoundedQueue[str](limit=1)
     threading.Timer(0.8, inbox.put, ("late", 4)).start()
     assert inbox.get(wait_s) == "late"
 
 
 def test_all_comes_out_in_order_and_makes_room() -> None:
-    inbox = Inbox[int](limit=10_000)
+    inbox = BoundedQueue[int](limit=10_000)
     while inbox.put(0, 1_000):
         pass
     assert inbox.get(0.0) == 0
@@ -37,7 +37,7 @@ def test_all_comes_out_in_order_and_makes_room() -> None:
 
 
 def test_a_single_item_has_room_however_large() -> None:
-    inbox = Inbox[str](limit=10)
+    inbox = BoundedQueue[str](limit=10)
     assert inbox.put("large", 1_000_000)
     assert not inbox.put("more", 1)
     assert inbox.get(0.0) == "large"
@@ -45,6 +45,6 @@ def test_a_single_item_has_room_however_large() -> None:
 
 
 def test_what_waits_counts_for_more_than_its_payload() -> None:
-    inbox = Inbox[str](limit=5_000)
+    inbox = BoundedQueue[str](limit=5_000)
     assert [inbox.put(name, 0) for name in "abcdef"] == [True] * 4 + [False] * 2
     assert [inbox.get(0.0) for _ in range(5)] == ["a", "b", "c", "d", None]

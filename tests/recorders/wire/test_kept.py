@@ -10,7 +10,7 @@ from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, decla
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.wire.frames import message_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import Live, Receiver, ReceiverConfig
+from recorders.wire.receiver import LiveMessage, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
 KEY = message_key("reenact", ROBOT_DESCRIPTION)
@@ -44,7 +44,7 @@ def keeping(session: zenoh.Session) -> Iterator[AdvancedPublisher]:
 def heard(receiver: Receiver, count: int) -> list[bytes]:
     """So many messages, however long they take, and what comes just after them, which should be none."""
     found = []
-    while isinstance(event := receiver.next_event(_AFTER_S if len(found) >= count else _DEADLINE_S), Live):
+    while isinstance(event := receiver.next_event(_AFTER_S if len(found) >= count else _DEADLINE_S), LiveMessage):
         found.append(event.record.data)
     return found
 

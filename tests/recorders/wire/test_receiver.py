@@ -12,9 +12,9 @@ from visitor import OFFER, await_ready, outcome, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
-from recorders.wire.frames import Frame, Kind, batch_key, control_key, pack
+from recorders.wire.frames import Frame, FrameType, batch_key, control_key, pack
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import Live, Offered, Receiver, ReceiverConfig
+from recorders.wire.receiver import LiveMessage, ReceivedOffer, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import Offer, Progress
 
@@ -45,7 +45,7 @@ def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
                 publisher.put(index.to_bytes(2, "little") * 500)
             wait_until(lambda: sum(receiver.refused.values()) >= 91)  # while it is taken from there would be room again
         taken = []
-        while isinstance(event := receiver.next_event(0.5), Live):
+        while isinstance(event := receiver.next_event(0.5), LiveMessage):
             taken.append(event.record.data[0])
         assert taken == list(range(9))
         assert receiver.refused == {"/raw: lost, as 20000 bytes wait already": 91}
@@ -81,11 +81,11 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
         with Receiver(session, config=ReceiverConfig(live=True)) as receiver:
             replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
             offered = receiver.next_event(10.0)
-            assert isinstance(offered, Offered)
+            assert isinstance(offered, ReceivedOffer)
             receiver.accept(offered, 0)
             assert [reply.ok is not None for reply in replies] == [True]
             receiver.give_up("nobody knows why")
-            payload, attachment = pack(Frame(Kind.END, *offer.identity, 0))
+            payload, attachment = pack(Frame(FrameType.END, *offer.identity, 0))
             other.put(batch_key("reenact"), payload, attachment=attachment)
             for verb, asked in (("status", offer.sender.encode()), ("hello", offer.to_json())):
                 answer = ask(other, verb, asked)
@@ -102,7 +102,7 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
     with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
         replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
         offered = receiver.next_event(10.0)
-        assert isinstance(offered, Offered)
+        assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
         assert [reply.ok is not None for reply in replies] == [True]
         receiver.report({"count": 3})
@@ -121,7 +121,7 @@ def test_what_strangers_make_it_say_is_bounded_and_printable() -> None:
             offer = Offer(run="ab" * 16, schedule={}, logs=[], sender=f"{index:032x}")
             other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=0.1)
             offered = receiver.next_event(10.0)
-            assert isinstance(offered, Offered)
+            assert isinstance(offered, ReceivedOffer)
             receiver.refuse(offered, "not now \x1b[2J")
     assert said == [r"refused an offer: not now \x1b[2J"]
 
@@ -131,10 +131,10 @@ def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
     with two_sessions() as (session, other), Receiver(session) as receiver:
         replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
         offered = receiver.next_event(10.0)
-        assert isinstance(offered, Offered)
+        assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
         assert [json.loads(reply.ok.payload.to_bytes())["next"] for reply in replies if reply.ok] == [0]
-        payload, attachment = pack(Frame(Kind.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
+        payload, attachment = pack(Frame(FrameType.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
         other.put(batch_key("reenact"), payload, attachment=attachment)
         frame = receiver.next_event(10.0)
     assert isinstance(frame, Frame)

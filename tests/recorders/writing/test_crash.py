@@ -17,7 +17,7 @@ from pathlib import Path
 import pytest
 
 from recorders.errors import LogError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.reader import LogReader
 from recorders.writing.chunk_writer import FLUSH_EVERY
 from recorders.writing.writer import LogWriter
@@ -81,9 +81,9 @@ class Recording:
         return max(before, len(acknowledged) - (FLUSH_EVERY - 1))
 
 
-def read(path: Path) -> tuple[list[Stamped], LogError | None]:
+def read(path: Path) -> tuple[list[RecordedMessage], LogError | None]:
     """Return the records before the cut, and the error that names it."""
-    records: list[Stamped] = []
+    records: list[RecordedMessage] = []
     try:
         for record in LogReader(path):
             records.append(record)  # one by one: the last step raises

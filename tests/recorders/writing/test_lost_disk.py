@@ -17,11 +17,11 @@ from processes import command, complaint, wait_for_line
 
 from recorders.errors import LogError
 from recorders.messages.message_types import Float64MultiArray, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.publisher import Producer
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 
@@ -41,9 +41,9 @@ def small_disk(tmp_path: Path) -> Iterator[Path]:
     subprocess.run(["umount", str(folder)], check=True)
 
 
-def readable(part: Path) -> list[Stamped]:
+def readable(part: Path) -> list[RecordedMessage]:
     """Return what a log holds before it breaks off."""
-    records: list[Stamped] = []
+    records: list[RecordedMessage] = []
     try:
         for record in LogReader(part):
             records.append(record)  # one by one: the last step raises
@@ -166,7 +166,7 @@ def test_a_recorder_whose_file_may_grow_no_more_ends_with_one_line(tmp_path: Pat
 
     draw = np.random.default_rng(0)
     with recorder(tmp_path / "log.mcap", limit) as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             sent = [
                 producer.publish("/my/values", Float64MultiArray(draw.random(50)), log_time_ns=0) for _ in range(300)
             ]
@@ -180,7 +180,7 @@ def test_a_recorder_whose_folder_is_removed_ends_with_one_line(tmp_path: Path) -
     folder = tmp_path / "folder"
     folder.mkdir()
     with recorder(folder / "log.mcap") as (session, process):
-        with Producer(session) as producer:
+        with TopicPublisher(session) as producer:
             sent = [producer.publish(LEFT_TARGET, PoseStamped(n, np.ones(3)), log_time_ns=0) for n in range(100)]
             deadline = time.monotonic() + PATIENCE_S
             while len(readable(folder / "log.mcap.part")) < len(sent):

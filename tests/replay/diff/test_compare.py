@@ -17,7 +17,7 @@ from recorders.cdr.codec import decode, encode, stamp_ns
 from recorders.errors import CheckFailed
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped, String
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from replay.diff import alignment
@@ -30,27 +30,27 @@ examples = settings(max_examples=100, deadline=None, derandomize=True)  # the sa
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> list[Stamped]:
+def log(tmp_path_factory: pytest.TempPathFactory) -> list[RecordedMessage]:
     path: Path = tmp_path_factory.mktemp("log") / "episode.mcap"
     return list(LogReader(write_episode(path, samples=TICKS - 1)))
 
 
-def stamp_of(record: Stamped) -> int:
+def stamp_of(record: RecordedMessage) -> int:
     stamp = stamp_ns(record.type, record.data)
     assert stamp is not None
     return stamp
 
 
-def cycles(log: Sequence[Stamped], count: int = 3) -> list[Stamped]:
+def cycles(log: Sequence[RecordedMessage], count: int = 3) -> list[RecordedMessage]:
     """The log presented several times, each time under a marker, as a replay does."""
-    stream: list[Stamped] = []
+    stream: list[RecordedMessage] = []
     for cycle in range(count):
         marker = encode(Phase("r", 0, cycle, "learn", "l").to_message())
-        stream += [Stamped(SESSION_PHASE, String.TYPE, marker, cycle, 0), *log]
+        stream += [RecordedMessage(SESSION_PHASE, String.TYPE, marker, cycle, 0), *log]
     return stream
 
 
-def with_float(record: Stamped, place: int, value: float) -> Stamped:
+def with_float(record: RecordedMessage, place: int, value: float) -> RecordedMessage:
     """Change one float: of a pose's position, or of joint positions."""
     message = decode(record.type, record.data)
     assert isinstance(message, JointState | PoseStamped)
@@ -59,7 +59,7 @@ def with_float(record: Stamped, place: int, value: float) -> Stamped:
     return record._replace(data=encode(replace(message, position=numbers)))
 
 
-def changed(record: Stamped, place: int) -> tuple[Stamped, str, float, float]:
+def changed(record: RecordedMessage, place: int) -> tuple[RecordedMessage, str, float, float]:
     """Change one float by one unit in the last place; return its field and both values too."""
     message = decode(record.type, record.data)
     assert isinstance(message, JointState | PoseStamped)
@@ -73,9 +73,9 @@ def changed(record: Stamped, place: int) -> tuple[Stamped, str, float, float]:
     return with_float(record, place, new), field, old, new
 
 
-def stopped(stream: Sequence[Stamped], recorded: Sequence[Stamped]) -> list[Stamped]:
+def stopped(stream: Sequence[RecordedMessage], recorded: Sequence[RecordedMessage]) -> list[RecordedMessage]:
     """What a guarded stream yields before it stops, which it must."""
-    passed: list[Stamped] = []
+    passed: list[RecordedMessage] = []
     with pytest.raises(CheckFailed) as caught:
         passed.extend(guard(stream, recorded))  # keeps what came before the error
     divergence = first_divergence(recorded, stream)
@@ -85,20 +85,20 @@ def stopped(stream: Sequence[Stamped], recorded: Sequence[Stamped]) -> list[Stam
     return passed
 
 
-def found(a: Sequence[Stamped], b: Sequence[Stamped]) -> Divergence:
+def found(a: Sequence[RecordedMessage], b: Sequence[RecordedMessage]) -> Divergence:
     divergence = first_divergence(a, b)
     assert divergence is not None
     return divergence
 
 
-def names(divergence: Divergence, record: Stamped) -> bool:
+def names(divergence: Divergence, record: RecordedMessage) -> bool:
     here = (divergence.topic, divergence.sequence, divergence.stamp_ns)
     return here == (record.topic, record.sequence, stamp_of(record))
 
 
 @examples
 @given(place=PLACES, cycle=st.integers(0, 2), element=st.integers(0, 14))
-def test_one_changed_float(log: list[Stamped], place: int, cycle: int, element: int) -> None:
+def test_one_changed_float(log: list[RecordedMessage], place: int, cycle: int, element: int) -> None:
     a, at = cycles(log), cycle * (len(log) + 1) + 1 + place
     other, field, old, new = changed(a[at], element)
     b = [*a[:at], other, *a[at + 1 :]]
@@ -110,7 +110,7 @@ def test_one_changed_float(log: list[Stamped], place: int, cycle: int, element: 
 
 @examples
 @given(place=PLACES, cycle=st.integers(0, 2))
-def test_one_dropped(log: list[Stamped], place: int, cycle: int) -> None:
+def test_one_dropped(log: list[RecordedMessage], place: int, cycle: int) -> None:
     a, at = cycles(log), cycle * (len(log) + 1) + 1 + place
     b = [*a[:at], *a[at + 1 :]]
     divergence = found(a, b)
@@ -124,7 +124,7 @@ def test_one_dropped(log: list[Stamped], place: int, cycle: int) -> None:
 
 @examples
 @given(place=PLACES, later=st.integers(0, TICKS * TOPICS_A_TICK), cycle=st.integers(0, 2))
-def test_one_repeated(log: list[Stamped], place: int, later: int, cycle: int) -> None:
+def test_one_repeated(log: list[RecordedMessage], place: int, later: int, cycle: int) -> None:
     """At once or any number of messages later in the cycle."""
     a, first = cycles(log), cycle * (len(log) + 1) + 1
     again = first + min(place + 1 + later, len(log))
@@ -136,7 +136,7 @@ def test_one_repeated(log: list[Stamped], place: int, later: int, cycle: int) ->
 
 @examples
 @given(places=st.tuples(PLACES, PLACES), cycle=st.integers(0, 2))
-def test_two_swapped(log: list[Stamped], places: tuple[int, int], cycle: int) -> None:
+def test_two_swapped(log: list[RecordedMessage], places: tuple[int, int], cycle: int) -> None:
     a = cycles(log)
     one, two = (cycle * (len(log) + 1) + 1 + place for place in sorted(places))
     b = list(a)
@@ -153,7 +153,7 @@ def test_two_swapped(log: list[Stamped], places: tuple[int, int], cycle: int) ->
 
 @examples
 @given(place=PLACES, tick=st.integers(0, TICKS + 3))
-def test_one_changed_stamp(log: list[Stamped], place: int, tick: int) -> None:
+def test_one_changed_stamp(log: list[RecordedMessage], place: int, tick: int) -> None:
     """Wherever the wrong stamp would bring the message."""
     record = log[place]
     message = decode(record.type, record.data)
@@ -170,7 +170,7 @@ def test_one_changed_stamp(log: list[Stamped], place: int, tick: int) -> None:
 
 @examples
 @given(st.data())
-def test_messages_of_one_tick_come_in_any_order(log: list[Stamped], data: st.DataObject) -> None:
+def test_messages_of_one_tick_come_in_any_order(log: list[RecordedMessage], data: st.DataObject) -> None:
     ticks = [list(tick) for _, tick in itertools.groupby(log, stamp_of)]
     shuffled = list(itertools.chain.from_iterable(data.draw(st.permutations(tick)) for tick in ticks))
     assert first_divergence(cycles(log), cycles(shuffled)) is None
@@ -179,7 +179,7 @@ def test_messages_of_one_tick_come_in_any_order(log: list[Stamped], data: st.Dat
 
 @examples
 @given(st.data())
-def test_other_topics_interleave_as_they_like(log: list[Stamped], data: st.DataObject) -> None:
+def test_other_topics_interleave_as_they_like(log: list[RecordedMessage], data: st.DataObject) -> None:
     noise = [record._replace(topic=NOISE) for record in log if record.topic == SAMPLE_JOINTS]
     a = [*noise, *log]
     b = list(log)
@@ -191,12 +191,12 @@ def test_other_topics_interleave_as_they_like(log: list[Stamped], data: st.DataO
     assert names(found(a, [record for record in b if record is not lost]), lost)
 
 
-def test_the_time_of_recording_does_not_enter(log: list[Stamped]) -> None:
+def test_the_time_of_recording_does_not_enter(log: list[RecordedMessage]) -> None:
     later = [record._replace(log_time_ns=record.log_time_ns + 1) for record in log]
     assert first_divergence(log, later) is None
 
 
-def test_the_earliest_of_several_is_named(log: list[Stamped]) -> None:
+def test_the_earliest_of_several_is_named(log: list[RecordedMessage]) -> None:
     """By stamp, then rank, though the other log's topics come in another order."""
     noise = [record._replace(topic=NOISE) for record in log if record.topic == SAMPLE_JOINTS]
     bad_noise = [*noise[:3], with_float(noise[3], 0, 9.0), *noise[4:]]
@@ -206,7 +206,7 @@ def test_the_earliest_of_several_is_named(log: list[Stamped]) -> None:
             assert found(a, b).topic == topic
 
 
-def test_an_earlier_cycle_goes_before_an_earlier_stamp(log: list[Stamped]) -> None:
+def test_an_earlier_cycle_goes_before_an_earlier_stamp(log: list[RecordedMessage]) -> None:
     a = [record._replace(topic=NOISE) if record.topic == SAMPLE_JOINTS else record for record in cycles(log)]
     b = list(a)
     for at in (len(log) - 2, len(log) + 4):  # a target late in the first cycle, joints early in the second
@@ -215,10 +215,12 @@ def test_an_earlier_cycle_goes_before_an_earlier_stamp(log: list[Stamped]) -> No
 
 
 @pytest.mark.parametrize("cycle", [0, 1, 2])
-def test_a_marker(log: list[Stamped], cycle: int) -> None:
+def test_a_marker(log: list[RecordedMessage], cycle: int) -> None:
     a, at = cycles(log), cycle * (len(log) + 1)
     without = [*a[:at], *a[at + 1 :]]
-    other = Stamped(SESSION_PHASE, String.TYPE, encode(Phase("r", 0, cycle, "evaluate", "l").to_message()), cycle, 0)
+    other = RecordedMessage(
+        SESSION_PHASE, String.TYPE, encode(Phase("r", 0, cycle, "evaluate", "l").to_message()), cycle, 0
+    )
     assert found(a, without) == replace(found(a, without), topic=SESSION_PHASE, sequence=cycle, kind="missing")
     assert found(without, a) == replace(found(a, without), kind="extra", a=found(a, without).b, b="present")
     divergence = found(a, [*a[:at], other, *a[at + 1 :]])
@@ -229,32 +231,32 @@ def test_a_marker(log: list[Stamped], cycle: int) -> None:
 
 
 @pytest.mark.parametrize("kept", [0, 1, 7, 26])
-def test_either_side_ends_too_early(log: list[Stamped], kept: int) -> None:
+def test_either_side_ends_too_early(log: list[RecordedMessage], kept: int) -> None:
     assert names(found(log, log[:kept]), log[kept])
     assert found(log, log[:kept]).b == "absent"
     assert stopped(log[:kept], log) == log[:kept]
     assert stopped(log, log[:kept]) == log[:kept]
 
 
-def test_a_changed_sequence_and_a_changed_type(log: list[Stamped]) -> None:
+def test_a_changed_sequence_and_a_changed_type(log: list[RecordedMessage]) -> None:
     for change, field in (({"sequence": 77}, "sequence"), ({"type": "x/msg/Y"}, "type")):
         b = [*log[:7], log[7]._replace(**change), *log[8:]]  # type: ignore[arg-type]
         assert (found(log, b).field, names(found(log, b), log[7])) == (field, True)
 
 
-def test_bytes_that_do_not_decode(log: list[Stamped]) -> None:
+def test_bytes_that_do_not_decode(log: list[RecordedMessage]) -> None:
     b = [*log[:8], log[8]._replace(data=log[8].data[:40] + b"\xff" * 8), *log[9:]]
     divergence = found(log, b)
     assert names(divergence, log[8])
     assert divergence.field.startswith("bytes[")
-    opaque = [Stamped("/x", "", bytes([0, place]), place, 0) for place in range(4)]
+    opaque = [RecordedMessage("/x", "", bytes([0, place]), place, 0) for place in range(4)]
     b = [*opaque[:2], opaque[2]._replace(data=b"\0"), opaque[3]]
     assert (
         str(found(opaque, b)) == "/x #2 without a stamp is changed: bytes[1] is 0x02 in A, the end after 1 bytes in B"
     )
 
 
-def test_a_foreign_writer_that_numbers_nothing(log: list[Stamped]) -> None:
+def test_a_foreign_writer_that_numbers_nothing(log: list[RecordedMessage]) -> None:
     a = [record._replace(sequence=0) for record in log]
     assert (found(a, a[:7] + a[8:]).kind, found(a, a[:7] + a[8:]).stamp_ns) == ("missing", stamp_of(a[7]))
     b = [*a[:7], changed(a[7], 1)[0], *a[8:]]
@@ -264,14 +266,14 @@ def test_a_foreign_writer_that_numbers_nothing(log: list[Stamped]) -> None:
 def test_numbers_that_look_alike() -> None:
     odd = struct.unpack("<d", struct.pack("<Q", 0x7FF8000000000001))[0]
     rows = [np.array([1.0, number]) for number in (math.nan, odd, 0.0, -0.0)]
-    records = [Stamped("/x", Float64MultiArray.TYPE, encode(Float64MultiArray(row)), 0, 0) for row in rows]
+    records = [RecordedMessage("/x", Float64MultiArray.TYPE, encode(Float64MultiArray(row)), 0, 0) for row in rows]
     assert first_divergence(records[:1], records[:1]) is None
     alike = found(records[:1], records[1:2])
     assert (alike.field, alike.a, alike.b) == ("data[1]", "nan (0x7ff8000000000000)", "nan (0x7ff8000000000001)")
     assert (found(records[2:3], records[3:4]).a, found(records[2:3], records[3:4]).b) == ("0.0", "-0.0")
 
 
-def test_the_line(log: list[Stamped]) -> None:
+def test_the_line(log: list[RecordedMessage]) -> None:
     b = [*log[:6], with_float(log[6], 0, 0.1), *log[7:]]
     x = decode(log[6].type, log[6].data).position[0]  # type: ignore[union-attr]
     line = f"/hand/left/target #2 at 400000000 ns is changed: pose.position.x is {float(x)!r} in A, 0.1 in B"
@@ -284,15 +286,15 @@ def test_the_line(log: list[Stamped]) -> None:
 
 def test_a_long_text_is_shown_around_the_difference() -> None:
     texts = ["u" * 5000 + end + "v" * 5000 for end in ("a", "b")]
-    a, b = ([Stamped("/robot_description", String.TYPE, encode(String(text)), 0, 0)] for text in texts)
+    a, b = ([RecordedMessage("/robot_description", String.TYPE, encode(String(text)), 0, 0)] for text in texts)
     assert (len(found(a, b).a) < 80, "ua" in found(a, b).a, "ub" in found(a, b).b) == (True, True, True)
 
 
-def test_no_more_is_read_than_needed(log: list[Stamped]) -> None:
+def test_no_more_is_read_than_needed(log: list[RecordedMessage]) -> None:
     """Both logs run for ever, and one lacks a single message."""
     endless = itertools.count()
-    a = (Stamped("/x", "", b"", number, 0) for number in endless)
-    b = (Stamped("/x", "", b"", number, 0) for number in itertools.count() if number != 5)
+    a = (RecordedMessage("/x", "", b"", number, 0) for number in endless)
+    b = (RecordedMessage("/x", "", b"", number, 0) for number in itertools.count() if number != 5)
     assert found(a, b) == Divergence(  # type: ignore[arg-type]
         "/x", 5, None, "missing", "message", "present", "absent (/x #6 in its place)"
     )
@@ -304,10 +306,10 @@ def test_a_topic_that_only_one_log_has_does_not_fill_the_memory(monkeypatch: pyt
     monkeypatch.setattr(alignment, "LOOKAHEAD", 50)
     kept: list[int] = []
 
-    def log(topics: Sequence[str]) -> "itertools.chain[Stamped]":
+    def log(topics: Sequence[str]) -> "itertools.chain[RecordedMessage]":
         for number in itertools.count():
             kept.append(number)
-            yield from (Stamped(topic, "", b"", number, 0) for topic in topics)
+            yield from (RecordedMessage(topic, "", b"", number, 0) for topic in topics)
 
     divergence = first_divergence(log(["/x", "/y"]), log(["/x", "/x2"]))
     assert divergence is not None
@@ -317,6 +319,6 @@ def test_a_topic_that_only_one_log_has_does_not_fill_the_memory(monkeypatch: pyt
 
 def test_a_topic_may_lag_within_the_skew(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(alignment, "MAX_SKEW", 10)
-    x = [Stamped("/x", "", b"", number, 0) for number in range(40)]
-    y = [Stamped("/y", "", b"", number, 0) for number in range(40)]
+    x = [RecordedMessage("/x", "", b"", number, 0) for number in range(40)]
+    y = [RecordedMessage("/y", "", b"", number, 0) for number in range(40)]
     assert first_divergence(x + y, y + x) is None

@@ -15,7 +15,7 @@ from recorders.cdr.codec import decode, encode
 from recorders.cdr.rosbags_types import to_rosbags, typestore
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from replay.diff.divergence import Divergence, first_divergence
@@ -23,21 +23,21 @@ from replay.diff.rules import FIELDS, Rules
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> list[Stamped]:
+def log(tmp_path_factory: pytest.TempPathFactory) -> list[RecordedMessage]:
     return list(LogReader(write_episode(tmp_path_factory.mktemp("rules") / "log.mcap", samples=6)))
 
 
-def altered(record: Stamped, **fields: object) -> Stamped:
+def altered(record: RecordedMessage, **fields: object) -> RecordedMessage:
     message = decode(record.type, record.data)
     assert isinstance(message, JointState | PoseStamped)
     return record._replace(data=encode(replace(message, **fields)))  # type: ignore[arg-type]
 
 
-def each(log: list[Stamped], change: Callable[[Stamped], Stamped]) -> list[Stamped]:
+def each(log: list[RecordedMessage], change: Callable[[RecordedMessage], RecordedMessage]) -> list[RecordedMessage]:
     return [change(record) for record in log]
 
 
-def test_numbers_of_another_writer_do_not_count_if_they_are_ignored(log: list[Stamped]) -> None:
+def test_numbers_of_another_writer_do_not_count_if_they_are_ignored(log: list[RecordedMessage]) -> None:
     other = [record._replace(sequence=place) for place, record in enumerate(log)]
     assert first_divergence(log, other) is not None
     assert first_divergence(log, other, Rules(("sequence",))) is None
@@ -47,8 +47,8 @@ def test_numbers_of_another_writer_do_not_count_if_they_are_ignored(log: list[St
     assert (found.topic, found.stamp_ns) == (log[7].topic, 400_000_000)
 
 
-def test_a_field_is_named_as_in_the_finding_or_by_its_beginning(log: list[Stamped]) -> None:
-    def moved(record: Stamped) -> Stamped:
+def test_a_field_is_named_as_in_the_finding_or_by_its_beginning(log: list[RecordedMessage]) -> None:
+    def moved(record: RecordedMessage) -> RecordedMessage:
         if record.topic != SAMPLE_JOINTS:
             return record
         joints = decode(record.type, record.data)
@@ -74,7 +74,7 @@ def test_a_field_is_named_as_in_the_finding_or_by_its_beginning(log: list[Stampe
 @given(off=st.floats(0.0, 1.0), tolerance=st.floats(0.0, 1.0))
 def test_numbers_may_be_apart_as_far_as_is_said_and_no_farther(off: float, tolerance: float) -> None:
     poses = [encode(PoseStamped(7, [x, 0.0, 0.0])) for x in (0.0, off)]
-    a, b = ([Stamped(LEFT_TARGET, PoseStamped.TYPE, data, 0, 0)] for data in poses)
+    a, b = ([RecordedMessage(LEFT_TARGET, PoseStamped.TYPE, data, 0, 0)] for data in poses)
     found = first_divergence(a, b, Rules(tolerance=tolerance))
     assert (found is None) == (off <= tolerance)
     if found is not None:
@@ -82,8 +82,8 @@ def test_numbers_may_be_apart_as_far_as_is_said_and_no_farther(off: float, toler
 
 
 def test_nan_is_as_far_from_a_number_as_can_be_and_not_from_itself() -> None:
-    def joints(value: float) -> list[Stamped]:
-        return [Stamped("/arm", JointState.TYPE, encode(JointState(7, ("a",), [0.0], velocity=[value])), 0, 0)]
+    def joints(value: float) -> list[RecordedMessage]:
+        return [RecordedMessage("/arm", JointState.TYPE, encode(JointState(7, ("a",), [0.0], velocity=[value])), 0, 0)]
 
     rules = Rules(tolerance=1e9)
     assert first_divergence(joints(float("nan")), joints(float("nan")), rules) is None
@@ -95,12 +95,12 @@ def test_nan_is_as_far_from_a_number_as_can_be_and_not_from_itself() -> None:
 def test_bytes_that_no_field_shows_do_not_count_where_values_are_compared() -> None:
     pose = PoseStamped(7, [1.0, 2.0, 3.0])
     other = bytes(typestore().serialize_cdr(to_rosbags(pose), pose.TYPE, little_endian=False))
-    a, b = ([Stamped(LEFT_TARGET, pose.TYPE, data, 0, 0)] for data in (encode(pose), other))
+    a, b = ([RecordedMessage(LEFT_TARGET, pose.TYPE, data, 0, 0)] for data in (encode(pose), other))
     assert first_divergence(a, b) is not None
     assert first_divergence(a, b, Rules(tolerance=0.0)) is None
 
 
-def test_a_type_that_nobody_names_is_that_of_the_topic(log: list[Stamped]) -> None:
+def test_a_type_that_nobody_names_is_that_of_the_topic(log: list[RecordedMessage]) -> None:
     untyped = each(log, lambda record: record._replace(type=""))
     found = first_divergence(log, untyped, Rules(("sequence",)))
     assert found is not None
@@ -109,8 +109,8 @@ def test_a_type_that_nobody_names_is_that_of_the_topic(log: list[Stamped]) -> No
 
 
 def test_messages_that_do_not_decode_are_compared_by_their_bytes() -> None:
-    def text(data: bytes) -> list[Stamped]:
-        return [Stamped("/json", "Thing", data, 0, 0)]
+    def text(data: bytes) -> list[RecordedMessage]:
+        return [RecordedMessage("/json", "Thing", data, 0, 0)]
 
     rules = Rules(("sequence",), tolerance=1.0)
     assert first_divergence(text(b"{}"), text(b"{}"), rules) is None
@@ -119,8 +119,8 @@ def test_messages_that_do_not_decode_are_compared_by_their_bytes() -> None:
     assert (found.field, found.kind) == ("bytes[1]", "changed")
 
 
-def test_topics_are_chosen_and_left_out(log: list[Stamped], tmp_path: Path) -> None:
-    def moved(record: Stamped) -> Stamped:
+def test_topics_are_chosen_and_left_out(log: list[RecordedMessage], tmp_path: Path) -> None:
+    def moved(record: RecordedMessage) -> RecordedMessage:
         return altered(record, frame_id="other") if record.topic == RIGHT_TARGET else record
 
     a = write_foreign(tmp_path / "a.mcap", log)

@@ -21,11 +21,11 @@ from recorders.ticks.joiner import join_ticks
 from replay.golden.add import add_case
 from replay.golden.case import CASE_FILE, Tolerances, load_case
 from replay.golden.check import check_all, check_case, summary
-from replay.golden.finding import Element, Finding
+from replay.golden.finding import ElementDifference, Finding
 from replay.golden.folder import find_cases
 from replay.golden.log_tier import CASE_TOPICS, slim
 from replay.golden.physics_tier import first_beyond
-from replay.golden.recipe import EpochEnd, Moment, Recipe, State
+from replay.golden.recipe import CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
 
 
@@ -35,17 +35,17 @@ class CountingRunner:
     def __init__(self, *, step: int = 1) -> None:
         self._step = step
 
-    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+    def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         count = 0
         for epoch in range(recipe.schedule.epochs):
             for log in recipe.logs:
                 for place, tick in enumerate(join_ticks(LogReader(log))):
                     count += self._step
                     digest = count.to_bytes(32, "little")
-                    yield Moment(epoch, 0, "learn", log.name, place, tick.stamp_ns, b"s" * 32, b"o" * 32, digest)
+                    yield TickDigests(epoch, 0, "learn", log.name, place, tick.stamp_ns, b"s" * 32, b"o" * 32, digest)
             yield EpochEnd(epoch, {"count": np.array([float(count)])})
 
-    def train(self, recipe: Recipe) -> dict[str, Any]:
+    def train(self, recipe: CaseSpec) -> dict[str, Any]:
         counts = [event.state["count"][0] for event in self.learn(recipe) if isinstance(event, EpochEnd)]
         return {"digest": str(counts[-1]), "errors_cm": counts}
 
@@ -66,7 +66,7 @@ class CountingRunner:
 @pytest.fixture
 def case(tmp_path: Path) -> Path:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
-    return add_case(tmp_path / "cases" / "a", Recipe((log,), {}, Schedule(epochs=2)), CountingRunner()).folder
+    return add_case(tmp_path / "cases" / "a", CaseSpec((log,), {}, Schedule(epochs=2)), CountingRunner()).folder
 
 
 def test_what_was_added_holds(case: Path) -> None:
@@ -84,7 +84,7 @@ def test_another_learner_is_named_by_tick_and_element(case: Path) -> None:
     assert finding is not None
     assert (finding.tier, finding.field) == ("learning", "state")
     assert (finding.expected, finding.found) == ("digest 01000000", "digest 02000000")
-    assert finding.epoch_end == Element(0, "count[0]", "5.0", "10.0")
+    assert finding.epoch_end == ElementDifference(0, "count[0]", "5.0", "10.0")
     assert finding.place == {"epoch": 0, "cycle": 0, "phase": "learn", "log": "log.mcap", "tick": 0, "stamp_ns": 0}
     assert str(finding).startswith(
         "learning: epoch 0, cycle 0, phase learn, log log.mcap, tick 0, stamp_ns 0: state: expected "
@@ -217,12 +217,12 @@ class CrashingRunner(CountingRunner):
         super().__init__()
         self._where = where
 
-    def learn(self, recipe: Recipe) -> Iterator[Moment | EpochEnd]:
+    def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         yield from itertools.islice(super().learn(recipe), 3 if self._where == "learn" else None)
         if self._where == "learn":
             raise ZeroDivisionError("a step")
 
-    def train(self, recipe: Recipe) -> dict[str, Any]:
+    def train(self, recipe: CaseSpec) -> dict[str, Any]:
         if self._where == "train":
             raise KeyError("digest")
         return super().train(recipe)
@@ -363,7 +363,7 @@ def test_a_case_called_old_can_be_updated(case: Path) -> None:
 def test_logs_called_as_a_cases_own_files(tmp_path: Path, names: tuple[str, ...]) -> None:
     logs = tuple(write_plain_episode(tmp_path / name, samples=4) for name in names)
     with pytest.raises(ConfigError, match="different names, none of them"):
-        add_case(tmp_path / "cases" / "a", Recipe(logs, {}, Schedule(epochs=1)), CountingRunner())
+        add_case(tmp_path / "cases" / "a", CaseSpec(logs, {}, Schedule(epochs=1)), CountingRunner())
     assert not list((tmp_path / "cases").iterdir())
 
 
@@ -371,7 +371,7 @@ def test_a_log_that_is_too_large_is_not_learned_from(tmp_path: Path, monkeypatch
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     monkeypatch.setattr("replay.golden.add.MAX_CASE_BYTES", 1000)
     with pytest.raises(ConfigError, match="expected at most 1000 bytes"):
-        add_case(tmp_path / "a", Recipe((log,), {}, Schedule(epochs=1)), CrashingRunner("learn"))
+        add_case(tmp_path / "a", CaseSpec((log,), {}, Schedule(epochs=1)), CrashingRunner("learn"))
 
 
 def test_a_case_that_does_not_hold_is_not_kept(tmp_path: Path) -> None:
@@ -379,14 +379,14 @@ def test_a_case_that_does_not_hold_is_not_kept(tmp_path: Path) -> None:
     runner = CountingRunner()
     runner.pack = lambda states: json.dumps([[0.0]]).encode()  # type: ignore[method-assign]
     with pytest.raises(ConfigError, match="does not hold as soon as it is made: learning: epoch 0: count"):
-        add_case(tmp_path / "cases" / "a", Recipe((log,), {}, Schedule(epochs=1)), runner)
+        add_case(tmp_path / "cases" / "a", CaseSpec((log,), {}, Schedule(epochs=1)), runner)
     assert not list((tmp_path / "cases").iterdir())
 
 
 def test_progress_of_adding(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     told: list[float] = []
-    add_case(tmp_path / "a", Recipe((log,), {}, Schedule(epochs=2)), CountingRunner(), progress=told.append)
+    add_case(tmp_path / "a", CaseSpec((log,), {}, Schedule(epochs=2)), CountingRunner(), progress=told.append)
     assert told == sorted(told)
     assert len(told) == 4
     assert told[-1] == 1.0
@@ -400,7 +400,7 @@ def test_no_cases(tmp_path: Path) -> None:
 def test_two_logs_of_one_name(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     with pytest.raises(ConfigError, match="different names"):
-        add_case(tmp_path / "a", Recipe((log, log), {}, Schedule(epochs=1)), CountingRunner())
+        add_case(tmp_path / "a", CaseSpec((log, log), {}, Schedule(epochs=1)), CountingRunner())
 
 
 def test_physics_is_compared_within_its_tolerance(tmp_path: Path) -> None:

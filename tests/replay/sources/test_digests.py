@@ -1,12 +1,12 @@
 """The stream digest depends on what was sent and in which order, and on nothing else."""
 
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from replay.sources.stream_digest import StreamDigest, framed
 
-TICK = [Stamped("/a", "t", b"1", 0, 5), Stamped("/b", "t", b"2", 0, 6)]
+TICK = [RecordedMessage("/a", "t", b"1", 0, 5), RecordedMessage("/b", "t", b"2", 0, 6)]
 
 
-def digest(*ticks: list[Stamped]) -> str:
+def digest(*ticks: list[RecordedMessage]) -> str:
     stream = StreamDigest()
     for tick in ticks:
         stream.update(tick)
@@ -36,7 +36,7 @@ def test_how_ticks_are_cut_enters() -> None:
 
 
 def test_framing_is_unambiguous() -> None:
-    assert framed(Stamped("/ab", "t", b"c", 0, 0)) != framed(Stamped("/a", "t", b"bc", 0, 0))
+    assert framed(RecordedMessage("/ab", "t", b"c", 0, 0)) != framed(RecordedMessage("/a", "t", b"bc", 0, 0))
 
 
 def test_it_goes_on_from_its_value() -> None:

@@ -10,7 +10,7 @@ from recorders.cdr.codec import decode
 from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import Message, String
 from recorders.messages.phase import Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import (
     JOINT_STATES,
     LEARNER_TOPICS,
@@ -33,7 +33,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_episode(tmp_path_factory.mktemp("engine") / "log.mcap", samples=4)
 
 
-def phase_of(message: Stamped) -> Phase:
+def phase_of(message: RecordedMessage) -> Phase:
     marker = decode(message.type, message.data)
     assert isinstance(marker, String)
     return Phase.from_message(marker)

@@ -16,7 +16,7 @@ from recorders.cdr.codec import decode, encode
 from recorders.errors import LogError
 from recorders.messages.message_types import JointState, Message, PoseStamped, String
 from recorders.messages.phase import EVALUATE, LEARN, WASHOUT, Phase
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TF
 from recorders.reading.reader import LogReader
 from recorders.ticks.live import MAX_MESSAGE, MAX_PENDING
@@ -28,56 +28,60 @@ TICKS = 10
 
 
 @pytest.fixture(scope="module")
-def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[list[Stamped]]:
+def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[list[RecordedMessage]]:
     records = list(LogReader(write_episode(tmp_path_factory.mktemp("live") / "log.mcap", samples=TICKS - 1)))
     return [records[3 * tick : 3 * tick + 3] for tick in range(TICKS)]
 
 
-def made(records: Sequence[Stamped], *, numbered: bool = True, **options: object) -> tuple[LiveStream, list[Stamped]]:
+def made(
+    records: Sequence[RecordedMessage], *, numbered: bool = True, **options: object
+) -> tuple[LiveStream, list[RecordedMessage]]:
     live = LiveStream(check=plausible(ASIMO), **options)  # type: ignore[arg-type]
     stream = [out for record in records for out in live.feed(record, numbered=numbered)]
     live.finish()
     return live, stream
 
 
-def flat(ticks: Sequence[Sequence[Stamped]]) -> list[Stamped]:
+def flat(ticks: Sequence[Sequence[RecordedMessage]]) -> list[RecordedMessage]:
     return [record for tick in ticks for record in tick]
 
 
-def marker(*, run: str = "ab" * 16, epoch: int = 0, cycle: int = 0, phase: str = LEARN) -> Stamped:
+def marker(*, run: str = "ab" * 16, epoch: int = 0, cycle: int = 0, phase: str = LEARN) -> RecordedMessage:
     data = encode(Phase(run, epoch, cycle, phase, log="").to_message())
-    return Stamped(SESSION_PHASE, String.TYPE, data, cycle, 0)
+    return RecordedMessage(SESSION_PHASE, String.TYPE, data, cycle, 0)
 
 
-def parsed(record: Stamped) -> Phase:
+def parsed(record: RecordedMessage) -> Phase:
     message = decode(record.type, record.data)
     assert isinstance(message, String)
     return Phase.from_message(message)
 
 
-def altered(record: Stamped, **changes: object) -> Stamped:
+def altered(record: RecordedMessage, **changes: object) -> RecordedMessage:
     message: Message = decode(record.type, record.data)
     return record._replace(data=encode(replace(message, **changes)))  # type: ignore[type-var]
 
 
-def test_ticks_without_a_marker_are_for_learning(ticks: list[list[Stamped]]) -> None:
+def test_ticks_without_a_marker_are_for_learning(ticks: list[list[RecordedMessage]]) -> None:
     live, (first, *stream) = made(flat(ticks))
     assert stream == flat(ticks)
     assert parsed(first) == Phase(LIVE_RUN, 0, 0, LEARN, log="")
     assert (live.run, live.ticks, live.dropped, live.gaps, live.refused) == (LIVE_RUN, TICKS, 0, 0, {})
 
 
-def test_topics_may_run_ahead_of_one_another_and_other_topics_are_passed_over(ticks: list[list[Stamped]]) -> None:
+def test_topics_may_run_ahead_of_one_another_and_other_topics_are_passed_over(
+    ticks: list[list[RecordedMessage]],
+) -> None:
     by_topic = [tick[rank] for rank in (2, 0, 1) for tick in ticks] + [ticks[0][0]._replace(topic=TF)]
     assert made(by_topic)[1] == made(flat(ticks))[1]
 
 
-def test_messages_of_nobodys_numbering_are_numbered_as_a_recorder_does(ticks: list[list[Stamped]]) -> None:
+def test_messages_of_nobodys_numbering_are_numbered_as_a_recorder_does(ticks: list[list[RecordedMessage]]) -> None:
     bare = [record._replace(sequence=0) for record in flat(ticks)]
     assert made(bare, numbered=False)[1] == made(flat(ticks))[1]
 
 
-def wrong_messages(tick: Sequence[Stamped]) -> list[tuple[Stamped, str]]:
+def wrong_messages(tick: Sequence[RecordedMessage]) -> list[tuple[RecordedMessage, str]]:
     left, _, joints = tick
     other = JointState(0, ("antenna",), [0.0])
     return [
@@ -90,15 +94,15 @@ def wrong_messages(tick: Sequence[Stamped]) -> list[tuple[Stamped, str]]:
         (altered(joints, position=np.full(15, 1e300)), "implausible"),
         (joints._replace(data=bytes(MAX_MESSAGE + 1)), "too large"),
         (altered(left, stamp_ns=0), "not after the last tick"),
-        (Stamped(SESSION_PHASE, String.TYPE, encode(String("{")), 0, 0), "marker"),
-        (Stamped(SESSION_PHASE, String.TYPE, bytes(5), 0, 0), "marker"),
-        (Stamped(SESSION_PHASE, "", b"", 0, 0), "marker"),
+        (RecordedMessage(SESSION_PHASE, String.TYPE, encode(String("{")), 0, 0), "marker"),
+        (RecordedMessage(SESSION_PHASE, String.TYPE, bytes(5), 0, 0), "marker"),
+        (RecordedMessage(SESSION_PHASE, "", b"", 0, 0), "marker"),
         (marker(epoch=1), "marker"),
-        (Stamped(SESSION_PHASE, String.TYPE, bytes(MAX_MESSAGE + 1), 0, 0), "too large"),
+        (RecordedMessage(SESSION_PHASE, String.TYPE, bytes(MAX_MESSAGE + 1), 0, 0), "too large"),
     ]
 
 
-def test_what_is_of_no_use_is_refused_and_changes_nothing(ticks: list[list[Stamped]]) -> None:
+def test_what_is_of_no_use_is_refused_and_changes_nothing(ticks: list[list[RecordedMessage]]) -> None:
     said: list[str] = []
     bad = wrong_messages(ticks[5])
     live, stream = made(flat(ticks[:5]) + [record for record, _ in bad] + flat(ticks[5:]), say=said.append)
@@ -108,7 +112,7 @@ def test_what_is_of_no_use_is_refused_and_changes_nothing(ticks: list[list[Stamp
     assert all(line.isprintable() and len(line.splitlines()) == 1 for line in said)
 
 
-def test_a_second_message_of_a_tick_is_refused(ticks: list[list[Stamped]]) -> None:
+def test_a_second_message_of_a_tick_is_refused(ticks: list[list[RecordedMessage]]) -> None:
     left, right, joints = ticks[3]
     forged = altered(left, position=[0.3, 0.2, 0.7])
     live, stream = made([*flat(ticks[:3]), left, forged, right, joints])
@@ -116,7 +120,7 @@ def test_a_second_message_of_a_tick_is_refused(ticks: list[list[Stamped]]) -> No
     assert live.refused == {f"{LEFT_TARGET}: repeated": 1}
 
 
-def test_it_is_said_ever_more_rarely(ticks: list[list[Stamped]]) -> None:
+def test_it_is_said_ever_more_rarely(ticks: list[list[RecordedMessage]]) -> None:
     said: list[str] = []
     live, _ = made(flat(ticks) + [ticks[0][0]] * 150, say=said.append)
     assert live.refused.total() == 150
@@ -126,7 +130,7 @@ def test_it_is_said_ever_more_rarely(ticks: list[list[Stamped]]) -> None:
 @pytest.mark.parametrize(
     "lost", [[1], [0, 2], [0, 1], [0, 1, 2]], ids=["one message", "two", "both targets", "a whole tick"]
 )
-def test_no_pair_is_made_across_a_missing_tick(ticks: list[list[Stamped]], lost: list[int]) -> None:
+def test_no_pair_is_made_across_a_missing_tick(ticks: list[list[RecordedMessage]], lost: list[int]) -> None:
     heard = [record for record in flat(ticks) if record not in [ticks[4][rank] for rank in lost]]
     live, stream = made(heard)
     places = [place for place, record in enumerate(stream) if record.topic == SESSION_PHASE]
@@ -135,7 +139,7 @@ def test_no_pair_is_made_across_a_missing_tick(ticks: list[list[Stamped]], lost:
     assert (live.gaps, live.dropped, live.ticks) == (1, len(lost) < 3, TICKS - 1)
 
 
-def counted_over_all(ticks: Sequence[Sequence[Stamped]], *, others: int = 0) -> list[Stamped]:
+def counted_over_all(ticks: Sequence[Sequence[RecordedMessage]], *, others: int = 0) -> list[RecordedMessage]:
     """The messages as a recorder numbers them that counts all topics alike, `others` with every tick."""
     return [
         record._replace(sequence=1000 + (3 + others) * place + rank)
@@ -145,13 +149,15 @@ def counted_over_all(ticks: Sequence[Sequence[Stamped]], *, others: int = 0) -> 
 
 
 @pytest.mark.parametrize("others", [0, 1, 97])
-def test_one_count_over_all_topics_has_no_gaps(ticks: list[list[Stamped]], others: int) -> None:
+def test_one_count_over_all_topics_has_no_gaps(ticks: list[list[RecordedMessage]], others: int) -> None:
     live, stream = made(counted_over_all(ticks, others=others))
     assert (live.gaps, live.steps, len(stream)) == (0, TICKS - 1, 1 + 3 * TICKS)
 
 
 @pytest.mark.parametrize("first", [(0, 0, 0), (7, 8, 9), (500, 3, 40)], ids=str)
-def test_counts_that_began_apart_still_show_a_missing_tick(ticks: list[list[Stamped]], first: Sequence[int]) -> None:
+def test_counts_that_began_apart_still_show_a_missing_tick(
+    ticks: list[list[RecordedMessage]], first: Sequence[int]
+) -> None:
     apart = [
         [record._replace(sequence=record.sequence + start) for record, start in zip(tick, first, strict=True)]
         for tick in ticks
@@ -159,9 +165,9 @@ def test_counts_that_began_apart_still_show_a_missing_tick(ticks: list[list[Stam
     assert made(flat(apart[:4] + apart[7:]))[0].gaps == 1
 
 
-def with_joints_between(ticks: Sequence[Sequence[Stamped]], *, often: int) -> list[Stamped]:
+def with_joints_between(ticks: Sequence[Sequence[RecordedMessage]], *, often: int) -> list[RecordedMessage]:
     """The messages of a robot whose joints come so many times as often as its targets, with numbers of their own."""
-    heard: list[Stamped] = []
+    heard: list[RecordedMessage] = []
     for place, (left, right, joints) in enumerate(ticks):
         stamps = [place * PERIOD_NS + part * PERIOD_NS // often for part in range(often)]
         same = [altered(joints, stamp_ns=stamp) for stamp in stamps]
@@ -171,7 +177,7 @@ def with_joints_between(ticks: Sequence[Sequence[Stamped]], *, often: int) -> li
 
 
 @pytest.mark.parametrize("numbered", [True, False])
-def test_joints_more_often_than_targets_are_no_lost_ticks(ticks: list[list[Stamped]], numbered: bool) -> None:
+def test_joints_more_often_than_targets_are_no_lost_ticks(ticks: list[list[RecordedMessage]], numbered: bool) -> None:
     live, stream = made(with_joints_between(ticks, often=5), numbered=numbered)
     assert (live.gaps, live.ticks, live.steps, live.refused) == (0, TICKS, TICKS - 1, {})
     assert len(stream) == 1 + 3 * TICKS
@@ -179,7 +185,7 @@ def test_joints_more_often_than_targets_are_no_lost_ticks(ticks: list[list[Stamp
 
 @pytest.mark.parametrize("position", [[np.nan] * 3, [1e9, 0.0, 0.0]], ids=["no number", "far away"])
 def test_a_tick_whose_targets_are_refused_is_a_gap_whoever_numbers_them(
-    ticks: list[list[Stamped]], position: list[float]
+    ticks: list[list[RecordedMessage]], position: list[float]
 ) -> None:
     bad = [altered(record, position=position) for record in ticks[4][:2]]
     for numbered in (True, False):
@@ -187,13 +193,13 @@ def test_a_tick_whose_targets_are_refused_is_a_gap_whoever_numbers_them(
         assert (live.gaps, live.ticks, live.refused.total()) == (1, TICKS - 1, 2)
 
 
-def test_a_tick_begun_before_the_learner_listened_is_no_gap(ticks: list[list[Stamped]]) -> None:
+def test_a_tick_begun_before_the_learner_listened_is_no_gap(ticks: list[list[RecordedMessage]]) -> None:
     live, stream = made(flat(ticks)[2:])
     assert [record.topic for record in stream].count(SESSION_PHASE) == 1
     assert (live.gaps, live.dropped) == (0, 1)
 
 
-def test_stamps_from_nowhere_neither_move_time_nor_fill_the_memory(ticks: list[list[Stamped]]) -> None:
+def test_stamps_from_nowhere_neither_move_time_nor_fill_the_memory(ticks: list[list[RecordedMessage]]) -> None:
     far = [altered(ticks[0][0], stamp_ns=10**18 + index) for index in range(1000)]
     live, stream = made(flat(ticks[:5]) + far + flat(ticks[5:]))
     assert [record for record in stream if record.topic != SESSION_PHASE] == flat(ticks)
@@ -201,7 +207,7 @@ def test_stamps_from_nowhere_neither_move_time_nor_fill_the_memory(ticks: list[l
     assert len(live._joiner._pending) <= MAX_PENDING
 
 
-def test_markers_are_followed_and_begin_time_anew(ticks: list[list[Stamped]]) -> None:
+def test_markers_are_followed_and_begin_time_anew(ticks: list[list[RecordedMessage]]) -> None:
     phases = [(0, WASHOUT), (1, LEARN), (2, EVALUATE)]
     heard = flat([[marker(cycle=cycle, phase=phase), *flat(ticks)] for cycle, phase in phases])
     live, stream = made(heard)
@@ -210,7 +216,7 @@ def test_markers_are_followed_and_begin_time_anew(ticks: list[list[Stamped]]) ->
     assert (live.ticks, live.gaps) == (3 * TICKS, 0)
 
 
-def test_a_marker_of_another_run_is_followed_under_the_name_of_the_first(ticks: list[list[Stamped]]) -> None:
+def test_a_marker_of_another_run_is_followed_under_the_name_of_the_first(ticks: list[list[RecordedMessage]]) -> None:
     live, stream = made([*flat(ticks), marker(cycle=3, phase=EVALUATE), *flat(ticks)])
     assert live.run == LIVE_RUN
     assert [parsed(record) for record in stream if record.topic == SESSION_PHASE] == [
@@ -219,12 +225,12 @@ def test_a_marker_of_another_run_is_followed_under_the_name_of_the_first(ticks: 
     ]
 
 
-def test_numbers_that_stand_still_are_no_gaps(ticks: list[list[Stamped]]) -> None:
+def test_numbers_that_stand_still_are_no_gaps(ticks: list[list[RecordedMessage]]) -> None:
     still = [record._replace(sequence=0) for record in flat(ticks)]
     assert made(still)[0].gaps == 0
 
 
-def test_a_log_is_heard_as_it_would_have_been_live(ticks: list[list[Stamped]], tmp_path: Path) -> None:
+def test_a_log_is_heard_as_it_would_have_been_live(ticks: list[list[RecordedMessage]], tmp_path: Path) -> None:
     bad = [record for record, _ in wrong_messages(ticks[5]) if record.type]
     heard = flat(ticks[:5]) + bad + flat(ticks[5:7]) + ticks[8][1:] + flat(ticks[9:])
     _, expected = made(heard)

@@ -12,7 +12,7 @@ from mcap.writer import Writer
 from waiting import wait_until
 
 from recorders.errors import ConfigError, LogError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig
@@ -131,7 +131,7 @@ def test_nothing_is_lost_where_a_clock_steps_back(
     assert sorted(record.log_time_ns for part in sliced for record in part) == both
 
 
-def rest(log: Path, other: Path, config: PlaybackConfig) -> list[Stamped]:
+def rest(log: Path, other: Path, config: PlaybackConfig) -> list[RecordedMessage]:
     """Return what plays, nothing where the slice holds no message."""
     try:
         return list(Playback([log, other], config).stream())

@@ -12,7 +12,7 @@ from processes import start, wait_for_line
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.trainer import train
 from recorders.errors import WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -33,8 +33,8 @@ def test_a_controller_that_is_killed_in_the_middle_of_a_replay_fails_it(tmp_path
         stack.callback(process.kill)
         return process
 
-    def played(first: subprocess.Popen[str]) -> Callable[[int], Iterator[Stamped]]:
-        def stream(begin: int) -> Iterator[Stamped]:
+    def played(first: subprocess.Popen[str]) -> Callable[[int], Iterator[RecordedMessage]]:
+        def stream(begin: int) -> Iterator[RecordedMessage]:
             yield from records[:6]
             first.kill()
             first.wait()

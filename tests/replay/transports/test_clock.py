@@ -8,16 +8,16 @@ import pytest
 from waiting import wait_until
 
 from recorders.errors import ConfigError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from replay.transports.clock import Clock, Paced, Pausable, Unpaced, paced
 
 CLOCKS = {"unpaced": Unpaced, "paced": lambda: Paced(1000.0), "pausable": lambda: Pausable(Paced(1000.0))}
 
 
-def stream(count: int, *, period_ns: int = 1_000_000, cycles: int = 1) -> Iterator[Stamped]:
+def stream(count: int, *, period_ns: int = 1_000_000, cycles: int = 1) -> Iterator[RecordedMessage]:
     for _ in range(cycles):
         for index in range(count):
-            yield Stamped("/t", "t", b"", index, index * period_ns)
+            yield RecordedMessage("/t", "t", b"", index, index * period_ns)
 
 
 @pytest.mark.parametrize("make", CLOCKS.values(), ids=CLOCKS)
@@ -122,7 +122,7 @@ def test_a_person_can_stop_step_and_go_on() -> None:
     assert passed == [0, 1, 2, 3, 4, 5]
 
 
-def counted(messages: Iterator[Stamped], passed: list[int]) -> Iterator[Stamped]:
+def counted(messages: Iterator[RecordedMessage], passed: list[int]) -> Iterator[RecordedMessage]:
     """Note each message as it passes; yields none of them again."""
     for message in messages:
         passed.append(message.sequence)

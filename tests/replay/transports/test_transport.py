@@ -16,9 +16,9 @@ import pytest
 from collector import Collector
 
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
-from recorders.messages.record import Stamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
-from recorders.wire.frames import Frame, Kind
+from recorders.wire.frames import Frame, FrameType
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import MAX_PAYLOAD, Receiver
 from recorders.wire.session import SessionConfig, open_session
@@ -31,12 +31,12 @@ COUNT = 2_000
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
 
 
-def message(index: int) -> Stamped:
+def message(index: int) -> RecordedMessage:
     topic = LEARNER_TOPICS[index % 3]
-    return Stamped(topic.name, topic.type, f"payload {index}".encode() * (index % 7), index, index * 1_000)
+    return RecordedMessage(topic.name, topic.type, f"payload {index}".encode() * (index % 7), index, index * 1_000)
 
 
-def stream_from(start: int) -> Iterator[Stamped]:
+def stream_from(start: int) -> Iterator[RecordedMessage]:
     return (message(index) for index in range(start, COUNT))
 
 
@@ -53,7 +53,7 @@ class Feed:
         self.said: dict[str, Any] | None = None
 
     def __call__(
-        self, options: dict[str, Any], stream: Callable[[int], Iterator[Stamped]] = stream_from
+        self, options: dict[str, Any], stream: Callable[[int], Iterator[RecordedMessage]] = stream_from
     ) -> dict[str, Any]:
         if self._endpoint is None:
             options.pop("wait_s", None)
@@ -112,7 +112,7 @@ def test_a_consumer_that_fails_is_named_with_its_reason(feed: Feed) -> None:
 
 
 def test_a_stream_that_fails_is_never_taken_for_a_short_one(feed: Feed) -> None:
-    def broken(start: int) -> Iterator[Stamped]:
+    def broken(start: int) -> Iterator[RecordedMessage]:
         for index in range(start, 500):
             yield message(index)
         raise LogError("cut off at byte 12345")
@@ -167,7 +167,7 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, f
     class Lossy(_Delivery):
         def _put(self, frame: Frame) -> None:
             lose = len(lost) < frames and frame.first >= 300 * (len(lost) + 1)
-            lose = lose or (len(lost) == frames and frame.kind is Kind.END)
+            lose = lose or (len(lost) == frames and frame.kind is FrameType.END)
             if lose:
                 lost.append(frame)
             else:
@@ -178,7 +178,7 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, f
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
         with Lossy(session, config, offer, lambda consumed: None, ()) as delivery:
             assert delivery.run(stream_from) == {"learner": expected()}
-    assert [frame.kind for frame in lost][frames:] == [Kind.END]
+    assert [frame.kind for frame in lost][frames:] == [FrameType.END]
     assert said == {"learner": expected()}
 
 
@@ -186,7 +186,7 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, f
 def test_no_more_than_the_window_is_under_way(window: int, batch: int) -> None:
     endpoint, under_way, consumed = free_endpoint(), [0], [0]
 
-    def counted(start: int) -> Iterator[Stamped]:
+    def counted(start: int) -> Iterator[RecordedMessage]:
         for index in range(start, 300):
             under_way.append(index - consumed[-1])
             yield message(index)
@@ -220,7 +220,7 @@ def test_who_accepted_is_told_when_another_refuses() -> None:
 def test_a_message_too_large_to_be_received_is_refused_before_it_is_sent() -> None:
     endpoint = free_endpoint()
 
-    def large(start: int) -> Iterator[Stamped]:
+    def large(start: int) -> Iterator[RecordedMessage]:
         yield message(0)
         yield message(1)._replace(data=bytes(MAX_PAYLOAD + 1))
 
@@ -233,7 +233,7 @@ def test_a_message_too_large_to_be_received_is_refused_before_it_is_sent() -> No
 def test_large_messages_travel_in_small_batches() -> None:
     endpoint = free_endpoint()
 
-    def large(start: int) -> Iterator[Stamped]:
+    def large(start: int) -> Iterator[RecordedMessage]:
         return (message(index)._replace(data=bytes(3 << 20)) for index in range(start, 12))
 
     with collectors(endpoint, learner={}), open_session(SessionConfig(listen=(endpoint,))) as session:
@@ -249,7 +249,7 @@ class Waiting:
     def hello(self, offer: Offer) -> int:
         return 0
 
-    def consume(self, messages: Iterator[Stamped]) -> dict[str, Any]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         next(messages)
         assert self._blocked.wait(60)
         return {"count": 1 + sum(1 for _ in messages)}
@@ -260,7 +260,7 @@ def test_no_more_than_so_many_bytes_are_under_way() -> None:
     endpoint, size, blocked = free_endpoint(), 20 << 20, threading.Event()
     under_way: list[int] = []
 
-    def large(start: int) -> Iterator[Stamped]:
+    def large(start: int) -> Iterator[RecordedMessage]:
         for index in range(start, 8):
             if (index + 1) * size > WINDOW_BYTES:
                 blocked.set()
