@@ -35,7 +35,7 @@ class ViewOptions:
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is to be shown."""
+        """True if anything is to be shown."""
         return self.view or self.viewer is not None
 
     @contextmanager

@@ -64,7 +64,7 @@ class DeploymentConfig:
 
 @dataclass(frozen=True, eq=False)
 class Driven:
-    """Where the robot went.
+    """Joints and hands of the robot at every target, and their errors.
 
     Attributes
     ----------
@@ -94,7 +94,7 @@ class Deployment:
     targets : ndarray
         Hand positions asked for [m], left then right, shape (T, 6).
     learned, teacher : Driven
-        Where the robot went.
+        Path of the robot behind each of them.
     """
 
     motion: str
@@ -175,7 +175,7 @@ def drive_learned(
     namespace: str = DEFAULT_NAMESPACE,
     on_hold: Callable[[], None] = lambda: None,
 ) -> Floats:
-    """Say targets to the controller that serves there, and let the robot follow its commands, from the comfort posture.
+    """Publish targets to the served controller and let the robot follow its commands, from the comfort posture.
 
     Parameters
     ----------

@@ -18,7 +18,7 @@ _CM_PER_M = 100.0
 
 
 class Predictor(Protocol):
-    """What can be evaluated: a learner in the seeded state of a test."""
+    """Learner in the seeded state of a test, which can be evaluated."""
 
     def washout(self, u0: Floats, *, steps: int) -> None:
         """Hold one target [m], shape (6,), for some steps."""

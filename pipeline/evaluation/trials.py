@@ -23,7 +23,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class Trial:
-    """What a controller made of a motion.
+    """Result of a controller on a motion.
 
     Attributes
     ----------
@@ -62,7 +62,7 @@ class Trial:
 
 
 def robot_of(controller: Controller) -> RobotConfig:
-    """Return the robot that a controller was made for; the controller carries it.
+    """Return the robot of a controller, which carries it.
 
     Raises
     ------

@@ -76,7 +76,7 @@ class DemonstrationConfig:
 
 @dataclass(frozen=True)
 class Demonstrated:
-    """What a demonstration became.
+    """Result of a demonstration.
 
     Attributes
     ----------

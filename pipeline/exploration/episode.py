@@ -53,7 +53,7 @@ class Hold(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class Plan:
-    """A motion as it is led: what is held to settle, what is held for the record, and the last tick's target.
+    """Motion as it is driven: targets held to settle, targets held for the record, and the last tick's target.
 
     Attributes
     ----------

@@ -25,7 +25,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 @dataclass(frozen=True)
 class Exploration:
-    """What an exploration left behind.
+    """Result of an exploration.
 
     Attributes
     ----------

@@ -23,7 +23,7 @@ _NO_RENAMES: Mapping[str, str] = {}
 
 @dataclass(frozen=True, eq=False)
 class Shown:
-    """What somebody showed.
+    """Paths of the hands that somebody demonstrated.
 
     Attributes
     ----------

@@ -108,7 +108,7 @@ class LiveSession:
             pass
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
         robot = {"toml": self._backend.robot.toml_text, "urdf": self._backend.robot.urdf_text}
         schedule = self._schedule.to_dict()
         identity = ["live", self._motion.sha256, robot, schedule, self._parameters]
@@ -151,7 +151,7 @@ class LiveSession:
 
 @dataclass(frozen=True)
 class LiveExploration:
-    """What a live exploration came to.
+    """Result of a live exploration.
 
     Attributes
     ----------

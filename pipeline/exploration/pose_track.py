@@ -24,7 +24,7 @@ MAX_POSES = 1_000_000
 
 @dataclass(frozen=True, eq=False)
 class HandPath:
-    """Where a hand was.
+    """Path of one hand.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""An exploration made again from its log: teacher and simulation of today follow the targets that were logged."""
+"""Reproduction of an exploration from its log: teacher and simulation of today follow the logged targets."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -28,7 +28,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class _Exploration:
-    """What a log says of how it was made."""
+    """Settings of an exploration, as its log has them."""
 
     teacher: TeacherConfig
     simulation: SimulationConfig
@@ -38,7 +38,7 @@ class _Exploration:
 
 
 def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
-    """Yield targets, joints and hands of the first ticks of an exploration, made anew.
+    """Yield targets, joints and hands of the first ticks of an exploration, simulated again.
 
     The robot is the one of that name that comes with the program, so that a change to it shows, else the log's.
 
@@ -71,7 +71,7 @@ def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
 
 
 def changed_robot(log: Path) -> str:
-    """Say in which line the robot that comes with the program differs from the log's; the empty string if in none."""
+    """Return the line in which the robot that comes with the program differs from the log's; empty if none does."""
     logged, present = _logged(log), _present(log)
     for name in ("robot.toml", "robot.urdf"):
         field = f"{name.removeprefix('robot.')}_text"

@@ -141,7 +141,7 @@ def check_targets(motion: Motion, robot: RobotConfig) -> None:
 
 
 def is_recorded(name_or_path: str | Path) -> bool:
-    """Whether a motion is given as a recording: no name of a motion, but a log or the parts of a session."""
+    """Return whether a motion is given as a recording: a log or the parts of a session, and no name of a motion."""
     return str(name_or_path) not in motion_names() and is_log(Path(name_or_path))
 
 

@@ -1,4 +1,4 @@
-"""What a command costs: the learned controller answers in one step, the teacher in as many as one lets it take."""
+"""Cost of a command: the learned controller answers in one step, the teacher in as many as it is allowed."""
 
 import statistics
 import time

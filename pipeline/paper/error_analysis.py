@@ -111,7 +111,7 @@ class Depth:
 
 
 def depths(paper: Paper, networks: Networks) -> list[Depth]:
-    """Say of every motion and hand what pictures of the plane do not show, as a mean over networks."""
+    """Return, for every motion and hand, the depth that pictures of the plane do not show, as a mean over networks."""
     robot = paper.robot
     axes = np.stack([robot.lateral, robot.up], axis=1)  # (3, 2)
     ahead = np.cross(robot.lateral, robot.up)

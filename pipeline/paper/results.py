@@ -1,4 +1,4 @@
-"""What a rerun of the paper comes to: the numbers, and the bounds that they are to keep."""
+"""Results of a rerun of the paper: the numbers and their bounds."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass

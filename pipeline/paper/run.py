@@ -69,7 +69,7 @@ class PaperConfig:
 
     @classmethod
     def quick(cls, *, seed: int = 0) -> "PaperConfig":
-        """Return a run of seconds that goes through everything; its numbers say nothing."""
+        """Return a run of seconds that goes through everything; its numbers have no meaning."""
         teacher = TeacherConfig(period_ns=_COARSE_NS)
         simulation = SimulationConfig(step_ns=_COARSE_NS, control_ns=_COARSE_NS)
         return cls(seed=seed, initialisations=2, epochs=(3, 12), teacher=teacher, simulation=simulation, is_full=False)

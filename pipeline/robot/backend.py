@@ -1,4 +1,4 @@
-"""What a robot must offer to be driven: the same few methods for a simulation and for a robot across a network."""
+"""Protocol of a robot that can be driven: the same few methods for a simulation and for a robot across a network."""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -144,7 +144,7 @@ def _imported(toml_text: str, directory: Path) -> str:
 
 @contextmanager
 def _naming(origin: str) -> Iterator[None]:
-    """Say of which robot an error speaks."""
+    """Add the robot's name to an error."""
     try:
         yield
     except RobotError as error:

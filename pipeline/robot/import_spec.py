@@ -1,4 +1,4 @@
-"""`import.toml`: which model of others a robot is made from, and what is taken from it, added and left out."""
+"""Specification `import.toml` of an imported robot: the model, and its parts that are taken, added and left out."""
 
 import importlib.metadata
 import sys
@@ -25,7 +25,7 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 @dataclass(frozen=True)
 class Place:
-    """Where a frame lies in another: origin [m], and roll, pitch and yaw [rad] about that frame's fixed axes."""
+    """Pose of a frame in another: origin [m], and roll, pitch and yaw [rad] about that frame's fixed axes."""
 
     xyz: Vector = _ZERO
     rpy: Vector = _ZERO

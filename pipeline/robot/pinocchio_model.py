@@ -32,12 +32,12 @@ def build_shapes(model: Any, urdf: Element) -> Any:
 
 
 def joint_index(model: Any, name: str) -> int:
-    """Return the index of a joint in a model made here."""
+    """Return the index of a joint in a model of this module."""
     return int(model.getJointId(joint_name(name)))
 
 
 def link_frame(model: Any, name: str) -> int:
-    """Return the index of a link's frame in a model made here."""
+    """Return the index of a link's frame in a model of this module."""
     return int(model.getFrameId(link_name(name), _LINK))
 
 

@@ -1,4 +1,4 @@
-"""What can be a robot's targets and joints: one check for every way in, live or from a file."""
+"""Range checks of a robot's targets and joints: one check for every source, live or from a file."""
 
 import math
 from collections.abc import Callable, Mapping, Sequence
@@ -113,7 +113,7 @@ class Plausible:
             )
 
     def _unit_of(self, position: Sequence[float]) -> str:
-        """Say in which unit a target would lie near a hand's pattern; nothing if in none."""
+        """Return the unit in which a target would lie near a hand's pattern; empty if in none."""
         near = {
             name: min(math.dist([scale * x for x in position], hand) for hand in self._hands)
             for name, scale in _LENGTH_UNITS
@@ -122,7 +122,7 @@ class Plausible:
         return f": looks like {name}" if near[name] <= self._length_m / 2.0 else ""
 
     def _unit_of_joint(self, name: str, found: Mapping[str, float]) -> str:
-        """Say in which unit all joints of the kind of one would be within their limits; nothing if in none."""
+        """Return the unit in which all joints of one type would be within their limits; empty if in none."""
         slides = self._types.get(name) == SLIDING
         alike = [other for other in self._limits if (self._types.get(other) == SLIDING) == slides]
         if not slides and all(abs(found[other]) <= _FULL_TURN for other in alike):
@@ -151,7 +151,7 @@ def heard_live(
     renames: Mapping[str, str] = MappingProxyType({}),
     say: Callable[[str], None] = lambda line: None,
 ) -> LiveLog:
-    """Return a recording as `learn --live` would have heard its messages; the robot is the log's if none is given.
+    """Return a recording as `learn --live` would have received it; the robot is the log's if none is given.
 
     Raises
     ------

@@ -1,4 +1,4 @@
-"""What a driven robot tells: the messages of its state at its own rate, and those of a tick."""
+"""Messages of a driven robot: its state at its own rate, and those of a tick."""
 
 from collections.abc import Iterator
 from typing import TypeAlias
@@ -15,7 +15,7 @@ Addressed: TypeAlias = tuple[str, Message]  # topic, message
 
 
 def state_messages(backend: VisibleRobot) -> Iterator[Addressed]:
-    """Say clock, joints and link poses of a robot at this instant."""
+    """Yield clock, joints and link poses of a robot at this instant."""
     yield topics.CLOCK, Clock(backend.time_ns)
     yield topics.JOINT_STATES, joints_message(backend)
     transforms = [
@@ -26,21 +26,21 @@ def state_messages(backend: VisibleRobot) -> Iterator[Addressed]:
 
 
 def hand_messages(backend: RobotBackend) -> Iterator[Addressed]:
-    """Say where both hands are at this instant."""
+    """Yield the positions of both hands at this instant."""
     measured = backend.hands()
     yield topics.LEFT_MEASURED, PoseStamped(backend.time_ns, measured[0])
     yield topics.RIGHT_MEASURED, PoseStamped(backend.time_ns, measured[1])
 
 
 def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[Addressed]:
-    """Say a tick, all under one stamp: new hand `targets` [m] (2, 3), and the joints measured at this instant."""
+    """Yield a tick, all under one stamp: new hand `targets` [m] (2, 3), and the joints measured at this instant."""
     yield topics.LEFT_TARGET, PoseStamped(backend.time_ns, targets[0])
     yield topics.RIGHT_TARGET, PoseStamped(backend.time_ns, targets[1])
     yield topics.SAMPLE_JOINTS, joints_message(backend)
 
 
 def command_message(backend: RobotBackend, q_command: Floats) -> Addressed:
-    """Say the posture (n,) commanded at this instant."""
+    """Return the posture (n,) commanded at this instant."""
     return topics.JOINT_COMMANDS, JointState(backend.time_ns, backend.robot.joints, q_command)
 
 

@@ -1,4 +1,4 @@
-"""What an imported robot looks like: bones between its joints, and boxes about the size of its links.
+"""Visuals of an imported robot: bones between its joints, and boxes about the size of its links.
 
 Meshes stay with the model they belong to; these shapes need no file, and every viewer draws them.
 """

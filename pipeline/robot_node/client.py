@@ -138,7 +138,7 @@ class RemoteRobot:
         return encode(JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64)))
 
     def _tell(self, verb: str, payload: bytes, *, expected_ns: int) -> None:
-        """Tell the robot to move, and take its answer, which is to say that its time is `expected_ns`."""
+        """Send a move to the robot and check that the time in its answer is `expected_ns`."""
         self._take(self._ask(robot_key(self._namespace, verb), payload))
         late = self.status.real_time and self.time_ns > expected_ns
         if self.time_ns != expected_ns and not late:

@@ -1,4 +1,4 @@
-"""What waits for a robot: a queue between Zenoh's threads and the robot's, bounded against a flood. No Zenoh."""
+"""Bounded queue of commands between Zenoh's threads and the robot's. No Zenoh."""
 
 import queue
 import threading

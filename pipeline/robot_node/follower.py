@@ -124,7 +124,7 @@ class Follower:
 
     @property
     def status(self) -> RobotStatus:
-        """What there is to be said of the robot."""
+        """Status of the robot."""
         return RobotStatus(
             robot=self._backend.robot.name,
             real_time=self._config.real_time,
@@ -137,7 +137,7 @@ class Follower:
         )
 
     def _is_done(self, stamp_ns: int, posture: Floats) -> bool:
-        """Whether a command is one of the last that were carried out, and comes again."""
+        """Return whether a command repeats one of the last that were carried out."""
         periods, rest = divmod(self._backend.time_ns - stamp_ns, self._config.period_ns)
         return rest == 0 and 1 <= periods <= len(self._done) and np.array_equal(self._done[-periods], posture)
 

@@ -1,4 +1,4 @@
-"""Who else is in a namespace: other controllers, a robot of other joints or in lockstep."""
+"""Checks of a namespace: other controllers, a robot of other joints or in lockstep."""
 
 import threading
 from collections.abc import Callable, Iterator

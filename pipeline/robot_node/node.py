@@ -101,7 +101,7 @@ class RobotNode:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        """Say the description and be ready for commands; the token comes last, as it promises all the rest."""
+        """Publish the description and subscribe to commands; the token comes last, as it promises all the rest."""
         self._refuse_company()
         with ExitStack() as stack:
             stack.enter_context(self._producer)

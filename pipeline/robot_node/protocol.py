@@ -1,4 +1,4 @@
-"""What a robot node and its driver say to each other beside the topics: keys, commands, and what is asked.
+"""Protocol of a robot node and its driver beside the topics: keys, commands and queries.
 
 One robot stands in a namespace:
 
@@ -108,7 +108,7 @@ class CommandReader:
         self._joints = JointMap(robot.joints)
 
     def read(self, data: bytes) -> tuple[int, Floats]:
-        """Return stamp [ns] and posture (n,) of a command, the posture kept within the joints' limits.
+        """Return stamp [ns] and posture (n,) of a command, the posture clipped to the joints' limits.
 
         Raises
         ------

@@ -91,7 +91,7 @@ class CommandedPairs:
 
 @dataclass(frozen=True, eq=False)
 class Presentation:
-    """What the messages of one presentation come to, joined once for whoever presents it again.
+    """Samples of one presentation, joined once and used for every repetition.
 
     T steps take T + 1 ticks.
 

@@ -40,7 +40,7 @@ class Gains(NamedTuple):
 
 
 class Demand(NamedTuple):
-    """What the servos are to do for a while, each of shape (n,).
+    """Demand on the servos for a while, each field of shape (n,).
 
     Attributes
     ----------

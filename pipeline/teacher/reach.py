@@ -42,7 +42,7 @@ class Miss(NamedTuple):
 
 @dataclass(frozen=True)
 class OutOfReach:
-    """What of a motion was out of reach.
+    """Samples of a motion that were out of reach.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""What the command line shows: progress on the terminal, results as a table or as JSON."""
+"""Output of the command line: progress on the terminal, results as a table or as JSON."""
 
 import io
 import json

@@ -1,4 +1,4 @@
-"""What the terminal shows of a learner: the share of its stream where that has a known length, and its ticks."""
+"""Progress of a learner on the terminal: its ticks, and the share of its stream where that has a known length."""
 
 import sys
 from collections.abc import Callable, Iterator

@@ -1,4 +1,4 @@
-"""What `info` and `recover` show on a terminal; a log may come from anyone, so none of it gets there raw."""
+"""Tables of `info` and `recover`; a log may come from anyone, so its texts are escaped."""
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
@@ -23,7 +23,7 @@ _NOTABLE_NS = _NS  # how far stamps and log time may be apart without a word
 
 
 def overview(summary: LogSummary) -> dict[str, str]:
-    """Return what there is to say of the whole log, by name."""
+    """Return the properties of the whole log, by name."""
     found = summary.survey
     compression = ", ".join(f"{count} {name or 'uncompressed'}" for name, count in found.chunks.items())
     lines = {
@@ -45,7 +45,7 @@ def overview(summary: LogSummary) -> dict[str, str]:
 
 
 def topic_lines(summary: LogSummary, width: int) -> Iterator[str]:
-    """Yield what is on each topic, in lines of `width`, with times from the first message of the log on."""
+    """Yield the properties of each topic, in lines of `width`, with times from the first message of the log on."""
     yield "Topics"
     begin_ns = summary.times_ns[0] if summary.times_ns else 0
     for topic in islice(summary.topics.values(), _TOPICS_SHOWN):
@@ -70,7 +70,7 @@ def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
 
 
 def recovered(recovery: Recovery) -> dict[str, str]:
-    """Return what became of a damaged log, by name."""
+    """Return the result of a recovery, by name."""
     lines = {
         "kept": f"{recovery.kept.total()} messages",
         "lost": _lost(recovery),
@@ -125,7 +125,7 @@ def _times(summary: LogSummary) -> str:
 
 
 def _of_topic(topic: TopicSummary, begin_ns: int) -> Iterator[str]:
-    """Yield what there is to say of a topic, a phrase each."""
+    """Yield the properties of a topic, a phrase each."""
     rate = _rate(topic.rate_hz) + (f" (stamps {_rate(topic.stamp_rate_hz)})" if topic.stamp_rate_hz else "")
     yield f"{topic.count} message{'s' if topic.count > 1 else ''}, {rate}"
     yield f"{_moment(topic.first_ns - begin_ns)} to {_moment(topic.last_ns - begin_ns)}"

@@ -1,4 +1,4 @@
-"""What stands between a stream and the wire in a replay: the comparison with a recorded run, and the keyboard."""
+"""Controls of a replay: the comparison with a recorded run, and the keyboard."""
 
 import os
 import select

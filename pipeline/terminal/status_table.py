@@ -13,7 +13,7 @@ _MINUTE_S, _HOUR_S = 60, 3600
 
 
 def status_table(nodes: Sequence[NodeStatus]) -> Table:
-    """Return a table of nodes, one a row; what they say of themselves is anybody's text, and spelt out."""
+    """Return a table of nodes, one a row; their texts come from anyone and are escaped."""
     table = Table(box=None, pad_edge=False)
     for name in ("kind", "name", "state", "since", "counts", "Hz", "us", "digests"):
         table.add_column(name, overflow="fold")

@@ -47,7 +47,7 @@ def principal_moments(inertia: Floats) -> Floats:
 
 
 def possible(moments: Floats) -> bool:
-    """Whether a body can have these principal moments [kg m^2], rising, shape (3,); rounding aside."""
+    """Return whether a body can have these principal moments [kg m^2], rising, shape (3,); rounding aside."""
     low, middle, high = (float(moment) for moment in moments)
     slack = _SLACK * max(1.0, high)
     return low >= -slack and low + middle + slack >= high

@@ -73,7 +73,7 @@ def _copy(element: Element, path: str) -> Element:
 
 
 def _drawn(shape: Element) -> bool:
-    """Whether it is a shape that needs no file, and not none at all."""
+    """Return whether it is a shape that needs no file."""
     geometry = shape.find("geometry")
     return geometry is not None and len(geometry) == 1
 
@@ -92,7 +92,7 @@ def _clean_materials(robot: Element) -> None:
 
 
 def _clean_transmissions(robot: Element) -> None:
-    """Leave the simple motors of joints that move; models keep those of joints that they have made rigid."""
+    """Leave the simple motors of joints that move; models have some of joints that are rigid."""
     moving = {joint.get("name") for joint in robot.iterfind("joint") if joint.get("type") != "fixed"}
     simple = [motor for motor in robot.iterfind("transmission") if "SimpleTransmission" in motor.findtext("type", "")]
     _keep(

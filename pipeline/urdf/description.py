@@ -275,7 +275,7 @@ def _check_axis(joint: ElementTree.Element) -> None:
 
 
 def _holds_numbers(text: str, count: int) -> bool:
-    """Whether urdfdom reads so many numbers, which goes by spaces and allows none around a single number."""
+    """Return whether urdfdom reads so many numbers: it splits at spaces and allows none around a single number."""
     numbers = [text] if count == 1 else [part for part in text.split(" ") if part]
     if len(text) > _MAX_NUMBERS or len(numbers) != count:
         return False

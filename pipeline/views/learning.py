@@ -155,7 +155,7 @@ class _Stage:
 
 
 class ViewedTrainer(Trainer):
-    """A trainer that a viewer looks at, beside whoever else is told of its steps; the view changes nothing in it.
+    """Trainer whose steps a viewer shows, too; the view changes nothing in it.
 
     Parameters
     ----------

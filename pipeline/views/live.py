@@ -1,4 +1,4 @@
-"""A recording that a viewer shows while it is made. Whatever fails here is said in one line, and nothing else stops."""
+"""Recording that a viewer shows while it grows; a failure here is reported in one line and stops nothing else."""
 
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager

@@ -48,7 +48,7 @@ class View:
 
 
 class RobotDrawing:
-    """Draws a robot, made of boxes, cylinders and spheres, at postures of one's choice.
+    """Draws a robot of boxes, cylinders and spheres at given postures.
 
     Parameters
     ----------

@@ -54,7 +54,7 @@ class _Target:
         return self._before
 
     def changes_at(self, stamp_ns: int) -> bool:
-        """Whether the target before was held until this instant."""
+        """Return whether the target before was held until this instant."""
         return self._before is not None and stamp_ns == self._stamp_ns
 
 

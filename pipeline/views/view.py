@@ -180,7 +180,7 @@ def _told_errors(controller: Controller) -> list[float]:
 
 
 def _errors_of(rows: MotionRows) -> Callable[[rr.RecordingStream], None]:
-    """Return what adds the errors that a learner told, if one did."""
+    """Return a callable that adds the errors that a learner published, if one did."""
 
     def send(recording: rr.RecordingStream) -> None:
         if not rows.errors:

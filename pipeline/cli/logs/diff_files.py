@@ -16,7 +16,7 @@ from replay.diff.rules import Rules
 
 @dataclass(frozen=True)
 class DiffConfig:
-    """What of two recordings is compared, and how.
+    """Settings of a comparison of two recordings.
 
     Parameters
     ----------
@@ -34,7 +34,7 @@ class DiffConfig:
 
     @property
     def rules(self) -> Rules:
-        """What counts as the same; raises ConfigError if a field is none."""
+        """Rules of equality; raises ConfigError if a field is none."""
         return Rules(tuple(name for name in self.ignored if not name.startswith("/")), self.tolerance)
 
     def choose(self, topics: Collection[str]) -> frozenset[str]:

@@ -63,7 +63,7 @@ class PlayOptions:
 
     @property
     def has_more(self) -> bool:
-        """Whether anything is set that needs --play."""
+        """True if anything is set that needs --play."""
         return bool(self.topic) or self.loop != 1 or self.start is not None or self.end is not None
 
 

@@ -101,7 +101,7 @@ class LiveOptions:
 
     @property
     def wanted(self) -> bool:
-        """Whether anything is set that needs a live source."""
+        """True if anything is set that needs a live source."""
         return any(each is not None for each in (self.duration, self.silence, self.wait))
 
     def config(self, namespace: str) -> "ListenConfig":

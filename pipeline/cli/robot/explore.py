@@ -33,12 +33,12 @@ class DriveOptions:
 
     @property
     def wanted(self) -> bool:
-        """Whether a running robot is driven."""
+        """True if a running robot is driven."""
         return bool(self.connect or self.zenoh_config)
 
     @property
     def has_more(self) -> bool:
-        """Whether anything is set that needs a running robot."""
+        """True if anything is set that needs a running robot."""
         return bool(self.awaited) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
 
 
