@@ -25,6 +25,10 @@ def complete_robot(incomplete: str) -> list[str]:
 
 Json = Annotated[bool, typer.Option("--json", help="Print the result as one JSON object.")]
 Seed = Annotated[int, typer.Option(help="Seed of every random draw.", min=0, metavar="N")]
+Rule = Annotated[
+    str | None,
+    typer.Option("--rule", help="Learning rule: reservoir if left out.", metavar="RULE"),
+]
 Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
 Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")]
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.learner.registry import config_from_dict, config_to_dict
+from pipeline.learner.registry import KEY, config_from_dict, config_to_dict
+from pipeline.learner.rule import DEFAULT
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.urdf.description import canonical_urdf
@@ -26,22 +27,31 @@ _PART = re.compile(r'<(link|joint) name="([^"]*)"')
 _TEXTS = ("urdf_text", "toml_text")
 
 
-def read_settings(path: Path) -> dict[str, Any]:
-    """Return all settings of a learner, of which the file (TOML) names some.
+def read_settings(path: Path | None, *, rule: str | None = None) -> dict[str, Any]:
+    """Return all settings of a learner, of which the file (TOML), if there is one, names some.
+
+    Parameters
+    ----------
+    path : Path, optional
+        The file.
+    rule : str, optional
+        The learning rule, where the file does not name it.
 
     Raises
     ------
     ConfigError
         If the file cannot be read, or a setting is unknown, out of range, or not to be set.
     """
-    values = _read_toml(path)
+    values = {} if path is None else _read_toml(path)
+    if rule is not None and values.setdefault(KEY, rule) != rule:
+        raise ConfigError(f"expected the rule that {path} names, found --rule {rule!r:.60}")
     for name, source in _FOLLOWING.items():
         if name in values:
             raise ConfigError(f"{path}: expected no setting {name}, which follows from {source}; take it out")
     try:
         return config_to_dict(config_from_dict(values))
     except ConfigError as error:
-        raise ConfigError(f"{path}: {error}") from error
+        raise ConfigError(f"{path or '--rule'}: {error}") from error
 
 
 class Own:
@@ -80,9 +90,9 @@ class Own:
 
 
 def _of_settings(old: Any, new: dict[str, Any]) -> tuple[str, str, str] | None:
-    for name, value in new.items():
-        if name not in _FOLLOWING and old.get(name) != value:
-            return f"learner setting {name}", *texts(old.get(name), value)
+    for name, value in ({KEY: DEFAULT} | new).items():
+        if name not in _FOLLOWING and (found := ({KEY: DEFAULT} | old).get(name)) != value:
+            return f"learner setting {name}", *texts(found, value)
     return None
 
 

@@ -131,6 +131,7 @@ def recipe(
     config: Path | None,
     *,
     old: CaseSpec | None = None,
+    rule: str | None = None,
     epochs: int | None = None,
     as_recorded: bool | None = None,
     resume_after: int | None = None,
@@ -146,6 +147,8 @@ def recipe(
         Settings of the learner (TOML).
     old : CaseSpec, optional
         What the case ran until now, if there is one.
+    rule : str, optional
+        The learning rule, where the settings do not name it.
     epochs, as_recorded, resume_after, physics
         As in `CaseSpec`.
 
@@ -157,13 +160,13 @@ def recipe(
         If a recorded session does not say how many epochs it had.
     """
     if old is None:
-        if not logs or config is None:
+        if not logs or (config is None and rule is None):
             raise ConfigError("expected logs and --config for a new case")
         old = CaseSpec(tuple(logs), {}, Schedule(epochs=_EPOCHS))
     made = replace(
         old,
         logs=tuple(logs) or old.logs,
-        learner=old.learner if config is None else read_settings(config),
+        learner=old.learner if config is None and rule is None else read_settings(config, rule=rule),
         as_recorded=old.as_recorded if as_recorded is None else as_recorded,
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,

@@ -64,6 +64,17 @@ def config_to_dict(config: Settings) -> dict[str, Any]:
     return named | config.to_dict()
 
 
+def default_config(rule: str | None = None, **settings: int) -> Settings:
+    """Return the configuration of a rule, `DEFAULT` if none is named, with some settings other than its defaults.
+
+    Raises
+    ------
+    ConfigError
+        If there is no such rule or setting.
+    """
+    return config_from_dict({KEY: DEFAULT if rule is None else rule, **settings})
+
+
 def make_learner(config: Settings, **centres: Any) -> OnlineLearner:
     """Make a learner of a configuration's rule; `centres` are `input_centre` and `output_centre`."""
     return find_rule(config.rule).learner(config, **centres)

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.interrupts import note_on_interrupt
-from pipeline.cli.options import AsLive, AsRecorded, Json, Logs, Overwrite, Renames, Seed, StreamsRobot, renames
+from pipeline.cli.options import AsLive, AsRecorded, Json, Logs, Overwrite, Renames, Rule, Seed, StreamsRobot, renames
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
@@ -19,6 +19,7 @@ def train(
     logs: Logs,
     out: Annotated[Path, typer.Option(help="Controller to write.", metavar="CONTROLLER.npz")],
     seed: Seed = 0,
+    rule: Rule = None,
     epochs: Annotated[
         int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1, metavar="N")
     ] = None,
@@ -34,7 +35,7 @@ def train(
     The digest is that of the same logs replayed over Zenoh.
     """
     from pipeline.learner.controller import check_writable
-    from pipeline.learner.rules.reservoir.config import LearnerConfig
+    from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
     from pipeline.training.trainer import Trainer, train_on
 
@@ -48,7 +49,7 @@ def train(
         source = _from_logs(logs, epochs, renames(map_), as_recorded=as_recorded)
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
-            LearnerConfig(seed=seed),
+            default_config(rule, seed=seed),
             robot=config,
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )

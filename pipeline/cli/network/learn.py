@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
-from pipeline.cli.options import Json, Overwrite, Seed, StreamsRobot
+from pipeline.cli.options import Json, Overwrite, Rule, Seed, StreamsRobot
 from pipeline.cli.sessions import ListeningNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -87,6 +87,7 @@ def learn(
     name: Annotated[str, typer.Option(help="Name by which a replay awaits this learner.", metavar="NAME")] = "learner",
     robot: StreamsRobot = None,
     seed: Seed = 0,
+    rule: Rule = None,
     checkpoints: CheckpointOptions,
     live: LiveOptions,
     node: ListeningNode,
@@ -100,7 +101,7 @@ def learn(
     --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
     ends with a stream that awaits it by name.
     """
-    from pipeline.learner.rules.reservoir.config import LearnerConfig
+    from pipeline.learner.registry import default_config
     from pipeline.learner_node.live_node import learn_live
     from pipeline.learner_node.node import OWN_TOPICS
     from pipeline.learner_node.node import learn as run
@@ -121,7 +122,7 @@ def learn(
         viewer.trainer(live=live.live) as make_trainer,
     ):
         trainer = make_trainer(
-            LearnerConfig(seed=seed), robot=config, checkpoint=checkpoints.config(), on_progress=show
+            default_config(rule, seed=seed), robot=config, checkpoint=checkpoints.config(), on_progress=show
         )
         learn_from = partial(learn_live, robot=config, config=live.config(overwrite=overwrite)) if live.live else run
         result = learn_from(trainer, session=session, receiver=receiver, metrics_port=node.prometheus, say=console.say)

@@ -9,6 +9,7 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.learner.rows import centre_of, not_finite, pairs_of, rows_of
 from pipeline.learner.rules.reservoir import kernels
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.kernels import FloatArray, Rates
@@ -47,8 +48,8 @@ class Learner:
 
     def __init__(self, config: LearnerConfig, *, input_centre: ArrayLike, output_centre: ArrayLike) -> None:
         self.config = config
-        self.input_centre = _centre("input_centre", input_centre, config.inputs)
-        self.output_centre = _centre("output_centre", output_centre, config.outputs)
+        self.input_centre = centre_of("input_centre", input_centre, config.inputs)
+        self.output_centre = centre_of("output_centre", output_centre, config.outputs)
         self._network = Network(config)
         self._centre = np.concatenate([self.input_centre, self.output_centre])
         self._foreseen = np.empty(config.outputs)
@@ -104,9 +105,8 @@ class Learner:
         ConfigError
             If the state is no longer finite: the rates are too high for these data.
         """
-        u, d = _rows("u", u, self.config.inputs), _rows("d", d, self.config.outputs)
-        if len(u) != len(d):
-            raise MessageError(f"expected as many rows of d as of u, found {len(d)} and {len(u)}")
+        u, d = rows_of("u", u, self.config.inputs), rows_of("d", d, self.config.outputs)
+        pairs_of(u, d)
         return self._run(u, d - self.output_centre, bool(learning))
 
     def predict(self, u: ArrayLike) -> FloatArray:
@@ -119,7 +119,7 @@ class Learner:
         ConfigError
             If the state is no longer finite.
         """
-        return self._run(_rows("u", u, self.config.inputs), self._no_target, False)
+        return self._run(rows_of("u", u, self.config.inputs), self._no_target, False)
 
     def foresee(self, u: FloatArray, *, limits: FloatArray, outputs: FloatArray, limited: FloatArray) -> None:
         """Write what `predict` would return of one u, to the bit, in a fraction of the time; the state stays as it is.
@@ -177,7 +177,7 @@ class Learner:
         MessageError
             If u0 has the wrong shape, NaN or infinity; the state is then as it was.
         """
-        held = _rows("u0", np.asarray(u0, dtype=np.float64)[np.newaxis], self.config.inputs)
+        held = rows_of("u0", np.asarray(u0, dtype=np.float64)[np.newaxis], self.config.inputs)
         if not np.isfinite(held).all():
             raise _failure(kernels.BAD_INPUT, self._epoch)
         self._seed_activations("washout")
@@ -253,25 +253,9 @@ def _rate(start: float, end: float, epoch: int, epochs: int) -> float:
     return start * kernels.exp(kernels.log(end / start) * progress)
 
 
-def _centre(name: str, values: ArrayLike, size: int) -> FloatArray:
-    centre = np.array(values, dtype=np.float64)
-    if centre.shape != (size,) or not np.isfinite(centre).all():
-        raise ConfigError(f"expected {name} to be {size} finite numbers, found {values!r}")
-    centre.flags.writeable = False
-    return centre
-
-
-def _rows(name: str, values: ArrayLike, width: int) -> FloatArray:
-    rows = np.asarray(values, dtype=np.float64, order="C")
-    if rows.ndim != 2 or rows.shape[1] != width:
-        raise MessageError(f"expected {name} of shape (n, {width}), found {rows.shape}")
-    return rows
-
-
 def _failure(status: int, epoch: int) -> ReenactError:
     if status == kernels.DIVERGED:
         return ConfigError(f"learning diverged in epoch {epoch}: the state is no longer finite; lower the rates")
     if status == kernels.BAD_SHAPE:
         return MessageError("expected u, limits and outputs of the sizes of the network, found others")
-    name = "u" if status == kernels.BAD_INPUT else "d"
-    return MessageError(f"expected finite numbers in {name}, found NaN or infinity")
+    return not_finite("u" if status == kernels.BAD_INPUT else "d")

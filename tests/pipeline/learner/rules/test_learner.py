@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.learner.rule import OnlineLearner
-from pipeline.learner.rules.reservoir import kernels
+from pipeline.learner.contract import LearningRuleContract
+from pipeline.learner.rules.reservoir import RULE, kernels
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.learner import Learner
 from pipeline.learner.state import state_digest
@@ -379,86 +379,8 @@ def test_its_arrays_stay_the_learners_own():
     assert all(now is before for now, before in zip(learner.arrays, arrays, strict=True))
 
 
-# what every learning rule promises
-
-
-class OnlineLearnerContract:
-    """The promises of `OnlineLearner`; a second learning rule inherits these tests."""
-
-    def learner(self) -> OnlineLearner:
-        raise NotImplementedError
-
-    def trained(self, pieces):
-        learner, (u, d) = self.learner(), motion(256)
-        for epoch in range(2):
-            learner.begin_epoch(epoch)
-            for start in range(0, 256, pieces):
-                part = slice(start, start + pieces)
-                learner.step(u[part], d[part], learning=True)
-        return learner
-
-    @pytest.mark.parametrize("pieces", [64, 8, 7, 1])
-    def test_pieces_change_no_bit(self, pieces):
-        assert state_digest(self.trained(pieces).state()) == state_digest(self.trained(256).state())
-
-    def test_two_learners_are_equal(self):
-        assert state_digest(self.learner().state()) == state_digest(self.learner().state())
-
-    def test_outputs_come_before_the_update(self):
-        u, d = motion(1)
-        assert np.array_equal(self.trained(64).step(u, d, learning=True), self.trained(64).predict(u))
-
-    def test_going_on_from_a_state_changes_no_bit(self):
-        learner, resumed = self.trained(64), self.learner()
-        resumed.load_state(learner.state())
-        u, d = motion(50)
-        assert np.array_equal(learner.step(u, d, learning=True), resumed.step(u, d, learning=True))
-        assert state_digest(learner.state()) == state_digest(resumed.state())
-
-    def test_a_state_is_a_copy(self):
-        learner = self.learner()
-        digest = state_digest(learner.state())
-        for values in learner.state().values():
-            values[...] = 1e9
-        assert state_digest(learner.state()) == digest
-
-    def test_washout_forgets_what_came_before(self):
-        u = motion(30)[0]
-        one, other = self.trained(256), self.trained(256)
-        other.predict(u)
-        one.washout(u[0], steps=10)
-        other.washout(u[0], steps=10)
-        assert np.array_equal(one.predict(u), other.predict(u))
-
-    @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
-    @pytest.mark.parametrize("name", ["u", "d"])
-    def test_what_is_not_finite_is_refused_and_changes_nothing(self, name, value):
-        learner, rows = self.trained(256), dict(zip("ud", motion(5), strict=True))
-        digest = state_digest(learner.state())
-        rows[name][3, 2] = value
-        with pytest.raises(MessageError, match=f"finite numbers in {name}"):
-            learner.step(**rows, learning=True)
-        if name == "u":
-            for refused in (lambda: learner.predict(rows["u"]), lambda: learner.washout(rows["u"][3], steps=1)):
-                with pytest.raises(MessageError):
-                    refused()
-        assert state_digest(learner.state()) == digest
-
-    @pytest.mark.parametrize("shape", [(21,), (3, 20), (3, 22), (4, 21), (3, 21, 1)])
-    def test_targets_of_a_wrong_shape_are_refused(self, shape):
-        with pytest.raises(MessageError, match="expected"):
-            self.learner().step(motion(3)[0], np.zeros(shape), learning=True)
-
-    def test_layout_and_type_of_the_rows_do_not_matter(self):
-        one, other, (u, d) = self.learner(), self.learner(), motion(20)
-        one.step(u, d, learning=True)
-        other.step(np.asfortranarray(u), d.tolist(), learning=True)
-        assert state_digest(one.state()) == state_digest(other.state())
-
-
-class TestPaperLearner(OnlineLearnerContract):
-    def learner(self):
-        return make()
+class TestReservoir(LearningRuleContract):
+    rule = RULE
 
 
 # wrong use
