@@ -30,7 +30,7 @@ bench: .venv/dev
 
 # API reference and guides, into out/docs; every warning is an error. Reads the sources, imports none, asks nobody on the network.
 docs: .venv/docs
-	$(BIN)/mkdocs build --quiet --strict
+	$(BIN)/mkdocs build --strict
 
 # The locked set first, with hashes; then the package itself, which `--require-hashes` would refuse.
 .venv/runtime: requirements.lock pyproject.toml

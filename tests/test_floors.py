@@ -22,7 +22,7 @@ PICTURE = ROOT / "data" / "pictures" / "floors.png"
 CONTRACTS: list[dict[str, Any]] = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"][
     "contracts"
 ]
-FLOORED = [contract["containers"][0] for contract in CONTRACTS if "containers" in contract]
+FLOORED = [container for contract in CONTRACTS for container in contract.get("containers", [])]
 
 
 @pytest.fixture(scope="module")
@@ -49,7 +49,7 @@ def test_the_picture_has_the_floors_of_the_contracts(script: ModuleType) -> None
 
 
 def test_every_real_import_runs_down_the_floors(script: ModuleType, graph: grimp.ImportGraph) -> None:
-    assert sorted(script.contract_floors()) == sorted(FLOORED) == ["pipeline", "recorders", "replay"]
+    assert set(script.contract_floors()) == {"pipeline", "recorders", "replay"} <= set(FLOORED)
     assert script.wrong_imports(graph, script.contract_floors()) == []
 
 
@@ -78,9 +78,10 @@ def refusals(tmp_path_factory: pytest.TempPathFactory) -> str:
     """The report on a copy in which each contract is broken, and each package has a room on no floor."""
     copy = tmp_path_factory.mktemp("copy")
     shutil.copy(ROOT / "pyproject.toml", copy)
-    for package in FLOORED:
+    for package in ("pipeline", "recorders", "replay"):
         shutil.copytree(ROOT / package, copy / package, ignore=shutil.ignore_patterns("__pycache__"))
-        (copy / package / "attic.py").write_text("")
+    for container in FLOORED:
+        copy.joinpath(*container.split("."), "attic.py").write_text("")
     for contract in CONTRACTS:
         importer, imported = planted(contract)
         place = copy.joinpath(*importer.split("."))

@@ -1,4 +1,4 @@
-"""Draws `topology.png`: which process of a session says what to which, and through whom.
+"""Draws `topology.png`: which processes of a session publish and subscribe to which topics, and through which router.
 
 Run it anywhere: `python data/pictures/topology.py [PICTURE.png]`.
 """
@@ -20,12 +20,12 @@ _MIDDLE = 2.35  # of the bar [in]
 
 
 class Process(NamedTuple):
-    """A process: what it is, what it says, and what it hears; a line each."""
+    """A process: what it is, what it publishes and what it subscribes to, a line each."""
 
     name: str
     what: str
-    says: tuple[str, ...]
-    hears: tuple[str, ...]
+    publishes: tuple[str, ...]
+    subscribes: tuple[str, ...]
 
 
 _TICKS = ("/hand/*/target", "/sample/joint_states", "/session/phase")
@@ -68,7 +68,7 @@ def draw(path: Path) -> None:
 
 def _bar_text(axes: Axes) -> None:
     first = "The session that listens (robot, learn or serve; tcp/127.0.0.1:7447) is a router; the rest connect to it."
-    second = "A topic is the key reenact/TOPIC. Blue: says. Orange: hears. Whoever is awaited acknowledges."
+    second = "A topic is the key reenact/TOPIC. Blue: publishes. Orange: subscribes. An awaited consumer acknowledges."
     axes.text(_SIZE_IN[0] / 2, _MIDDLE + 0.11, first, ha="center", va="center", weight="bold")
     axes.text(_SIZE_IN[0] / 2, _MIDDLE - 0.12, second, ha="center", va="center", color=_GREY)
 
@@ -83,8 +83,8 @@ def _draw_process(axes: Axes, x: float, side: int, process: Process) -> None:
     _arrow(axes, x - 0.12, (far, edge), colour=_BLUE)
     _arrow(axes, x + 0.12, (edge, far), colour=_VERMILION)
     for offset, lines, align, colour in (
-        (-0.22, process.says, "right", _BLUE),
-        (0.22, process.hears, "left", _VERMILION),
+        (-0.22, process.publishes, "right", _BLUE),
+        (0.22, process.subscribes, "left", _VERMILION),
     ):
         axes.text(x + offset, (far + edge) / 2, "\n".join(lines), ha=align, va="center", color=colour, linespacing=1.35)
 
