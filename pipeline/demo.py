@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pipeline.evaluation.trials import Trial, robot_of, try_motion
+from pipeline.evaluation.trials import Trial, evaluate_motion, robot_of
 from pipeline.exploration.explore import explore
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -129,7 +129,11 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | No
         )
     with _stage("evaluate", seconds):
         controller = Controller.load(controller_path)
-        trials = (try_motion(controller, logs[0]), try_motion(controller, logs[1]), try_motion(controller, DRAWING))
+        trials = (
+            evaluate_motion(controller, logs[0]),
+            evaluate_motion(controller, logs[1]),
+            evaluate_motion(controller, DRAWING),
+        )
     with _stage("report", seconds):
         _draw(out / REPORT, robot, trials, trainer.errors_cm)
         _record(out / RECORDING, controller, trials[1])

@@ -14,7 +14,7 @@ from pipeline.cli.robot import demonstrate, explore, robot
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
 from pipeline.terminal import console
-from pipeline.terminal.escaping import printable
+from pipeline.terminal.escaping import escape_control
 from pipeline.terminal.signals import end_by_exceptions
 from recorders.errors import ReenactError
 from recorders.text.wording import line_text
@@ -106,5 +106,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(line: str, status: int) -> NoReturn:
-    console.say(f"reenact: {printable(line_text(line))}")
+    console.say(f"reenact: {escape_control(line_text(line))}")
     sys.exit(status)

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from pipeline.deployment.processes import served_robot
 from pipeline.evaluation.errors import HandErrors, hand_errors
-from pipeline.exploration.episode import Episode, Hold, Plan
+from pipeline.exploration.episode import MotionPlan, TargetHold, TeacherRun
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
 from pipeline.robot.kinematics import Kinematics
@@ -63,7 +63,7 @@ class DeploymentConfig:
 
 
 @dataclass(frozen=True, eq=False)
-class Driven:
+class DriveResult:
     """Joints and hands of the robot at every target, and their errors.
 
     Attributes
@@ -93,15 +93,15 @@ class Deployment:
         How long each target was held [s].
     targets : ndarray
         Hand positions asked for [m], left then right, shape (T, 6).
-    learned, teacher : Driven
+    learned, teacher : DriveResult
         Path of the robot behind each of them.
     """
 
     motion: str
     period_s: float
     targets: Floats
-    learned: Driven
-    teacher: Driven
+    learned: DriveResult
+    teacher: DriveResult
 
     @property
     def learned_cm(self) -> float:
@@ -160,7 +160,7 @@ def deploy(
         kinematics = Kinematics(robot.robot)
     flat = targets.reshape(-1, 6)
     runs = [
-        Driven(joints, kinematics.hands_along(joints), HandErrors.of(hand_errors(kinematics, joints, flat)))
+        DriveResult(joints, kinematics.hands_along(joints), HandErrors.of(hand_errors(kinematics, joints, flat)))
         for joints in (learned, taught)
     ]
     return Deployment(motion.name, config.period_ns / 1e9, flat, *runs)
@@ -222,12 +222,12 @@ def drive_taught(
     start = robot.robot.comfort
     robot.reset(start)
     teacher = Teacher(Kinematics(robot.robot))
-    episode = Episode(robot, teacher, start=start, on_hold=lambda time_ns: on_hold())
-    holds = [Hold(target, config.period_ns) for target in _settled(targets, config)]
-    led = Plan(holds[: config.settle_steps], holds[config.settle_steps :], targets[-1])
-    for _ in episode.settle(led):
+    episode = TeacherRun(robot, teacher, start=start, on_hold=lambda time_ns: on_hold())
+    holds = [TargetHold(target, config.period_ns) for target in _settled(targets, config)]
+    motion_plan = MotionPlan(holds[: config.settle_steps], holds[config.settle_steps :], targets[-1])
+    for _ in episode.settle(motion_plan):
         pass
-    ticks = [message for topic, message in episode.cycle(led) if topic == SAMPLE_JOINTS]
+    ticks = [message for topic, message in episode.cycle(motion_plan) if topic == SAMPLE_JOINTS]
     return np.array([message.position for message in ticks[1:] if isinstance(message, JointState)])
 
 
@@ -238,7 +238,7 @@ class _Commands:
         self._session = session
         self._key = message_key(namespace, JOINT_COMMANDS)
         self._joints = JointMap(robot.robot.joints)
-        self._heard: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._received: queue.SimpleQueue[bytes] = queue.SimpleQueue()
         self._stack = ExitStack()
 
     def __enter__(self) -> "_Commands":
@@ -253,7 +253,7 @@ class _Commands:
         deadline_s = time.monotonic() + _ANSWER_S
         while (left_s := deadline_s - time.monotonic()) > 0.0:
             try:
-                command = decode_as(JointState, self._heard.get(timeout=left_s))
+                command = decode_as(JointState, self._received.get(timeout=left_s))
             except queue.Empty:
                 break
             if command.stamp_ns == stamp_ns:
@@ -264,18 +264,18 @@ class _Commands:
         )
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        self._heard.put(sample.payload.to_bytes())
+        self._received.put(sample.payload.to_bytes())
 
 
 class _Progress:
     """Counts holds."""
 
-    def __init__(self, tell: Callable[[float], None], *, total: int) -> None:
-        self._tell, self._total, self._done = tell, total, 0
+    def __init__(self, progress: Callable[[float], None], *, total: int) -> None:
+        self._progress, self._total, self._done = progress, total, 0
 
     def step(self) -> None:
         self._done += 1
-        self._tell(self._done / self._total)
+        self._progress(self._done / self._total)
 
 
 def _settled(targets: Floats, config: DeploymentConfig) -> Sequence[Floats]:

@@ -42,7 +42,7 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zen
     Raises
     ------
     WireError
-        If one of them does not start, also, with what it said last, if it ends while the block runs and is missed.
+        If one of them does not start; also, with the last line that it printed, if it ends while the block runs.
     """
     endpoint = free_endpoint()
     with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
@@ -67,35 +67,35 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zen
 class _Process:
     """A verb of ours in a process of its own."""
 
-    def __init__(self, process: subprocess.Popen[bytes], said: Path) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], stderr: Path) -> None:
         self._process = process
-        self._said = said
+        self._stderr = stderr
 
     def complaint(self) -> str:
         """Return why the process has ended, or nothing if it has not."""
         status = self._process.poll()
         if status is None:
             return ""
-        lines = self._said.read_text(encoding="utf-8", errors="replace").splitlines()
+        lines = self._stderr.read_text(encoding="utf-8", errors="replace").splitlines()
         last = lines[-1] if lines else ""
         prefix = "reenact: "
-        return (
-            last.removeprefix(prefix) if last.startswith(prefix) else f"`{self._said.stem}` ended with status {status}"
-        )
+        if last.startswith(prefix):
+            return last.removeprefix(prefix)
+        return f"`{self._stderr.stem}` ended with status {status}"
 
 
 @contextmanager
 def _running(folder: Path, verb: str, *arguments: object) -> Iterator[_Process]:
     command = [sys.executable, "-m", "pipeline", verb, *map(str, arguments)]
-    said = folder / f"{verb}.txt"  # a file, not a pipe, which would fill up
+    stderr = folder / f"{verb}.txt"  # a file, not a pipe, which would fill up
     with (
-        said.open("wb") as errors,
+        stderr.open("wb") as errors,
         subprocess.Popen(  # noqa: S603  # our own program, no shell
             command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
         ) as process,
     ):
         try:
-            yield _Process(process, said)
+            yield _Process(process, stderr)
         finally:
             process.terminate()
 

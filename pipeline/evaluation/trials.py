@@ -80,7 +80,7 @@ def robot_of(controller: Controller) -> RobotConfig:
     return robot
 
 
-def try_motion(
+def evaluate_motion(
     controller: Controller,
     motion: str | Path,
     *,
@@ -111,12 +111,12 @@ def try_motion(
         _check_joints(controller, fitted, name=str(linear_from))
     if is_recorded(motion):
         log = one_session([Path(motion)], say)
-        return try_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
+        return evaluate_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)
 
 
-def try_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:
+def evaluate_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:
     """Try a controller on recorded samples, beside the teacher and the linear baseline, `fitted` to these or others.
 
     Raises

@@ -10,12 +10,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.exploration.explore import explore
-from pipeline.exploration.hand_paths import Shown
+from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
 from pipeline.motions.motion import Motion, check_targets
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
 from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MessageError, MotionError
@@ -75,7 +75,7 @@ class DemonstrationConfig:
 
 
 @dataclass(frozen=True)
-class Demonstrated:
+class DemonstrationResult:
     """Result of a demonstration.
 
     Attributes
@@ -117,7 +117,7 @@ class Demonstrated:
 
 def demonstrate(
     robot: RobotConfig,
-    shown: Shown,
+    shown: DemonstratedPaths,
     *,
     config: DemonstrationConfig,
     seed: int,
@@ -125,14 +125,14 @@ def demonstrate(
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
-) -> Demonstrated:
+) -> DemonstrationResult:
     """Make an episode of what was shown: teacher and simulated robot follow it, as in `exploration.explore`.
 
     Parameters
     ----------
     robot : RobotConfig
         Who follows.
-    shown : Shown
+    shown : DemonstratedPaths
         Paths of one hand or both; a hand that is not shown is held still in the centre of its pattern.
     config : DemonstrationConfig
         How the paths become targets.
@@ -158,7 +158,7 @@ def demonstrate(
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.unreachable)
     notes = {"demonstration": {**shown.source, **asdict(config), "out_of_reach": asdict(found)}}
-    made = explore(
+    explored = explore(
         robot,
         motion,
         seed=seed,
@@ -170,20 +170,20 @@ def demonstrate(
         say=say,
     )
     speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
-    return Demonstrated(
-        path=made.path,
-        ticks=made.ticks,
+    return DemonstrationResult(
+        path=explored.path,
+        ticks=explored.ticks,
         duration_s=float(motion.times_s[-1] - motion.times_s[0]),
         peak_m_s=float(speeds.max()),
         longest_gap_s=max(float(np.diff(path.times_s).max()) for path in shown.paths.values()),
         out_of_reach=found,
         source=dict(shown.source),
-        teacher_error_cm=made.teacher_error_cm,
-        content_sha256=made.content_sha256,
+        teacher_error_cm=explored.teacher_error_cm,
+        content_sha256=explored.content_sha256,
     )
 
 
-def to_motion(robot: RobotConfig, shown: Shown, *, config: DemonstrationConfig) -> Motion:
+def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: DemonstrationConfig) -> Motion:
     """Resample, turn, scale and place what was shown.
 
     Samples are taken while every hand shown has poses on both sides of them. Targets are rounded to the nanometre.
@@ -226,12 +226,12 @@ def source_axes(plane: tuple[str, str]) -> Floats:
 def _check_extent(name: str, points: Floats, robot: RobotConfig) -> None:
     """Check that a path, shape (T, 3), can be one of the robot's hands in metres."""
     try:
-        plausible(robot).check_extent(float((points.max(axis=0) - points.min(axis=0)).max()) / 2.0)
+        range_check(robot).check_extent(float((points.max(axis=0) - points.min(axis=0)).max()) / 2.0)
     except MessageError as error:
         raise MotionError(f"{name}: {error}; bring it to metres with --scale") from None
 
 
-def _sample_times(shown: Shown, hz: float) -> Floats:
+def _sample_times(shown: DemonstratedPaths, hz: float) -> Floats:
     begin_s = max(float(path.times_s[0]) for path in shown.paths.values())
     end_s = min(float(path.times_s[-1]) for path in shown.paths.values())
     steps = (end_s - begin_s) * hz

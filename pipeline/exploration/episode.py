@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.motions.motion import Motion
-from pipeline.robot.backend import PlaceableRobot, RobotBackend
+from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.telemetry import Addressed, command_message, tick_messages
+from pipeline.robot.telemetry import TopicMessage, command_message, tick_messages
 from pipeline.seeding import uniforms
 from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MotionError
@@ -44,7 +44,7 @@ class ExplorationConfig:
             raise ConfigError(f"exploration start_spread: expected 0 to 0.5, found {self.start_spread}")
 
 
-class Hold(NamedTuple):
+class TargetHold(NamedTuple):
     """A target (2, 3) [m] that is held for a while."""
 
     target: Floats
@@ -52,18 +52,18 @@ class Hold(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Plan:
+class MotionPlan:
     """Motion as it is driven: targets held to settle, targets held for the record, and the last tick's target.
 
     Attributes
     ----------
-    settling, holds : sequence of Hold
+    settling, holds : sequence of TargetHold
     closing : ndarray
         Target of the last tick [m], shape (2, 3): the first one of a closed motion, the last one of an open one.
     """
 
-    settling: Sequence[Hold]
-    holds: Sequence[Hold]
+    settling: Sequence[TargetHold]
+    holds: Sequence[TargetHold]
     closing: Floats
 
     @property
@@ -77,7 +77,7 @@ class Plan:
         return sum(hold.duration_ns for hold in self.holds)
 
 
-def plan(motion: Motion, *, period_ns: int, settle_ns: int) -> Plan:
+def plan(motion: Motion, *, period_ns: int, settle_ns: int) -> MotionPlan:
     """Hold each sample of a motion until the next, in whole periods of the teacher.
 
     The last sample is held as long as the one before. A closed motion settles during one cycle, an open one while its
@@ -96,9 +96,9 @@ def plan(motion: Motion, *, period_ns: int, settle_ns: int) -> Plan:
             f"motion '{motion.name}': samples {sample - 1} and {sample} are closer than the teacher's period of "
             f"{period_ns / 1e6:g} ms"
         )
-    holds = [Hold(target, int(d)) for target, d in zip(motion.targets, [*durations, durations[-1]], strict=True)]
-    settling = holds if motion.closed else [Hold(motion.targets[0], settle_ns)]
-    return Plan(settling, holds, motion.targets[0 if motion.closed else -1])
+    holds = [TargetHold(target, int(d)) for target, d in zip(motion.targets, [*durations, durations[-1]], strict=True)]
+    settling = holds if motion.closed else [TargetHold(motion.targets[0], settle_ns)]
+    return MotionPlan(settling, holds, motion.targets[0 if motion.closed else -1])
 
 
 def start_posture(robot: RobotConfig, *, seed: int, spread: float) -> Floats:
@@ -109,7 +109,7 @@ def start_posture(robot: RobotConfig, *, seed: int, spread: float) -> Floats:
     return np.clip(posture, robot.lower + 0.01 * span, robot.upper - 0.01 * span)
 
 
-class Episode:
+class TeacherRun:
     """One run of a robot under the teacher. Its messages come as they are asked for, and drive the robot on.
 
     Parameters
@@ -143,12 +143,12 @@ class Episode:
         """Distance of the hands from u(k) at the end of its hold [cm], mean over all samples so far and both hands."""
         return 100.0 * sum(self._errors_m) / len(self._errors_m)
 
-    def settle(self, led: Plan) -> Iterator[Addressed]:
+    def settle(self, plan: MotionPlan) -> Iterator[TopicMessage]:
         """Yield the commands of the settling, each before it takes effect."""
-        for hold in led.settling:
-            yield from self._lead(hold)
+        for hold in plan.settling:
+            yield from self._drive(hold)
 
-    def settle_placed(self, led: Plan, robot: PlaceableRobot, *, driven_ns: int) -> None:
+    def settle_placed(self, plan: MotionPlan, robot: ResettableRobot, *, driven_ns: int) -> None:
         """Settle as `settle` does, in less time: the teacher goes ahead alone, and the robot joins it for the end.
 
         What the teacher commands does not depend on the robot, and the robot forgets where it was put: of the 10 mrad
@@ -156,15 +156,15 @@ class Episode:
 
         Parameters
         ----------
-        led : Plan
+        plan : MotionPlan
             What is settled for.
-        robot : PlaceableRobot
+        robot : ResettableRobot
             The robot of this episode.
         driven_ns : int
             How long it is driven [ns]; at most, all of the settling.
         """
         period_ns = self._teacher.config.period_ns
-        targets = [hold.target for hold in led.settling for _ in range(hold.duration_ns // period_ns)]
+        targets = [hold.target for hold in plan.settling for _ in range(hold.duration_ns // period_ns)]
         alone = max(0, len(targets) - driven_ns // period_ns)
         for target in targets[:alone]:
             self._command = self._teacher.step(self._command, target)
@@ -174,15 +174,15 @@ class Episode:
             robot.advance(self._command, period_ns)
         self._on_hold(robot.time_ns)
 
-    def cycle(self, led: Plan) -> Iterator[Addressed]:
+    def cycle(self, plan: MotionPlan) -> Iterator[TopicMessage]:
         """Yield one presentation: a tick at the start of every hold and one at the end, T + 1 in all, and commands."""
-        for hold in led.holds:
+        for hold in plan.holds:
             yield from tick_messages(self._backend, hold.target)
-            yield from self._lead(hold)
+            yield from self._drive(hold)
             self._errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
-        yield from tick_messages(self._backend, led.closing)
+        yield from tick_messages(self._backend, plan.closing)
 
-    def _lead(self, hold: Hold) -> Iterator[Addressed]:
+    def _drive(self, hold: TargetHold) -> Iterator[TopicMessage]:
         """Drive the robot towards a target while it is held, and yield each command before it takes effect."""
         period_ns = self._teacher.config.period_ns
         for _ in range(hold.duration_ns // period_ns):

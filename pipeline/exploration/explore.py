@@ -6,12 +6,12 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pipeline.exploration.episode import Episode, ExplorationConfig, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
 from pipeline.motions.motion import Motion
-from pipeline.robot.backend import VisibleRobot
+from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.telemetry import Addressed, hand_messages, state_messages
+from pipeline.robot.telemetry import TopicMessage, hand_messages, state_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach
 from recorders.messages.message_types import Message, String
@@ -24,7 +24,7 @@ _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 @dataclass(frozen=True)
-class Exploration:
+class ExplorationResult:
     """Result of an exploration.
 
     Attributes
@@ -60,7 +60,7 @@ def explore(
     progress: Callable[[float], None] = lambda fraction: None,
     on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
     say: Callable[[str], None] = lambda line: None,
-) -> Exploration:
+) -> ExplorationResult:
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
     A closed motion goes round once to settle and once for the record; of an open one the first target is held to
@@ -99,7 +99,7 @@ def explore(
         The parameters do not fit together, the robot cannot be simulated, or the log cannot be written.
     """
     guide = Teacher(Kinematics(robot), teacher)
-    led = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
+    motion_plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
     if must_reach:
         check_reach(guide, motion)
     backend = Simulation(robot, simulation)
@@ -116,11 +116,11 @@ def explore(
         "exploration": asdict(config),
     }
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite, say=say) as writer:
-        total_ns = led.settling_ns + led.cycle_ns
-        episode = Episode(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
-        episode.settle_placed(led, backend, driven_ns=config.settle_ns)  # not for the record
-        _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(led))
-    return Exploration(
+        total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
+        episode = TeacherRun(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
+        episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record
+        _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(motion_plan))
+    return ExplorationResult(
         Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])
     )
 
@@ -135,7 +135,7 @@ class _Record:
     def __init__(
         self,
         writer: LogWriter,
-        backend: VisibleRobot,
+        backend: LinkPoseSource,
         state_period_ns: int,
         on_message: Callable[[str, Message, int], None],
     ) -> None:
@@ -144,7 +144,7 @@ class _Record:
         self._period_ns = state_period_ns
         self._on_message = on_message
 
-    def write(self, cycle: Iterator[Addressed]) -> None:
+    def write(self, cycle: Iterator[TopicMessage]) -> None:
         """Write the whole cycle; commands, which come far more often, at the rate of the state."""
         due_ns = self._backend.time_ns
         self._write(ROBOT_DESCRIPTION, String(self._backend.robot.urdf_text))
@@ -159,7 +159,7 @@ class _Record:
                 self._write_all(hand_messages(self._backend))
         self._write_all(state_messages(self._backend))
 
-    def _write_all(self, messages: Iterable[Addressed]) -> None:
+    def _write_all(self, messages: Iterable[TopicMessage]) -> None:
         for topic, message in messages:
             self._write(topic, message)
 

@@ -22,7 +22,7 @@ _NO_RENAMES: Mapping[str, str] = {}
 
 
 @dataclass(frozen=True, eq=False)
-class Shown:
+class DemonstratedPaths:
     """Paths of the hands that somebody demonstrated.
 
     Attributes
@@ -40,7 +40,7 @@ class Shown:
     source: Mapping[str, Any]
 
 
-def read_csv_paths(path: Path, *, hand: str | None = None) -> Shown:
+def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
     """Read hands from a CSV file with the columns t and lx,ly,lz, rx,ry,rz or both, or with t,x,y,z.
 
     Parameters
@@ -64,7 +64,9 @@ def read_csv_paths(path: Path, *, hand: str | None = None) -> Shown:
 
     table = read_table(path, choose=choose, max_coordinate=MAX_COORDINATE)
     paths = {side: HandPath(table[:, 0], table[:, 1 + 3 * k : 4 + 3 * k]) for k, side in enumerate(sides)}
-    return Shown(path.stem, paths, {"kind": "csv", "name": path.name, "sha256": _file_sha256(path), "hands": sides})
+    return DemonstratedPaths(
+        path.stem, paths, {"kind": "csv", "name": path.name, "sha256": _file_sha256(path), "hands": sides}
+    )
 
 
 def pose_topics(topic: str | None, *, hand: str | None) -> dict[str, str]:
@@ -74,7 +76,9 @@ def pose_topics(topic: str | None, *, hand: str | None) -> dict[str, str]:
     return {name: side for name, side in _TOPICS.items() if hand in (None, side)}
 
 
-def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str, str] = _NO_RENAMES) -> Shown:
+def read_log_paths(
+    path: Log, topics: Mapping[str, str], *, renames: Mapping[str, str] = _NO_RENAMES
+) -> DemonstratedPaths:
     """Read hands from the poses of a log, timed by their stamps.
 
     Parameters
@@ -106,10 +110,10 @@ def read_log_paths(path: Log, topics: Mapping[str, str], *, renames: Mapping[str
         found = names_text(name for name in poses if name not in renames) or "none"
         raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
     source = {"kind": "log", "name": path.name, "sha256": _file_sha256(path)}
-    return shown(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
+    return from_tracks(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
 
 
-def shown(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, Any]) -> Shown:
+def from_tracks(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, Any]) -> DemonstratedPaths:
     """Return what the tracks of one or both hands show; a hand without any pose is not shown.
 
     Raises
@@ -126,7 +130,7 @@ def shown(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, An
     origin_ns = min(track.first_ns for track in used.values())
     left_out = {side: dict(track.left_out) for side, track in used.items() if track.left_out}
     paths = {side: track.path(from_ns=origin_ns) for side, track in used.items()}
-    return Shown(name, paths, {**source, "hands": list(used), "left_out": left_out})
+    return DemonstratedPaths(name, paths, {**source, "hands": list(used), "left_out": left_out})
 
 
 def poses_sha256(tracks: Mapping[str, PoseTrack]) -> str:

@@ -8,11 +8,11 @@ from dataclasses import asdict, dataclass, replace
 from itertools import count
 from typing import Any
 
-from pipeline.exploration.episode import Episode, ExplorationConfig, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.telemetry import Addressed
+from pipeline.robot.telemetry import TopicMessage
 from pipeline.robot_node.client import RemoteRobot
 from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach
 from recorders.cdr.codec import encode
@@ -81,7 +81,7 @@ class LiveSession:
         check_reach(guide, motion)
         self._start = start_posture(backend.robot, seed=seed, spread=config.start_spread)
         total_ns = self._duration_ns()
-        self._episode = Episode(
+        self._episode = TeacherRun(
             backend, guide, start=self._start, on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns))
         )
         self._numbered: Counter[str] = Counter()
@@ -130,7 +130,7 @@ class LiveSession:
             self._numbered[topic] += 1
             yield RecordedMessage(topic, message.TYPE, encode(message), number, self._backend.time_ns)
 
-    def _session(self) -> Iterator[Addressed]:
+    def _session(self) -> Iterator[TopicMessage]:
         run = self.offer().run
         presented = count()
         for epoch in range(self._schedule.epochs):

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
-from pipeline.exploration.hand_paths import Shown, poses_sha256, shown
+from pipeline.exploration.hand_paths import DemonstratedPaths, from_tracks, poses_sha256
 from pipeline.exploration.pose_track import PoseTrack
 from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.messages.record import RecordedMessage
@@ -58,7 +58,7 @@ class ListenConfig:
         check_namespace(self.namespace)
 
 
-def hear_paths(
+def subscribe_paths(
     topics: Mapping[str, str],
     *,
     renames: Mapping[str, str],
@@ -66,7 +66,7 @@ def hear_paths(
     config: ListenConfig,
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
-) -> Shown:
+) -> DemonstratedPaths:
     """Listen to pose topics until the demonstration is over, or somebody stops it.
 
     Poses may come with an attachment of ours or with none. What is no pose is left out with a line, what is a useless
@@ -102,14 +102,14 @@ def hear_paths(
     ):
         where = ", ".join(session.listen or session.connect)
         say(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
-        _Listening(topics, renames, tracks, config, say).run(receiver, stopped)
+        _Subscription(topics, renames, tracks, config, say).run(receiver, stopped)
     if not any(track.seen for track in tracks.values()):
         raise MotionError(f"live: no pose came on {' or '.join(_published(topics, renames))}")
     source = {"kind": "live", "name": "live", "sha256": poses_sha256(tracks)}
-    return shown("live", tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
+    return from_tracks("live", tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
 
 
-class _Listening:
+class _Subscription:
     """Takes poses in until a demonstration is over."""
 
     def __init__(

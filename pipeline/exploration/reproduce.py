@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.exploration.episode import Episode, ExplorationConfig, Hold, Plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, MotionPlan, TargetHold, TeacherRun, start_posture
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.telemetry import Addressed, hand_messages
+from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError, LogError
@@ -27,7 +27,7 @@ Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
-class _Exploration:
+class _Settings:
     """Settings of an exploration, as its log has them."""
 
     teacher: TeacherConfig
@@ -37,7 +37,7 @@ class _Exploration:
     closed: bool
 
 
-def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
+def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     """Yield targets, joints and hands of the first ticks of an exploration, simulated again.
 
     The robot is the one of that name that comes with the program, so that a change to it shows, else the log's.
@@ -56,14 +56,14 @@ def simulate(log: Path, *, ticks: int) -> Iterator[Addressed]:
     ReenactError
         If its parameters are not usable.
     """
-    made = _exploration(log)
+    settings = _exploration(log)
     robot = _present(log)
-    led = _plan(log, made, ticks=ticks)
-    backend = Simulation(robot, made.simulation)
-    start = start_posture(robot, seed=made.seed, spread=made.config.start_spread)
-    episode = Episode(backend, Teacher(Kinematics(robot), made.teacher), start=start)
-    episode.settle_placed(led, backend, driven_ns=made.config.settle_ns)
-    for topic, message in episode.cycle(led):
+    motion_plan = _plan(log, settings, ticks=ticks)
+    backend = Simulation(robot, settings.simulation)
+    start = start_posture(robot, seed=settings.seed, spread=settings.config.start_spread)
+    episode = TeacherRun(backend, Teacher(Kinematics(robot), settings.teacher), start=start)
+    episode.settle_placed(motion_plan, backend, driven_ns=settings.config.settle_ns)
+    for topic, message in episode.cycle(motion_plan):
         if topic != JOINT_COMMANDS:
             yield topic, message
         if topic == SAMPLE_JOINTS:
@@ -95,12 +95,12 @@ def _logged(log: Path) -> RobotConfig:
     return parse_robot(files["toml"], files["urdf"], origin=log)
 
 
-def _exploration(log: Path) -> _Exploration:
+def _exploration(log: Path) -> _Settings:
     manifest = LogReader(log).manifest
     if manifest.get("kind") != "exploration":
         raise LogError(f"{log}: expected a log of explore, found one of kind {value_text(manifest.get('kind'))}")
     try:
-        return _Exploration(
+        return _Settings(
             teacher=TeacherConfig(**manifest["teacher"]),
             simulation=SimulationConfig(**manifest["simulation"]),
             config=ExplorationConfig(**manifest["exploration"]),
@@ -117,13 +117,13 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _plan(log: Path, made: _Exploration, *, ticks: int) -> Plan:
+def _plan(log: Path, settings: _Settings, *, ticks: int) -> MotionPlan:
     """Hold each logged target until the next tick, as the exploration did."""
     with naming(log):
         logged = [(tick.stamp_ns, np.array([tick.left, tick.right])) for tick in join_ticks(LogReader(log))]
     if len(logged) < 2:
         raise LogError(f"{log}: expected at least two complete ticks, found {len(logged)}")
-    holds = [Hold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]
-    settling = holds if made.closed else [Hold(logged[0][1], made.config.settle_ns)]
-    kept = holds[: ticks - 1]  # and the tick after the last of them
-    return Plan(settling, kept, logged[len(kept)][1])
+    holds = [TargetHold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]
+    settling = holds if settings.closed else [TargetHold(logged[0][1], settings.config.settle_ns)]
+    first = holds[: ticks - 1]  # and the tick after the last of them
+    return MotionPlan(settling, first, logged[len(first)][1])

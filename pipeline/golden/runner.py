@@ -7,7 +7,7 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 from pipeline.evaluation.errors import HandErrors
-from pipeline.evaluation.trials import try_samples
+from pipeline.evaluation.trials import evaluate_samples
 from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
@@ -123,7 +123,7 @@ def _until_kept(messages: Iterator[RecordedMessage], path: Path) -> Iterator[Rec
 
 def _trial(controller: Controller, log: Path) -> HandErrors:
     """Try a controller on a log, after the washout that every test begins with."""
-    return try_samples(controller, read_samples(log), name=log.name).errors
+    return evaluate_samples(controller, read_samples(log), name=log.name).errors
 
 
 def recipe(

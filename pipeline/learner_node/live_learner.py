@@ -14,7 +14,7 @@ from pipeline.evaluation.errors import hand_errors
 from pipeline.learner_node.publisher import LearnerVoice
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
@@ -96,7 +96,7 @@ class LiveLearner:
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
         self._receiver, self._voice, self._say = receiver, voice, say
-        self._stream = LiveStream(epochs=config.epochs, check=plausible(robot), phase=trainer.kept_phase, say=say)
+        self._stream = LiveStream(epochs=config.epochs, check=range_check(robot), phase=trainer.kept_phase, say=say)
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0

@@ -38,7 +38,7 @@ _TURNS = 3.0
 _WOBBLE = 0.06  # of the spiral's radius, in parts of it
 
 
-def free_hand(robot: RobotConfig, *, seed: int = 2) -> Motion:
+def scribble(robot: RobotConfig, *, seed: int = 2) -> Motion:
     """Generate a smooth closed scribble of the right hand about its centre, sampled at 10 Hz.
 
     Both coordinates are sums of five harmonics with seeded phases, the higher the weaker, scaled to the extent.
@@ -70,7 +70,7 @@ def spiral(robot: RobotConfig, *, seed: int = 4) -> Motion:
 
 
 DRAWINGS: dict[str, Callable[[RobotConfig], Motion]] = {
-    "right_hand_drawing": free_hand,
+    "right_hand_drawing": scribble,
     "right_hand_house": house,
     "right_hand_spiral": spiral,
 }

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from pipeline.motions.csv_file import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.motions.names import PATTERNS, drawings, motion_names
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import refuse_irregular
 from recorders.reading.parts import is_log
@@ -131,7 +131,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
 
 def check_targets(motion: Motion, robot: RobotConfig) -> None:
     """Check that a motion's targets can be the robot's; raises MotionError, naming sample and hand."""
-    check = plausible(robot)
+    check = range_check(robot)
     for sample, hands in enumerate(motion.targets.tolist()):
         for hand, target in zip(("left", "right"), hands, strict=True):
             try:

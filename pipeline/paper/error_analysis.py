@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.motions.names import PATTERNS
-from pipeline.paper.results import PATTERN_1, Networks, Paper
+from pipeline.paper.results import PATTERN_1, NetworkEnsemble, PaperResults
 from pipeline.robot.config import RobotConfig
 
 Floats = NDArray[np.float64]
@@ -40,7 +40,7 @@ class Direction:
     followed: Mapping[str, float]
 
 
-def directions(paper: Paper) -> list[Direction]:
+def directions(paper: PaperResults) -> list[Direction]:
     """Take motions and errors apart: what pattern 2 never shows is what its networks cannot do."""
     one, two = (_moved(paper.networks[PATTERN_1].trials[name][0].targets, paper.robot) for name in PATTERNS)
     reached = {
@@ -110,7 +110,7 @@ class Depth:
     off_plane_cm: float
 
 
-def depths(paper: Paper, networks: Networks) -> list[Depth]:
+def depths(paper: PaperResults, networks: NetworkEnsemble) -> list[Depth]:
     """Return, for every motion and hand, the depth that pictures of the plane do not show, as a mean over networks."""
     robot = paper.robot
     axes = np.stack([robot.lateral, robot.up], axis=1)  # (3, 2)
@@ -127,7 +127,7 @@ def depths(paper: Paper, networks: Networks) -> list[Depth]:
     return found
 
 
-def turning_point(networks: Networks) -> tuple[int, float] | None:
+def turning_point(networks: NetworkEnsemble) -> tuple[int, float] | None:
     """Epoch, from 1, in which the mean error was least, and that error [cm]; None if it fell to the end."""
     mean_cm = networks.curves_cm.mean(axis=0)
     least = int(np.argmin(mean_cm))

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from pipeline.demo import PAPER_CM
-from pipeline.paper.results import PATTERN_1, PATTERN_2, Networks, Paper, drawing_title
+from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults, drawing_title
 from pipeline.robot.config import RobotConfig
 from pipeline.views.figures import (
     GREY,
@@ -69,7 +69,9 @@ class Picture:
     key: str
 
 
-def draw_figures(paper: Paper, out: Path, *, on_picture: Callable[[float], None] = lambda share: None) -> list[Picture]:
+def draw_figures(
+    paper: PaperResults, out: Path, *, on_picture: Callable[[float], None] = lambda share: None
+) -> list[Picture]:
     """Draw all figures as PNG into a folder, and return what they are, in the paper's order.
 
     Raises
@@ -87,7 +89,7 @@ def draw_figures(paper: Paper, out: Path, *, on_picture: Callable[[float], None]
     return pictures
 
 
-def _figures_of(paper: Paper, number: str, pattern: str) -> list[tuple[Picture, Figure]]:
+def _figures_of(paper: PaperResults, number: str, pattern: str) -> list[tuple[Picture, Figure]]:
     """Figure 4 or 5: how a pattern was learned, and what its networks make of other motions."""
     networks, seed = paper.networks[pattern], paper.networks[pattern].seeds[0]
     of_one = f"Paths of the network of seed {seed}, that learned {_short(pattern)}"
@@ -108,7 +110,7 @@ def _figures_of(paper: Paper, number: str, pattern: str) -> list[tuple[Picture, 
     ]
 
 
-def _figure_6(paper: Paper) -> list[tuple[Picture, Figure]]:
+def _figure_6(paper: PaperResults) -> list[tuple[Picture, Figure]]:
     deployed = paper.deployed
     tests = [
         MotionTest(title, deployed.targets, run.reached, run.errors, lateral=paper.robot.lateral, up=paper.robot.up)
@@ -134,18 +136,18 @@ def _title(name: str, *, is_learned: bool) -> str:
     return f"{drawing_title(name).capitalize()}\n{seen}"
 
 
-def _motion_test(paper: Paper, networks: Networks, name: str) -> MotionTest:
+def _motion_test(paper: PaperResults, networks: NetworkEnsemble, name: str) -> MotionTest:
     trial, lateral, up = networks.trials[name][0], paper.robot.lateral, paper.robot.up
     title = _title(name, is_learned=name == networks.pattern)
     return MotionTest(title, trial.targets, trial.reached, trial.errors, lateral=lateral, up=up)
 
 
-def _all_tests(paper: Paper, names: Sequence[str]) -> list[MotionTest]:
+def _all_tests(paper: PaperResults, names: Sequence[str]) -> list[MotionTest]:
     """Return the tests of these motions by the networks of both patterns, which are drawn to one scale."""
     return [_motion_test(paper, networks, name) for networks in paper.networks.values() for name in names]
 
 
-def _curve_figure(networks: Networks) -> Figure:
+def _curve_figure(networks: NetworkEnsemble) -> Figure:
     figure = Figure(_CURVE_IN, layout="constrained")
     write_key(figure, _CURVE_KEY)
     trial = networks.trials[networks.pattern][0]
@@ -176,7 +178,7 @@ def _panels_figure(tests: Sequence[MotionTest], alike: Sequence[MotionTest]) -> 
     return figure
 
 
-def _strip_figure(paper: Paper) -> Figure:
+def _strip_figure(paper: PaperResults) -> Figure:
     figure = Figure(_STRIP_IN, layout="constrained")
     write_key(figure, _STRIP_KEY)
     drawing, deployed = RobotDrawing(paper.robot), paper.deployed

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints
-from pipeline.evaluation.trials import Trial, try_samples
-from pipeline.paper.results import Networks
+from pipeline.evaluation.trials import Trial, evaluate_samples
+from pipeline.paper.results import NetworkEnsemble
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import Samples
 from pipeline.training.batch import Outcome
@@ -17,7 +17,7 @@ Floats = NDArray[np.float64]
 
 def try_networks(
     pattern: str, outcomes: Sequence[Outcome], *, seeds: tuple[int, ...], samples: Mapping[str, Samples]
-) -> Networks:
+) -> NetworkEnsemble:
     """Try networks on motions.
 
     Parameters
@@ -38,10 +38,10 @@ def try_networks(
     """
     controllers = tuple(outcome.controller for outcome in outcomes)
     trials = {
-        name: tuple(try_samples(controller, motion, name=name) for controller in controllers)
+        name: tuple(evaluate_samples(controller, motion, name=name) for controller in controllers)
         for name, motion in samples.items()
     }
-    return Networks(
+    return NetworkEnsemble(
         pattern=pattern,
         seeds=seeds,
         curves_cm=np.array([outcome.errors_cm for outcome in outcomes]),

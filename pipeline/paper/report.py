@@ -9,7 +9,7 @@ from pipeline.paper.command_costs import CommandCost
 from pipeline.paper.error_analysis import APART, Depth, Direction, depths, directions, turning_point
 from pipeline.paper.figures import Picture, draw_figures
 from pipeline.paper.page_template import PAGE
-from pipeline.paper.results import PATTERN_1, PATTERN_2, REPORT, Networks, Paper, drawing_title
+from pipeline.paper.results import PATTERN_1, PATTERN_2, REPORT, NetworkEnsemble, PaperResults, drawing_title
 from pipeline.paper.table import Row, rows
 from recorders.errors import ConfigError
 from recorders.files.anonymous_file import write_whole
@@ -24,13 +24,13 @@ _BEYOND = 1.001  # so many times as far out as what was learned: by more than th
 
 
 def write_report(
-    paper: Paper, out: Path, *, is_full: bool = True, progress: Callable[[float], None] = lambda share: None
+    paper: PaperResults, out: Path, *, is_full: bool = True, progress: Callable[[float], None] = lambda share: None
 ) -> Path:
     """Draw all figures, write the page beside them and return its path.
 
     Parameters
     ----------
-    paper : Paper
+    paper : PaperResults
         What to report.
     out : Path
         Folder to write to.
@@ -71,7 +71,7 @@ def write_report(
     return path
 
 
-def _checks(paper: Paper) -> str:
+def _checks(paper: PaperResults) -> str:
     verdicts = {True: "holds", False: '<span class="fails">fails</span>'}
     body = [(escape(check.claim), escape(check.found), verdicts[check.holds]) for check in paper.checks()]
     return _table(("claim", "found", ""), body)
@@ -83,7 +83,7 @@ def _cells(row: Row) -> Sequence[str]:
     return (*map(escape, texts), commands, escape(row.printed))
 
 
-def _failure(paper: Paper, apart: Direction) -> dict[str, str]:
+def _failure(paper: PaperResults, apart: Direction) -> dict[str, str]:
     """Return the numbers that show why networks of pattern 2 fail on pattern 1."""
     two = paper.networks[PATTERN_2]
     numbers = {
@@ -114,7 +114,7 @@ def _directions(found: Sequence[Direction]) -> str:
     return _table(columns, body)
 
 
-def _beyond(found: Sequence[Depth], paper: Paper) -> str:
+def _beyond(found: Sequence[Depth], paper: PaperResults) -> str:
     """Return a paragraph on the drawings that lead a hand farther out than what was learned."""
     learned_cm = max(part.out_cm for part in found if part.motion == PATTERN_1)
     says = [
@@ -132,7 +132,7 @@ def _beyond(found: Sequence[Depth], paper: Paper) -> str:
     )
 
 
-def _depths(found: Sequence[Depth], paper: Paper) -> str:
+def _depths(found: Sequence[Depth], paper: PaperResults) -> str:
     columns = ("motion", "hand", "farthest target from the centre", "error", "in the plane", "ahead or behind")
     body = []
     for part in found:
@@ -142,7 +142,7 @@ def _depths(found: Sequence[Depth], paper: Paper) -> str:
     return _table(columns, body)
 
 
-def _turn(networks: Networks) -> str:
+def _turn(networks: NetworkEnsemble) -> str:
     """Return a paragraph on how the error went, if it did not fall to the end."""
     turn = turning_point(networks)
     if turn is None:

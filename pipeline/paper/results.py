@@ -28,7 +28,7 @@ STILL_BOUND_CM = 2.0  # the paper: a hand that is to stay where it is deviates l
 
 
 @dataclass(frozen=True, eq=False)
-class Networks:
+class NetworkEnsemble:
     """Networks that learned the same pattern from different initialisations.
 
     Attributes
@@ -77,7 +77,7 @@ def drawing_title(name: str) -> str:
     return f"{name.replace('_', ' ')} (generated)"
 
 
-class Check(NamedTuple):
+class BoundCheck(NamedTuple):
     """A bound, what was found, and whether it holds."""
 
     claim: str
@@ -86,7 +86,7 @@ class Check(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Paper:
+class PaperResults:
     """The whole of the paper, rerun.
 
     Attributes
@@ -95,7 +95,7 @@ class Paper:
         Seed of the explorations and of the first initialisation.
     robot : RobotConfig
         The robot that was explored.
-    networks : mapping of str to Networks
+    networks : mapping of str to NetworkEnsemble
         By the pattern that they learned.
     demonstrations : tuple of str
         Names of the free-hand motions.
@@ -109,7 +109,7 @@ class Paper:
 
     seed: int
     robot: RobotConfig
-    networks: Mapping[str, Networks]
+    networks: Mapping[str, NetworkEnsemble]
     demonstrations: tuple[str, ...]
     deployed: Deployment
     costs: tuple[CommandCost, ...]
@@ -135,7 +135,7 @@ class Paper:
             "seconds_explore_and_learn": self.seconds_explore_and_learn,
         }
 
-    def checks(self) -> Iterator[Check]:
+    def checks(self) -> Iterator[BoundCheck]:
         """Yield every bound that the run is held to."""
         one, two = self.networks[PATTERN_1], self.networks[PATTERN_2]
         for networks in (one, two):
@@ -145,17 +145,17 @@ class Paper:
         yield _at_most("pattern 2, by networks that learned pattern 1", other_cm, OTHER_BOUND_CM)
         factor = float(two.errors_cm(PATTERN_1).mean() / two.trained_cm.mean())
         claim = f"networks that learned pattern 2: at least {FAILURE_FACTOR:g} times worse on pattern 1"
-        yield Check(claim, f"{factor:.2f} times", factor >= FAILURE_FACTOR)
+        yield BoundCheck(claim, f"{factor:.2f} times", factor >= FAILURE_FACTOR)
         for name in self.demonstrations:
             worst_cm = float(one.errors_cm(name, "left_cm").max())
-            kept = f"below {STILL_BOUND_CM:.2f} cm with every network of pattern 1"
-            claim = f"{drawing_title(name)}: left hand, held still, {kept}"
-            yield Check(claim, f"{worst_cm:.2f} cm", worst_cm < STILL_BOUND_CM)
+            bound = f"below {STILL_BOUND_CM:.2f} cm with every network of pattern 1"
+            claim = f"{drawing_title(name)}: left hand, held still, {bound}"
+            yield BoundCheck(claim, f"{worst_cm:.2f} cm", worst_cm < STILL_BOUND_CM)
 
 
-def _trained(networks: Networks) -> dict[str, float]:
+def _trained(networks: NetworkEnsemble) -> dict[str, float]:
     return {"train_cm_mean": float(networks.trained_cm.mean()), "train_cm_std": spread(networks.trained_cm)}
 
 
-def _at_most(claim: str, found_cm: float, bound_cm: float) -> Check:
-    return Check(f"{claim}: at most {bound_cm:.2f} cm", f"{found_cm:.2f} cm", found_cm <= bound_cm)
+def _at_most(claim: str, found_cm: float, bound_cm: float) -> BoundCheck:
+    return BoundCheck(f"{claim}: at most {bound_cm:.2f} cm", f"{found_cm:.2f} cm", found_cm <= bound_cm)

@@ -17,7 +17,7 @@ from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS
 from pipeline.paper.command_costs import command_costs
 from pipeline.paper.networks import try_networks
-from pipeline.paper.results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, Networks, Paper
+from pipeline.paper.results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, NetworkEnsemble, PaperResults
 from pipeline.robot.config import load_robot
 from pipeline.samples.pairs import read_samples
 from pipeline.simulation.simulation import SimulationConfig
@@ -85,7 +85,7 @@ def drawings() -> tuple[str, ...]:
     return tuple(motion_names.drawings())
 
 
-def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_processes) -> Paper:
+def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_processes) -> PaperResults:
     """Rerun the paper in the folder `out`, replacing what an earlier run left there.
 
     Parameters
@@ -120,12 +120,12 @@ def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_pr
     with console.progress("deploy") as advance:
         deployed = deploy(controller, load_motion(PATTERN_2, robot), progress=advance)
     costs = command_costs(controller, trial, period_ns=_PATTERN_PERIOD_NS)
-    paper = Paper(config.seed, robot, networks, drawings(), deployed, costs, seconds)
+    paper = PaperResults(config.seed, robot, networks, drawings(), deployed, costs, seconds)
     _write_json(out / SUMMARY, paper.summary())
     return paper
 
 
-def check_bounds(paper: Paper) -> None:
+def check_bounds(paper: PaperResults) -> None:
     """Check every bound of the paper's rerun.
 
     Raises
@@ -186,7 +186,7 @@ def _runs(logs: Mapping[str, Path], config: PaperConfig) -> list[Run]:
     ]
 
 
-def _tested(outcomes: Sequence[Outcome], logs: Mapping[str, Path], config: PaperConfig) -> dict[str, Networks]:
+def _tested(outcomes: Sequence[Outcome], logs: Mapping[str, Path], config: PaperConfig) -> dict[str, NetworkEnsemble]:
     """Try all networks on all motions; by the pattern that they learned."""
     samples = {name: read_samples(log) for name, log in logs.items()}
     half = config.initialisations
@@ -209,7 +209,7 @@ def _make_folders(out: Path, logs: Iterable[Path]) -> None:
         raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
 
 
-def _save_controllers(folder: Path, networks: Mapping[str, Networks]) -> None:
+def _save_controllers(folder: Path, networks: Mapping[str, NetworkEnsemble]) -> None:
     for learned in networks.values():
         for seed, controller in zip(learned.seeds, learned.controllers, strict=True):
             controller.save(folder / f"{learned.pattern}-{seed}.npz")

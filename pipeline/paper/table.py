@@ -13,8 +13,8 @@ from pipeline.paper.results import (
     PATTERN_1,
     PATTERN_2,
     STILL_BOUND_CM,
-    Networks,
-    Paper,
+    NetworkEnsemble,
+    PaperResults,
     drawing_title,
     spread,
 )
@@ -53,7 +53,7 @@ class Row:
     printed: str
 
 
-def rows(paper: Paper) -> Iterator[Row]:
+def rows(paper: PaperResults) -> Iterator[Row]:
     """Yield the table, row by row."""
     one, two = paper.networks[PATTERN_1], paper.networks[PATTERN_2]
     yield _trained(one, "Pattern 1, learned")
@@ -67,7 +67,7 @@ def rows(paper: Paper) -> Iterator[Row]:
     yield _explored(paper)
 
 
-def console_table(paper: Paper) -> Table:
+def console_table(paper: PaperResults) -> Table:
     """Return the table for the terminal: without commands, which the report has."""
     table = Table(caption="cm, mean ± standard deviation over the networks", caption_justify="left")
     table.add_column("")
@@ -78,12 +78,12 @@ def console_table(paper: Paper) -> Table:
     return table
 
 
-def _trained(networks: Networks, what: str) -> Row:
+def _trained(networks: NetworkEnsemble, what: str) -> Row:
     pattern, epochs = networks.pattern, networks.curves_cm.shape[1]
-    again, kept = f"again-{pattern}-SEED.npz", _controller(pattern)
+    again, original = f"again-{pattern}-SEED.npz", _controller(pattern)
     commands = (
         f"reenact train {pattern}.mcap --epochs {epochs} --seed SEED --out {again}",
-        f"reenact diff {again} {kept}",
+        f"reenact diff {again} {original}",
         _evaluate(networks, pattern),
     )
     beside = _beside(networks, pattern, "mean_cm")
@@ -91,13 +91,13 @@ def _trained(networks: Networks, what: str) -> Row:
     return Row(what, _spread(networks.trained_cm), papers, *beside, _seeds(networks), commands, "train_cm")
 
 
-def _tested(networks: Networks, motion: str, what: str, papers: str, part: str = "mean_cm") -> Row:
+def _tested(networks: NetworkEnsemble, motion: str, what: str, papers: str, part: str = "mean_cm") -> Row:
     """Return the row of a part of the `HandErrors` on a motion."""
     ours, commands = _spread(networks.errors_cm(motion, part)), (_evaluate(networks, motion),)
     return Row(what, ours, papers, *_beside(networks, motion, part), _seeds(networks), commands, part)
 
 
-def _demonstrated(networks: Networks, name: str, what: str) -> Iterator[Row]:
+def _demonstrated(networks: NetworkEnsemble, name: str, what: str) -> Iterator[Row]:
     is_first = networks.pattern == PATTERN_1
     still = f"below {STILL_BOUND_CM:g}" if is_first else _FAILS
     yield _tested(networks, name, f"{what}: right hand", _ACCURATE if is_first else _FAILS, "right_cm")
@@ -105,7 +105,7 @@ def _demonstrated(networks: Networks, name: str, what: str) -> Iterator[Row]:
     yield _tested(networks, name, f"{what}: left, farthest", still, "left_max_cm")
 
 
-def _deployed(paper: Paper) -> Row:
+def _deployed(paper: PaperResults) -> Row:
     deployed, seed = paper.deployed, paper.networks[PATTERN_1].seeds[0]
     what = "Physical hands on pattern 2 at 10 Hz, pattern 1 learned"
     command = f"reenact evaluate {_controller(PATTERN_1, str(seed))} {deployed.motion} --deploy"
@@ -113,7 +113,7 @@ def _deployed(paper: Paper) -> Row:
     return Row(what, learned_cm, _ACCURATE, teacher_cm, NONE, str(seed), (command,), "learned_cm")
 
 
-def _explored(paper: Paper) -> Row:
+def _explored(paper: PaperResults) -> Row:
     seed, epochs = paper.seed, paper.networks[PATTERN_1].curves_cm.shape[1]
     again = f"again-{PATTERN_1}"
     commands = (
@@ -124,7 +124,7 @@ def _explored(paper: Paper) -> Row:
     return Row(what, ours, "< 120 s", NONE, NONE, str(seed), commands, NONE)
 
 
-def _beside(networks: Networks, motion: str, part: str) -> tuple[str, str]:
+def _beside(networks: NetworkEnsemble, motion: str, part: str) -> tuple[str, str]:
     """Return the same part of the teacher's errors and of the baseline's; `evaluate` prints no farthest of theirs."""
     taught = networks.trials[motion][0].teacher
     if part == "left_max_cm":
@@ -132,7 +132,7 @@ def _beside(networks: Networks, motion: str, part: str) -> tuple[str, str]:
     return NONE if taught is None else _cm(getattr(taught, part)), _cm(getattr(networks.linear[motion], part))
 
 
-def _evaluate(networks: Networks, motion: str) -> str:
+def _evaluate(networks: NetworkEnsemble, motion: str) -> str:
     learned = networks.pattern
     return f"reenact evaluate {_controller(learned)} {motion}.mcap --linear-from {learned}.mcap"
 
@@ -141,7 +141,7 @@ def _controller(pattern: str, seed: str = "SEED") -> str:
     return f"{CONTROLLERS}/{pattern}-{seed}.npz"
 
 
-def _seeds(networks: Networks) -> str:
+def _seeds(networks: NetworkEnsemble) -> str:
     first, last = networks.seeds[0], networks.seeds[-1]
     return str(first) if first == last else f"{first}–{last}"
 

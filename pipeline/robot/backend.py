@@ -67,7 +67,7 @@ class RobotBackend(Protocol):
         ...
 
 
-class PlaceableRobot(RobotBackend, Protocol):
+class ResettableRobot(RobotBackend, Protocol):
     """A robot that can be put anywhere at any time, as a simulated one can."""
 
     def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
@@ -75,7 +75,7 @@ class PlaceableRobot(RobotBackend, Protocol):
         ...
 
 
-class VisibleRobot(RobotBackend, Protocol):
+class LinkPoseSource(RobotBackend, Protocol):
     """A robot that also tells where its links are, for viewers."""
 
     def link_poses(self) -> list[LinkPose]:

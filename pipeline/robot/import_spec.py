@@ -24,7 +24,7 @@ _ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class Place:
+class Pose:
     """Pose of a frame in another: origin [m], and roll, pitch and yaw [rad] about that frame's fixed axes."""
 
     xyz: Vector = _ZERO
@@ -50,7 +50,7 @@ class AddedFrame:
 
     name: str
     parent: str
-    place: Place
+    place: Pose
 
 
 @dataclass(frozen=True)
@@ -63,7 +63,7 @@ class RobotSource:
         Installed Python package that brings the model; None if the model lies beside `import.toml`.
     urdf : str
         Path of the model among the package's files, or its name beside `import.toml`.
-    base : Place
+    base : Pose
         Where the model's root stands in the world.
     drop : tuple of str
         Joints that are left out, with all that hangs on them.
@@ -77,7 +77,7 @@ class RobotSource:
 
     package: str | None
     urdf: str
-    base: Place = Place()
+    base: Pose = Pose()
     drop: tuple[str, ...] = ()
     frozen: tuple[tuple[str, float], ...] = ()
     virtual: tuple[VirtualJoint, ...] = ()
@@ -162,8 +162,8 @@ def _model(value: object) -> tuple[str | None, str]:
     return None, urdf
 
 
-def _place(table: Mapping[str, Any], where: str) -> Place:
-    return Place(
+def _place(table: Mapping[str, Any], where: str) -> Pose:
+    return Pose(
         _vector(table.get("xyz", [0, 0, 0]), f"{where} xyz"), _vector(table.get("rpy", [0, 0, 0]), f"{where} rpy")
     )
 

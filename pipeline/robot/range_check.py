@@ -26,7 +26,7 @@ _LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254
 _FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they are no degrees
 
 
-class Implausible(MessageError):
+class OutOfRange(MessageError):
     """A number cannot be the robot's; `finite` says whether it is one at all."""
 
     def __init__(self, line: str, *, finite: bool = True) -> None:
@@ -34,7 +34,7 @@ class Implausible(MessageError):
         self.finite = finite
 
 
-class Plausible:
+class RangeCheck:
     """A check that lets pass what can be the robot's, and names the unit that other numbers seem to be in.
 
     Joints must all be there, and no farther beyond a limit than the limits are apart; joints that the robot does not
@@ -66,7 +66,7 @@ class Plausible:
         ------
         JointError
             If a joint of the robot is missing.
-        Implausible
+        OutOfRange
             If a number cannot be the robot's.
         """
         if self._passed.get(id(value)) is value:
@@ -80,33 +80,33 @@ class Plausible:
         self._passed[id(value)] = value
 
     def check_target(self, position: Sequence[float]) -> None:
-        """Check a target, x, y, z [m]; raises Implausible."""
+        """Check a target, x, y, z [m]; raises OutOfRange."""
         if not all(abs(a - b) <= self.distance_m for a, b in zip(position, self._centre, strict=True)):  # nor is NaN
             found = ", ".join(f"{number:g}" for number in position)
-            raise Implausible(
+            raise OutOfRange(
                 f"expected a target within {self.distance_m:.2g} m of the patterns, found ({found}) m"
                 f"{self._unit_of(position)}",
                 finite=all(map(math.isfinite, position)),
             )
 
     def check_joints(self, joints: JointState) -> None:
-        """Check the robot's joints among those of a message [rad or m]; raises JointError or Implausible."""
+        """Check the robot's joints among those of a message [rad or m]; raises JointError or OutOfRange."""
         self._joints.positions(joints)  # all there
         found = dict(zip(joints.name, joints.position.tolist(), strict=True))
         for name, (lower, upper) in self._limits.items():
             if not abs(found[name] - (lower + upper) / 2.0) <= 1.5 * (upper - lower):
-                raise Implausible(
+                raise OutOfRange(
                     f"expected {name} near its limits {lower:g} and {upper:g}, found {found[name]:g}"
                     f"{self._unit_of_joint(name, found)}",
                     finite=math.isfinite(found[name]),
                 )
 
     def check_extent(self, extent_m: float) -> None:
-        """Check how far a hand's path reaches to both sides of its middle [m]; raises Implausible."""
+        """Check how far a hand's path reaches to both sides of its middle [m]; raises OutOfRange."""
         if not extent_m <= self._length_m:
             small = extent_m * 1e-2 <= 0.2 * self._length_m
             unit = "centimetres" if small else "millimetres" if extent_m * 1e-3 <= self._length_m else ""
-            raise Implausible(
+            raise OutOfRange(
                 f"expected a path of at most {2.0 * self._length_m:.2g} m across, found {2.0 * extent_m:g} m"
                 + (f": looks like {unit}" if unit else ""),
                 finite=math.isfinite(extent_m),
@@ -138,12 +138,12 @@ class Plausible:
 
 
 @lru_cache(maxsize=8)
-def plausible(robot: RobotConfig) -> Plausible:
+def range_check(robot: RobotConfig) -> RangeCheck:
     """Return the check of a robot: one for all who ask."""
-    return Plausible(robot)
+    return RangeCheck(robot)
 
 
-def heard_live(
+def live_log(
     log: Log,
     *,
     robot: RobotConfig | None = None,
@@ -165,4 +165,4 @@ def heard_live(
         if not texts:
             raise ConfigError(f"{log}: expected the robot in the log, found none; give it with --robot")
         robot = parse_robot(texts["toml"], texts["urdf"], origin=log)
-    return LiveLog(log, epochs=epochs, check=plausible(robot), renames=renames, say=say)
+    return LiveLog(log, epochs=epochs, check=range_check(robot), renames=renames, say=say)

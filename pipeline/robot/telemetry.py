@@ -6,15 +6,15 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.robot.backend import RobotBackend, VisibleRobot
+from pipeline.robot.backend import LinkPoseSource, RobotBackend
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, Message, PoseStamped, TFMessage, TransformStamped
 
 Floats = NDArray[np.float64]
-Addressed: TypeAlias = tuple[str, Message]  # topic, message
+TopicMessage: TypeAlias = tuple[str, Message]  # topic, message
 
 
-def state_messages(backend: VisibleRobot) -> Iterator[Addressed]:
+def state_messages(backend: LinkPoseSource) -> Iterator[TopicMessage]:
     """Yield clock, joints and link poses of a robot at this instant."""
     yield topics.CLOCK, Clock(backend.time_ns)
     yield topics.JOINT_STATES, joints_message(backend)
@@ -25,21 +25,21 @@ def state_messages(backend: VisibleRobot) -> Iterator[Addressed]:
     yield topics.TF, TFMessage(tuple(transforms))
 
 
-def hand_messages(backend: RobotBackend) -> Iterator[Addressed]:
+def hand_messages(backend: RobotBackend) -> Iterator[TopicMessage]:
     """Yield the positions of both hands at this instant."""
     measured = backend.hands()
     yield topics.LEFT_MEASURED, PoseStamped(backend.time_ns, measured[0])
     yield topics.RIGHT_MEASURED, PoseStamped(backend.time_ns, measured[1])
 
 
-def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[Addressed]:
+def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[TopicMessage]:
     """Yield a tick, all under one stamp: new hand `targets` [m] (2, 3), and the joints measured at this instant."""
     yield topics.LEFT_TARGET, PoseStamped(backend.time_ns, targets[0])
     yield topics.RIGHT_TARGET, PoseStamped(backend.time_ns, targets[1])
     yield topics.SAMPLE_JOINTS, joints_message(backend)
 
 
-def command_message(backend: RobotBackend, q_command: Floats) -> Addressed:
+def command_message(backend: RobotBackend, q_command: Floats) -> TopicMessage:
     """Return the posture (n,) commanded at this instant."""
     return topics.JOINT_COMMANDS, JointState(backend.time_ns, backend.robot.joints, q_command)
 

@@ -7,7 +7,7 @@ Pinocchio does the geometry: it fixes the joints that are not wanted and joins t
 from collections.abc import Iterable, Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from pipeline.robot.import_spec import Place, RobotSource
+from pipeline.robot.import_spec import Pose, RobotSource
 from pipeline.robot.reduction import reduced_model
 from pipeline.robot.urdf_writer import write_urdf
 from pipeline.urdf.bodies import check_bodies
@@ -97,16 +97,16 @@ def _stand(robot: Element, root: str, source: RobotSource) -> None:
     parent, xyz = WORLD, source.base.xyz
     for joint in source.virtual:
         child = f"{joint.name}_link"
-        element = _add_joint(robot, joint.name, joint.type, parent, child, Place(xyz))
+        element = _add_joint(robot, joint.name, joint.type, parent, child, Pose(xyz))
         SubElement(element, "axis", xyz=as_numbers(joint.axis))
         limits = {key: as_numbers([getattr(joint, key)]) for key in ("lower", "upper", "effort", "velocity")}
         SubElement(element, "limit", limits)
         SubElement(robot, "link", name=child)
-        parent, xyz = child, Place().xyz
-    _add_joint(robot, "model_stand", "fixed", parent, root, Place(xyz, source.base.rpy))
+        parent, xyz = child, Pose().xyz
+    _add_joint(robot, "model_stand", "fixed", parent, root, Pose(xyz, source.base.rpy))
 
 
-def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, place: Place) -> Element:
+def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, place: Pose) -> Element:
     joint = SubElement(robot, "joint", name=name, type=kind)
     SubElement(joint, "origin", xyz=as_numbers(place.xyz), rpy=as_numbers(place.rpy))
     SubElement(joint, "parent", link=parent)

@@ -99,7 +99,7 @@ class RemoteRobot:
     def reset(self, q: ArrayLike) -> None:
         """Stand still at posture `q` (n,), at time 0."""
         self.wait()
-        self._tell("reset", self._command(q, stamp_ns=0), expected_ns=0)
+        self._request_move("reset", self._command(q, stamp_ns=0), expected_ns=0)
 
     def advance(self, q_command: ArrayLike, duration_ns: int) -> None:
         """Command posture `q_command` (n,) and let `duration_ns` pass, a multiple of the robot's period.
@@ -128,7 +128,7 @@ class RemoteRobot:
         if self._waiting:
             commands, expected_ns = pack_commands(self._waiting), self.time_ns
             self._waiting = []
-            self._tell("command", commands, expected_ns=expected_ns)
+            self._request_move("command", commands, expected_ns=expected_ns)
 
     def hands(self) -> Floats:
         """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
@@ -137,7 +137,7 @@ class RemoteRobot:
     def _command(self, q: ArrayLike, *, stamp_ns: int) -> bytes:
         return encode(JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64)))
 
-    def _tell(self, verb: str, payload: bytes, *, expected_ns: int) -> None:
+    def _request_move(self, verb: str, payload: bytes, *, expected_ns: int) -> None:
         """Send a move to the robot and check that the time in its answer is `expected_ns`."""
         self._take(self._ask(robot_key(self._namespace, verb), payload))
         late = self.status.real_time and self.time_ns > expected_ns

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.robot.backend import VisibleRobot
+from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.telemetry import hand_messages, state_messages
 from pipeline.robot_node.protocol import CommandReader, RobotStatus
 from recorders.errors import ConfigError, MessageError
@@ -55,7 +55,7 @@ class Follower:
 
     Parameters
     ----------
-    backend : VisibleRobot
+    backend : LinkPoseSource
         The robot.
     config : FollowerConfig
         Rate and mode.
@@ -71,7 +71,7 @@ class Follower:
     """
 
     def __init__(
-        self, backend: VisibleRobot, *, config: FollowerConfig, publish: Callable[[str, Message], None]
+        self, backend: LinkPoseSource, *, config: FollowerConfig, publish: Callable[[str, Message], None]
     ) -> None:
         self._backend = backend
         self._config = config
@@ -93,7 +93,7 @@ class Follower:
         self._held = posture
         self._done.clear()
         self._state_due_ns = 0
-        self._say_state()
+        self._publish_state()
 
     def follow(self, data: bytes) -> None:
         """Take a command: in lockstep, move on by it; in real time, hold it from now on.
@@ -151,9 +151,9 @@ class Follower:
 
     def _move(self, posture: Floats) -> None:
         self._backend.advance(posture, self._config.period_ns)
-        self._say_state()
+        self._publish_state()
 
-    def _say_state(self) -> None:
+    def _publish_state(self) -> None:
         now_ns = self._backend.time_ns
         if now_ns < self._state_due_ns:
             return

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 import zenoh
 
 from pipeline.robot_node.protocol import RobotStatus, robot_key
-from pipeline.terminal.escaping import printable
+from pipeline.terminal.escaping import escape_control
 from recorders.errors import JointError, WireError
 from recorders.nodes.keys import controller_key
 
@@ -87,7 +87,7 @@ class RobotCheck:
         self._say = say
         self._who = "learner" if learner else "controller"
         self._commands = not learner
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self._came = threading.Event()
 
     @contextmanager
@@ -118,7 +118,7 @@ class RobotCheck:
         """Ask the robot that is there, if one is, and warn if its joints are not those of the controller or learner."""
         if (difference := self._ask()) is not None:
             outcome = "it refuses the commands" if self._commands else "nothing can be learned from it"
-            self._say_once(f"warning: {difference}; {outcome}")
+            self._report_once(f"warning: {difference}; {outcome}")
 
     def _ask(self) -> str | None:
         """Return in what a robot differs, if it answers and does."""
@@ -132,7 +132,7 @@ class RobotCheck:
             if difference := self._difference(status):
                 return difference
             if self._commands and not status.real_time:
-                self._say_once(_LOCKSTEP)
+                self._report_once(_LOCKSTEP)
         return None
 
     def _difference(self, status: RobotStatus) -> str | None:
@@ -140,12 +140,12 @@ class RobotCheck:
         if not theirs or ours == theirs or (ours < theirs and not self._commands):
             return None
         parts = [_named("it lacks", ours - theirs), _named(f"the {self._who} lacks", theirs - ours)]
-        name = printable(status.robot[:_MAX_NAME])
+        name = escape_control(status.robot[:_MAX_NAME])
         return f"robot '{name}' has other joints than the {self._who}: {', '.join(filter(None, parts))}"
 
-    def _say_once(self, line: str) -> None:
-        if line not in self._said and len(self._said) < _MAX_LINES:
-            self._said.add(line)
+    def _report_once(self, line: str) -> None:
+        if line not in self._reported and len(self._reported) < _MAX_LINES:
+            self._reported.add(line)
             self._say(line)
 
     def _on_token(self, sample: zenoh.Sample) -> None:
@@ -157,6 +157,6 @@ def _named(words: str, joints: set[str]) -> str:
     """Return the first of some joints behind words, and how many more there are; nothing without any."""
     if not joints:
         return ""
-    first = [printable(name[:_MAX_NAME]) for name in sorted(joints)[:_SHOWN]]
+    first = [escape_control(name[:_MAX_NAME]) for name in sorted(joints)[:_SHOWN]]
     more = f" and {len(joints) - _SHOWN} more" if len(joints) > _SHOWN else ""
     return f"{words} {', '.join(first)}{more}"

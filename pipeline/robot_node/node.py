@@ -10,7 +10,7 @@ from typing import NamedTuple, NoReturn, Self, TypeAlias
 import zenoh
 from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
-from pipeline.robot.backend import VisibleRobot
+from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.telemetry import joints_message
 from pipeline.robot_node.command_queue import MAX_WAITING, Inbox
@@ -58,7 +58,7 @@ class RobotNode:
 
     Parameters
     ----------
-    backend : VisibleRobot
+    backend : LinkPoseSource
         The robot.
     session : zenoh.Session
         An open session.
@@ -78,7 +78,7 @@ class RobotNode:
 
     def __init__(
         self,
-        backend: VisibleRobot,
+        backend: LinkPoseSource,
         session: zenoh.Session,
         *,
         namespace: str = DEFAULT_NAMESPACE,
@@ -95,14 +95,14 @@ class RobotNode:
         self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
         self._last_refusal = ""
         self._flooded = False
-        self._slip_to_say_s = _SLIP_S
+        self._slip_to_report_s = _SLIP_S
         self._producer = TopicPublisher(session, namespace=namespace)
         self._robot = Follower(backend, config=self._config, publish=self._publish)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         """Publish the description and subscribe to commands; the token comes last, as it promises all the rest."""
-        self._refuse_company()
+        self._refuse_other_controllers()
         with ExitStack() as stack:
             stack.enter_context(self._producer)
             self._describe(stack)
@@ -164,15 +164,15 @@ class RobotNode:
         """Return when the period that begins is over: not before now. What is lost is lost: the robot never hurries."""
         late_s = max(0.0, time.monotonic() - due_s)
         self._robot.slipped_s += late_s
-        if self._robot.slipped_s >= self._slip_to_say_s:
-            self._slip_to_say_s = 2 * self._robot.slipped_s
+        if self._robot.slipped_s >= self._slip_to_report_s:
+            self._slip_to_report_s = 2 * self._robot.slipped_s
             self._say(
                 f"time slips: {self._robot.slipped_s:.1f} s behind the clock on the wall so far; this machine is too "
                 "slow or too busy for real time"
             )
         return due_s + late_s
 
-    def _refuse_company(self) -> None:
+    def _refuse_other_controllers(self) -> None:
         for reply in self._session.liveliness().get(robot_key(self._namespace, "alive"), timeout=_ALIVE_WAIT_S):
             if reply.ok is not None:
                 raise WireError(

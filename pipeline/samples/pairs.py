@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.robot.config import RobotConfig, parse_robot
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
@@ -124,7 +124,7 @@ class Presentation:
         MessageError, JointError
             If a message is not what it should be, or cannot be of the robot.
         """
-        ticks = list(join_ticks(messages, plausible(robot)))
+        ticks = list(join_ticks(messages, range_check(robot)))
         pairs = CommandedPairs(robot.joints)
         u, d = np.empty((len(ticks), HANDS)), np.empty((len(ticks), HANDS + len(robot.joints)))
         for row, tick in enumerate(ticks):

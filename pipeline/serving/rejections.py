@@ -2,7 +2,7 @@
 
 from enum import StrEnum
 
-from pipeline.robot.range_check import Implausible
+from pipeline.robot.range_check import OutOfRange
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 
@@ -40,6 +40,6 @@ def wrong_type(record: RecordedMessage, expected: str) -> RefusedError:
     return RefusedError(Refusal.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
 
 
-def unusable(record: RecordedMessage, error: Implausible) -> RefusedError:
+def unusable(record: RecordedMessage, error: OutOfRange) -> RefusedError:
     """Return the error of numbers that are not finite, or cannot be the robot's."""
     return RefusedError(Refusal.OUT_OF_RANGE if error.finite else Refusal.NOT_FINITE, f"{record.topic}: {error}")

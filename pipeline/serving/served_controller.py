@@ -13,7 +13,7 @@ from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.state import state_digest
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.range_check import Implausible, plausible
+from pipeline.robot.range_check import OutOfRange, range_check
 from pipeline.samples.pairs import CommandedPairs
 from pipeline.serving.calls import serving_calls
 from pipeline.serving.clock_reset import RESTART_AFTER, StampOrder
@@ -88,7 +88,7 @@ class ServedController:
         self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
         self._places = {topic: place for place, topic in enumerate(self._topics)}
         self._centres = self._robot.left_centre.tolist(), self._robot.right_centre.tolist()
-        self._check = plausible(self._robot)
+        self._check = range_check(self._robot)
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
         self._calls = serving_calls(
@@ -305,7 +305,7 @@ class ServedController:
     def _check_far(self, record: RecordedMessage, position: Position) -> None:
         try:
             self._check.check_target(position)
-        except Implausible as error:
+        except OutOfRange as error:
             raise unusable(record, error) from None
         self._outside += 1
 
@@ -317,7 +317,7 @@ class ServedController:
             self._check.check_joints(joints)
         except JointError as error:
             raise RefusedError(Refusal.WRONG_JOINTS, f"{record.topic}: {error}") from None
-        except Implausible as error:
+        except OutOfRange as error:
             raise unusable(record, error) from None
         except MessageError as error:
             raise undecodable(record, error) from None

@@ -55,7 +55,7 @@ class Demand(NamedTuple):
     feed_forward: Floats
 
 
-class JointSpace:
+class DrakePlant:
     """A Drake plant, without contact, seen in the order of ``robot.joints``, whatever order Drake has.
 
     Attributes
@@ -160,18 +160,18 @@ def _no_substitutes() -> Iterator[None]:
         raise ValueError(wrong[0])
 
 
-class LimitedServos:
+class SaturatedServos:
     """Servos as Drake has them, with effort limits, for which every step is solved by iteration.
 
     Parameters
     ----------
-    joints : JointSpace
+    joints : DrakePlant
         Not finalized; taken over.
     gains : Gains
         Of the servos.
     """
 
-    def __init__(self, joints: JointSpace, gains: Gains) -> None:
+    def __init__(self, joints: DrakePlant, gains: Gains) -> None:
         self._joints = joints
         for motor, stiffness, damping in zip(joints.motors, *gains, strict=True):
             motor.set_controller_gains(PdControllerGains(p=stiffness, d=damping))
@@ -195,7 +195,7 @@ class LimitedServos:
         return joints.positions(self._context), joints.velocities(self._context)
 
 
-class FreeServos:
+class UnsaturatedServos:
     """Servos without effort limits: the same equation, which is linear then, and solved in one go.
 
     In a step of length h from q and v, a servo exerts  K (q_d - q - h v') + D (v_d - v'),  where v' is the velocity
@@ -204,14 +204,14 @@ class FreeServos:
 
     Parameters
     ----------
-    joints : JointSpace
+    joints : DrakePlant
         Not finalized; taken over.
     gains : Gains
         Of the servos.
 
     Attributes
     ----------
-    joints : JointSpace
+    joints : DrakePlant
         The same.
     context : Context
         Its state in Drake.
@@ -219,7 +219,7 @@ class FreeServos:
         Its time [ns].
     """
 
-    def __init__(self, joints: JointSpace, gains: Gains) -> None:
+    def __init__(self, joints: DrakePlant, gains: Gains) -> None:
         self.joints = joints
         self._gains = gains
         plant, n = joints.plant, len(joints.joints)

@@ -12,7 +12,7 @@ from pydrake.multibody.tree import RigidBody
 from pipeline.robot.backend import LinkPose
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.simulation.servos import Demand, FreeServos, Gains, JointSpace, LimitedServos
+from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.urdf.description import joint_links
 from recorders.errors import ConfigError, JointError, RobotError
 
@@ -70,10 +70,10 @@ class Simulation:
         logging.getLogger("drake").setLevel(logging.ERROR)  # other remarks are not for our users
         self._robot = robot
         self._config = config
-        self._joints = JointSpace(robot, step_ns=config.step_ns)
+        self._joints = DrakePlant(robot, step_ns=config.step_ns)
         gains = _gains(robot, config.bandwidth)
-        self._servos = FreeServos(self._joints, gains)
-        self._limited = LimitedServos(JointSpace(robot, step_ns=config.step_ns), gains)
+        self._servos = UnsaturatedServos(self._joints, gains)
+        self._limited = SaturatedServos(DrakePlant(robot, step_ns=config.step_ns), gains)
         self._plant, self._context = self._joints.plant, self._servos.context
         self._hands = [self._joints.body(name) for name in (robot.left_hand, robot.right_hand)]
         self._links = list(joint_links(robot.urdf_text).values())  # parent and child

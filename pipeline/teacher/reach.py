@@ -183,11 +183,11 @@ def _clip(kinematics: Kinematics, target: Floats, *, worst: int) -> Floats:
 
 
 def _without(motion: Motion, misses: list[Miss]) -> Motion:
-    kept = np.ones(len(motion), dtype=np.bool_)
-    kept[[miss.sample for miss in misses]] = False
-    if kept.sum() < 2:
+    within = np.ones(len(motion), dtype=np.bool_)
+    within[[miss.sample for miss in misses]] = False
+    if within.sum() < 2:
         raise MotionError(
             f"motion '{motion.name}': expected at least two samples within reach, "
-            f"found {int(kept.sum())} of {len(motion)}"
+            f"found {int(within.sum())} of {len(motion)}"
         )
-    return Motion(motion.name, motion.times_s[kept], motion.left[kept], motion.right[kept], closed=motion.closed)
+    return Motion(motion.name, motion.times_s[within], motion.left[within], motion.right[within], closed=motion.closed)

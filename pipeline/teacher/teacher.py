@@ -84,9 +84,9 @@ class Teacher:
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
         """Return the posture to command next, one period after commanding `q` (n,), for hand `targets` [m] (2, 3)."""
-        return self.glide(q, targets, self.config.period_ns * 1e-9)
+        return self.step_for(q, targets, self.config.period_ns * 1e-9)
 
-    def glide(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
+    def step_for(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
         """As `step`, with a period of one's own [s]."""
         posture, goal = self._within(np.asarray(q, dtype=np.float64)), np.asarray(targets, dtype=np.float64)
         gradient, hessian = self._cost(posture, self._comfort(posture, goal))
@@ -184,5 +184,5 @@ def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH
         short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)
         if short_m.max() <= bound_m:
             break
-        q = teacher.glide(q, target, _REACH_PERIOD_S)
+        q = teacher.step_for(q, target, _REACH_PERIOD_S)
     return q, short_m

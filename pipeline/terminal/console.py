@@ -21,7 +21,7 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from pipeline.terminal.escaping import printable, wrapped
+from pipeline.terminal.escaping import escape_control, wrapped
 
 
 class _Lines(Console):
@@ -88,12 +88,12 @@ def say(text: str) -> None:
     A reader who has gone, or a terminal that was closed, ends no work.
     """
     with suppress(OSError):
-        errors.print(printable(text), markup=False)
+        errors.print(escape_control(text), markup=False)
 
 
 def line(text: str) -> None:
     """Print one line of a result."""
-    block(printable(text))
+    block(escape_control(text))
 
 
 def block(text: str) -> bool:
@@ -129,9 +129,9 @@ def entries(texts: Mapping[str, str]) -> None:
     for name, text in texts.items():
         beside = len(name) <= named
         if not beside:
-            lines += wrapped(printable(name), columns)
+            lines += wrapped(escape_control(name), columns)
         begin, hanging = f"{name if beside else '':<{named}}  ", " " * (named + 2)
-        lines += wrapped(printable(text), columns, indent=begin, hanging=hanging)
+        lines += wrapped(escape_control(text), columns, indent=begin, hanging=hanging)
     block("\n".join(lines))
 
 

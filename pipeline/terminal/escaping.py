@@ -8,7 +8,7 @@ from rich.cells import cell_len, chop_cells
 _NARROWEST = 20  # columns of text: a terminal of fewer breaks lines by itself
 
 
-def printable(text: str) -> str:
+def escape_control(text: str) -> str:
     """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from pipeline.terminal.escaping import printable, wrapped
+from pipeline.terminal.escaping import escape_control, wrapped
 from recorders.recovery.log_info import LogSummary
 from recorders.recovery.recover import Recovery
 from recorders.recovery.salvage import Damage
@@ -41,7 +41,7 @@ def overview(summary: LogSummary) -> dict[str, str]:
         lines[f"run {session.run}"] = f"epochs {session.first_epoch} to {session.last_epoch}; markers: {cycles}"
     said = found.manifest.items()
     manifest = {f"manifest: {name}": _value(value) for name, value in said if value is not None}
-    return {printable(name): printable(text) for name, text in (lines | manifest).items()}
+    return {escape_control(name): escape_control(text) for name, text in (lines | manifest).items()}
 
 
 def topic_lines(summary: LogSummary, width: int) -> Iterator[str]:
@@ -64,7 +64,7 @@ def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
     yield "Damage"
     for each in damage[:_DAMAGE_SHOWN]:
         text = f"byte {each.offset}: {each.reason}; {_bytes(each.skipped)} skipped"
-        yield from wrapped(printable(text), width, indent="    ")
+        yield from wrapped(escape_control(text), width, indent="    ")
     if len(damage) > _DAMAGE_SHOWN:
         yield f"and {len(damage) - _DAMAGE_SHOWN} more"
 
@@ -83,7 +83,7 @@ def recovered(recovery: Recovery) -> dict[str, str]:
         lines["lost attachments"] = names_text(recovery.lost_attachments)
     if recovery.unprotected:
         lines["in doubt"] = f"{recovery.unprotected} messages that no CRC protects"
-    return {printable(name): printable(text) for name, text in lines.items()}
+    return {escape_control(name): escape_control(text) for name, text in lines.items()}
 
 
 _CONTENT: Mapping[bool | None, str] = {
@@ -201,7 +201,7 @@ def _often(count: int) -> str:
 
 
 def _cut(name: str) -> str:
-    shown = printable(name[:_LONGEST_NAME])
+    shown = escape_control(name[:_LONGEST_NAME])
     return shown if len(name) <= _LONGEST_NAME else f"{shown}…"
 
 

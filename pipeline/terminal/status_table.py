@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.terminal.escaping import printable
+from pipeline.terminal.escaping import escape_control
 from recorders.nodes.status import NodeStatus
 
 _DIGITS = 12  # of a digest, which tell one from another
@@ -28,7 +28,7 @@ def status_table(nodes: Sequence[NodeStatus]) -> Table:
             _listed({name: f"{value:.0f}" for name, value in node.latency_us.items() if value is not None}),
             _listed({name: digest[:_DIGITS] for name, digest in node.digests.items()}),
         )
-        table.add_row(*(Text("\n".join(printable(line) for line in cell.split("\n"))) for cell in cells))
+        table.add_row(*(Text("\n".join(escape_control(line) for line in cell.split("\n"))) for cell in cells))
     return table
 
 

@@ -14,7 +14,7 @@ from pipeline.learner.rule import OnlineLearner, Settings
 from pipeline.learner.state import state_digest
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from pipeline.samples.pairs import HANDS, CommandedPairs, Presentation
 from recorders.cdr.codec import decode
 from recorders.errors import ControllerError, MessageError
@@ -129,7 +129,7 @@ class LearningRun:
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
         self._pairs = CommandedPairs(robot.joints)
-        self._joiner = TickJoiner(plausible(robot))
+        self._joiner = TickJoiner(range_check(robot))
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, HANDS))
         self._d = np.empty((PIECE, len(output_centre)))

@@ -102,9 +102,9 @@ def _clean_transmissions(robot: Element) -> None:
     )
 
 
-def _keep(robot: Element, kind: str, kept: Iterable[Element]) -> None:
+def _keep(robot: Element, kind: str, wanted: Iterable[Element]) -> None:
     """Leave of one kind only these."""
-    robot[:] = [*(element for element in robot if element.tag != kind), *kept]
+    robot[:] = [*(element for element in robot if element.tag != kind), *wanted]
 
 
 def _drop(parent: Element, children: Iterable[Element]) -> None:

@@ -52,7 +52,7 @@ class LearningView:
         self._steps: list[tuple[Floats, Floats]] = []  # u (n, 6) and outputs (n, 6 + joints)
         self._rows = 0
         self._kinematics: Kinematics | None = None  # known with the robot
-        self._stage: _Stage | None = None
+        self._scene: _LearningScene | None = None
         self._shown_ticks = 0
 
     def take(self, steps: Steps) -> None:
@@ -88,11 +88,13 @@ class LearningView:
         if hands_cm is None:
             left, right = (hand_errors(self._kinematics, joints, u).mean(axis=0) * _CM_PER_M).tolist()
             hands_cm = left, right
-        self._stage = self._stage or _Stage(self._view, controller, self._kinematics, timeline, u, max(hands_cm))
-        self._stage.show(place, controller, u, joints, hands_cm)
+        self._scene = self._scene or _LearningScene(
+            self._view, controller, self._kinematics, timeline, u, max(hands_cm)
+        )
+        self._scene.show(place, controller, u, joints, hands_cm)
 
 
-class _Stage:
+class _LearningScene:
     """The recording of one learner, once it is known which robot learns."""
 
     def __init__(

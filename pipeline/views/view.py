@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import rerun as rr
 
-from pipeline.evaluation.trials import robot_of, try_motion
+from pipeline.evaluation.trials import evaluate_motion, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.views.learning import plane_of
@@ -107,7 +107,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         The recording cannot be written.
     """
     controller = Controller.load(path)
-    trial = try_motion(controller, motion)
+    trial = evaluate_motion(controller, motion)
     robot = robot_of(controller)
     network = NetworkView(controller)
     track = Track.checked(
@@ -117,7 +117,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         targets=trial.targets.reshape(-1, 2, 3),
         reached=trial.reached,
     )
-    errors_cm = _told_errors(controller)
+    errors_cm = _published_errors(controller)
 
     def send(recording: rr.RecordingStream) -> None:
         changes = np.concatenate([*network.moved(controller).values(), np.empty(0)])
@@ -171,7 +171,7 @@ def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
     return found[0]
 
 
-def _told_errors(controller: Controller) -> list[float]:
+def _published_errors(controller: Controller) -> list[float]:
     """Return the error of every epoch, if the controller tells: what it tells is its writer's, and not checked."""
     errors = controller.provenance.get("errors_cm")
     if not isinstance(errors, list):

@@ -73,7 +73,7 @@ def teachers(robot: RobotConfig, period_s: float) -> Callable[[], Step]:
         teacher, posture = Teacher(Kinematics(robot)), [robot.comfort]
 
         def step(target: np.ndarray) -> np.ndarray:
-            posture[0] = teacher.glide(posture[0], target, period_s)
+            posture[0] = teacher.step_for(posture[0], target, period_s)
             return posture[0]
 
         return step

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.exploration.hand_paths import Shown
+from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
 from pipeline.motions.motion import Motion
 from pipeline.robot.config import load_robot
@@ -17,8 +17,8 @@ EPOCH_NS = 1_700_000_000_123_456_789  # a tracker's clock
 TRACKER = "/tracker/wrist"
 
 
-def shown_right(times_s: np.ndarray, points: np.ndarray) -> Shown:
-    return Shown("shown", {"right": HandPath(times_s, points)}, {"kind": "test"})
+def shown_right(times_s: np.ndarray, points: np.ndarray) -> DemonstratedPaths:
+    return DemonstratedPaths("shown", {"right": HandPath(times_s, points)}, {"kind": "test"})
 
 
 def line_of(times_s: np.ndarray) -> np.ndarray:

@@ -5,12 +5,12 @@ from pathlib import Path
 import numpy as np
 from episodes import write_episode
 
-from pipeline.deployment.deploy import Deployment, Driven
+from pipeline.deployment.deploy import Deployment, DriveResult
 from pipeline.evaluation.errors import HandErrors
-from pipeline.evaluation.trials import try_samples
+from pipeline.evaluation.trials import evaluate_samples
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import command_costs
-from pipeline.paper.results import PATTERN_1, PATTERN_2, Networks, Paper
+from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.training.batch import Outcome, Run, compute
 from replay.sources.schedule import Schedule
@@ -20,15 +20,15 @@ SEEDS = (4, 5)
 EPOCHS = 2
 
 
-def small_paper(folder: Path) -> Paper:
+def small_paper(folder: Path) -> PaperResults:
     """Make a rerun in which every motion is the beginning of the circles."""
     log = write_episode(folder / "log.mcap", samples=20)
     outcomes = [compute(Run((log,), Schedule(epochs=EPOCHS), LearnerConfig(seed=seed))) for seed in SEEDS]
     samples = read_samples(log)
     networks = {pattern: _networks(pattern, outcomes, samples) for pattern in (PATTERN_1, PATTERN_2)}
     trial = networks[PATTERN_1].trials[PATTERN_1][0]
-    driven = Driven(trial.joints, trial.reached, trial.errors)
-    return Paper(
+    driven = DriveResult(trial.joints, trial.reached, trial.errors)
+    return PaperResults(
         seed=SEEDS[0],
         robot=samples.robot,
         networks=networks,
@@ -39,10 +39,10 @@ def small_paper(folder: Path) -> Paper:
     )
 
 
-def _networks(pattern: str, outcomes: list[Outcome], samples: Samples) -> Networks:
+def _networks(pattern: str, outcomes: list[Outcome], samples: Samples) -> NetworkEnsemble:
     names = (PATTERN_1, PATTERN_2, *DRAWINGS)
-    trials = {name: tuple(try_samples(one.controller, samples, name=name) for one in outcomes) for name in names}
-    return Networks(
+    trials = {name: tuple(evaluate_samples(one.controller, samples, name=name) for one in outcomes) for name in names}
+    return NetworkEnsemble(
         pattern=pattern,
         seeds=SEEDS,
         curves_cm=np.array([one.errors_cm for one in outcomes]),

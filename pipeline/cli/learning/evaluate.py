@@ -37,7 +37,7 @@ def evaluate(
 
     The result is the distances of both hands from their targets.
     """
-    from pipeline.evaluation.trials import try_motion
+    from pipeline.evaluation.trials import evaluate_motion
     from pipeline.learner.controller import Controller as Loaded
 
     if deploy and linear_from is not None:
@@ -46,7 +46,7 @@ def evaluate(
     if deploy:
         result = _deployed(loaded, motion)
     else:
-        result = try_motion(loaded, motion, linear_from=linear_from, say=console.say).summary()
+        result = evaluate_motion(loaded, motion, linear_from=linear_from, say=console.say).summary()
     console.show(result, as_json=as_json)
 
 

@@ -60,10 +60,10 @@ def train(
 
 
 def _as_live(logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str]) -> "Source":
-    from pipeline.robot.range_check import heard_live
+    from pipeline.robot.range_check import live_log
     from recorders.reading.parts import one_session
 
-    return heard_live(one_session(logs, console.say), robot=robot, epochs=epochs, renames=names, say=console.say)
+    return live_log(one_session(logs, console.say), robot=robot, epochs=epochs, renames=names, say=console.say)
 
 
 def _from_logs(logs: list[Path], epochs: int | None, names: dict[str, str], *, as_recorded: bool) -> "Source":

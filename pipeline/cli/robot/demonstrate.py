@@ -17,7 +17,7 @@ from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
     from pipeline.exploration.demonstration import DemonstrationConfig
-    from pipeline.exploration.hand_paths import Shown
+    from pipeline.exploration.hand_paths import DemonstratedPaths
     from pipeline.exploration.live_paths import ListenConfig
 
 LIVE = "live"
@@ -167,7 +167,7 @@ def demonstrate(
     console.show(result.to_dict(), as_json=as_json)
 
 
-def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "Shown":
+def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "DemonstratedPaths":
     from pipeline.exploration.hand_paths import pose_topics, read_csv_paths, read_log_paths
     from recorders.reading.parts import is_log, one_session
 
@@ -185,15 +185,15 @@ def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningS
     return read_csv_paths(path, hand=pose.hand)
 
 
-def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "Shown":
+def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "DemonstratedPaths":
     from pipeline.exploration.hand_paths import pose_topics
-    from pipeline.exploration.live_paths import hear_paths
+    from pipeline.exploration.live_paths import subscribe_paths
     from pipeline.terminal.signals import until_stopped
 
     config = live.config(session.namespace)
     where = session.config()
     with until_stopped() as stopped:
-        return hear_paths(
+        return subscribe_paths(
             pose_topics(pose.topic, hand=pose.hand),
             renames=renames(pose.map_),
             session=where,

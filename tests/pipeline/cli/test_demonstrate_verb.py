@@ -15,7 +15,7 @@ from processes import complaint, reenact, start, wait_for_line
 from shown import EPOCH_NS, RIGHT, TRACKER, line_of, poses_of, write_csv, write_log
 
 from pipeline.cli.robot.demonstrate import demonstrate
-from pipeline.exploration.live_paths import ListenConfig, hear_paths
+from pipeline.exploration.live_paths import ListenConfig, subscribe_paths
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, ReenactError
 from recorders.messages import topics
@@ -143,7 +143,7 @@ def test_what_had_arrived_when_it_is_stopped_is_shown() -> None:
 
     config = ListenConfig(wait_s=30.0)
     session = SessionConfig(listen=(endpoint,))
-    shown = hear_paths({TRACKER: "right"}, renames={}, session=session, config=config, stopped=stopped)
+    shown = subscribe_paths({TRACKER: "right"}, renames={}, session=session, config=config, stopped=stopped)
     assert len(shown.paths["right"].times_s) == len(poses)
 
 

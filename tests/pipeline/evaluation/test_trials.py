@@ -8,7 +8,7 @@ import pytest
 from episodes import write_episode
 
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints
-from pipeline.evaluation.trials import robot_of, try_motion, try_samples
+from pipeline.evaluation.trials import evaluate_motion, evaluate_samples, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.kinematics import Kinematics
@@ -36,7 +36,7 @@ def samples(log: Path) -> Samples:
 def test_learned_teacher_and_baseline_are_what_they_are_called(
     controller: Controller, log: Path, samples: Samples
 ) -> None:
-    trial = try_motion(controller, log)
+    trial = evaluate_motion(controller, log)
     kinematics = Kinematics(robot_of(controller))
 
     def errors(joints: np.ndarray) -> HandErrors:
@@ -54,12 +54,12 @@ def test_learned_teacher_and_baseline_are_what_they_are_called(
 
 def test_trying_changes_nothing(controller: Controller, log: Path) -> None:
     digest = controller.digest
-    assert try_motion(controller, log).errors == try_motion(controller, log).errors
+    assert evaluate_motion(controller, log).errors == evaluate_motion(controller, log).errors
     assert controller.digest == digest
 
 
 def test_a_motion_has_no_teacher(controller: Controller) -> None:
-    trial = try_motion(controller, "right_hand_drawing")
+    trial = evaluate_motion(controller, "right_hand_drawing")
     assert trial.name == "right_hand_drawing"
     assert (trial.teacher, trial.linear) == (None, None)
 
@@ -70,17 +70,17 @@ def test_the_baseline_may_be_fitted_to_another_log(
     longer = write_episode(tmp_path / "longer.mcap", samples=40)
     learned, kinematics = read_samples(longer), Kinematics(robot_of(controller))
     answers = linear_joints(learned.targets, learned.joints, asked=samples.targets)
-    trial = try_motion(controller, log, linear_from=longer)
+    trial = evaluate_motion(controller, log, linear_from=longer)
     assert trial.linear == HandErrors.of(hand_errors(kinematics, answers, samples.targets))
-    assert trial.linear != try_motion(controller, log).linear
-    assert trial.teacher == try_motion(controller, log).teacher
-    by_itself = try_motion(controller, "right_hand_drawing", linear_from=longer)
+    assert trial.linear != evaluate_motion(controller, log).linear
+    assert trial.teacher == evaluate_motion(controller, log).teacher
+    by_itself = evaluate_motion(controller, "right_hand_drawing", linear_from=longer)
     assert by_itself.linear is not None
     assert by_itself.teacher is None
 
 
 def test_a_summary_names_whose_errors_they_are(controller: Controller, log: Path) -> None:
-    trial = try_motion(controller, log)
+    trial = evaluate_motion(controller, log)
     summary = trial.summary()
     assert list(summary)[:5] == ["mean_cm", "max_cm", "left_cm", "right_cm", "left_max_cm"]
     for name, errors in (("teacher", trial.teacher), ("linear", trial.linear)):
@@ -93,4 +93,4 @@ def test_a_log_of_another_robot_is_refused(controller: Controller, samples: Samp
     joints = ("wheel", *samples.robot.joints[1:])
     other = replace(samples, robot=replace(samples.robot, joints=joints, name="rover"))
     with pytest.raises(ControllerError, match=r"recorded with rover, which has wheel"):
-        try_samples(controller, other, name="log")
+        evaluate_samples(controller, other, name="log")

@@ -10,7 +10,7 @@ import pytest
 from processes import reenact
 from small_robot import JOINTS, write_robot
 
-from pipeline.evaluation.trials import try_motion
+from pipeline.evaluation.trials import evaluate_motion
 from pipeline.exploration.explore import explore
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -98,10 +98,10 @@ def test_explored_learned_and_evaluated(name: str, tmp_path: Path) -> None:
     assert samples.robot.urdf_text == robot.urdf_text
     assert explored.teacher_error_cm < 2.0
     trainer = train([explored.path], schedule=Schedule(epochs=20), config=LearnerConfig(seed=0, epochs=20))
-    trial = try_motion(trainer.controller(), explored.path)
+    trial = evaluate_motion(trainer.controller(), explored.path)
     untrained = train([explored.path], schedule=Schedule(epochs=1), config=LearnerConfig(seed=0, epochs=1))
     assert trial.joints.shape == (SAMPLES, len(robot.joints))
-    assert trial.errors.mean_cm < try_motion(untrained.controller(), explored.path).errors.mean_cm
+    assert trial.errors.mean_cm < evaluate_motion(untrained.controller(), explored.path).errors.mean_cm
     assert trial.teacher is not None
     assert trial.teacher.mean_cm == pytest.approx(explored.teacher_error_cm, abs=0.01)
 
@@ -136,7 +136,7 @@ def test_a_log_and_a_controller_need_neither_the_model_nor_its_config(tmp_path: 
     evaluated = reenact("evaluate", "small.npz", "circles", "--json", cwd=tmp_path)
     assert evaluated.returncode == 0, evaluated.stderr
     assert json.loads(evaluated.stdout)["samples"] == 256
-    assert try_motion(Controller.load(tmp_path / "small.npz"), tmp_path / "short.mcap").teacher is not None
+    assert evaluate_motion(Controller.load(tmp_path / "small.npz"), tmp_path / "short.mcap").teacher is not None
     with pytest.raises(RobotError, match=r"unknown robot .*: expected one of asimo, g1, icub, talos, or a directory"):
         load_robot(folder)
 
@@ -169,4 +169,4 @@ def test_both_patterns_in_full(name: str, tmp_path: Path) -> None:
     ]
     assert [log.teacher_error_cm < bound for log, bound in zip(logs, (1.5, 1.2), strict=True)] == [True, True]
     trainer = train([logs[0].path], schedule=Schedule(epochs=150), config=LearnerConfig(seed=0))
-    assert [try_motion(trainer.controller(), log.path).errors.mean_cm < 1.6 for log in logs] == [True, True]
+    assert [evaluate_motion(trainer.controller(), log.path).errors.mean_cm < 1.6 for log in logs] == [True, True]

@@ -10,7 +10,7 @@ import pytest
 from shown import RIGHT, ROBOT, check_is_line, line_of, shown_right, write_csv
 
 from pipeline.exploration.demonstration import MAX_SAMPLES, DemonstrationConfig, demonstrate, to_motion
-from pipeline.exploration.hand_paths import Shown, read_csv_paths
+from pipeline.exploration.hand_paths import DemonstratedPaths, read_csv_paths
 from pipeline.exploration.pose_track import HandPath
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.samples.pairs import read_samples
@@ -31,7 +31,7 @@ def test_uneven_times_become_10_hz_and_the_hand_that_is_not_shown_stays_still() 
 def test_two_hands_are_sampled_while_both_are_shown() -> None:
     early, late = np.arange(0.0, 2.01, 0.05), np.arange(0.5, 3.01, 0.07)
     paths = {"left": HandPath(early, line_of(early)), "right": HandPath(late, line_of(late))}
-    motion = to_motion(ROBOT, Shown("both", paths, {}), config=AS_IS)
+    motion = to_motion(ROBOT, DemonstratedPaths("both", paths, {}), config=AS_IS)
     assert len(motion) == 16
     np.testing.assert_allclose(motion.left, line_of(0.5 + motion.times_s), atol=2e-9)
     np.testing.assert_allclose(motion.right, motion.left, atol=2e-9)

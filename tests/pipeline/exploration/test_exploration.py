@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.exploration.episode import Episode, plan
-from pipeline.exploration.explore import Exploration, ExplorationConfig, explore, start_posture
+from pipeline.exploration.episode import TeacherRun, plan
+from pipeline.exploration.explore import ExplorationConfig, ExplorationResult, explore, start_posture
 from pipeline.motions.motion import Motion, circles, eight, read_motion_csv
 from pipeline.robot.config import load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.telemetry import Addressed
+from pipeline.robot.telemetry import TopicMessage
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.cdr.codec import decode
@@ -42,7 +42,7 @@ def short_motion() -> Motion:
 
 
 @pytest.fixture(scope="module")
-def log(tmp_path_factory: pytest.TempPathFactory) -> Exploration:
+def log(tmp_path_factory: pytest.TempPathFactory) -> ExplorationResult:
     return explore(ROBOT, short_motion(), seed=5, out=tmp_path_factory.mktemp("log") / "short.mcap")
 
 
@@ -59,7 +59,7 @@ def joints_of(ticks: list[Tick]) -> np.ndarray:
     return np.array([joint_map.positions(tick.joints) for tick in ticks])
 
 
-def test_t_samples_give_t_plus_one_ticks_and_the_last_repeats_the_first(log: Exploration) -> None:
+def test_t_samples_give_t_plus_one_ticks_and_the_last_repeats_the_first(log: ExplorationResult) -> None:
     ticks = ticks_of(log.path)
     motion = short_motion()
     assert len(ticks) == log.ticks == SAMPLES + 1
@@ -70,7 +70,7 @@ def test_t_samples_give_t_plus_one_ticks_and_the_last_repeats_the_first(log: Exp
     assert stamps[0] == SAMPLES * PERIOD_NS  # the first cycle settles
 
 
-def test_joints_of_a_tick_are_measured_before_its_target_is_held(log: Exploration) -> None:
+def test_joints_of_a_tick_are_measured_before_its_target_is_held(log: ExplorationResult) -> None:
     """q at tick k+1 belongs to u(k): the hands are near the target before, not near the new one."""
     ticks = ticks_of(log.path)
     hands = KINEMATICS.hands_along(joints_of(ticks))
@@ -81,12 +81,12 @@ def test_joints_of_a_tick_are_measured_before_its_target_is_held(log: Exploratio
     assert log.teacher_error_cm == pytest.approx(100 * to_held.mean(), abs=1e-9)
 
 
-def test_the_recorded_cycle_closes(log: Exploration) -> None:
+def test_the_recorded_cycle_closes(log: ExplorationResult) -> None:
     joints = joints_of(ticks_of(log.path))
     np.testing.assert_allclose(joints[-1], joints[0], atol=2e-3)
 
 
-def test_measured_hands_are_those_of_the_joints_at_the_same_instant(log: Exploration) -> None:
+def test_measured_hands_are_those_of_the_joints_at_the_same_instant(log: ExplorationResult) -> None:
     ticks = ticks_of(log.path)
     expected = KINEMATICS.hands_along(joints_of(ticks))
     for side, topic in enumerate((topics.LEFT_MEASURED, topics.RIGHT_MEASURED)):
@@ -96,7 +96,7 @@ def test_measured_hands_are_those_of_the_joints_at_the_same_instant(log: Explora
         np.testing.assert_allclose([message.position for message in measured], expected[:, side], atol=1e-12)
 
 
-def test_the_robot_speaks_at_its_own_rate(log: Exploration) -> None:
+def test_the_robot_speaks_at_its_own_rate(log: ExplorationResult) -> None:
     first, last = SAMPLES * PERIOD_NS, 2 * SAMPLES * PERIOD_NS
     expected = list(range(first, last, 20_000_000))
     for topic in (topics.JOINT_STATES, topics.TF, topics.CLOCK):
@@ -105,7 +105,7 @@ def test_the_robot_speaks_at_its_own_rate(log: Exploration) -> None:
     assert [record.sequence for record in records_of(log.path, topics.CLOCK)] == list(range(len(expected) + 1))
 
 
-def test_log_time_is_simulation_time(log: Exploration) -> None:
+def test_log_time_is_simulation_time(log: ExplorationResult) -> None:
     for record in LogReader(log.path):
         message = decode(record.type, record.data)
         if isinstance(message, Clock):
@@ -114,7 +114,7 @@ def test_log_time_is_simulation_time(log: Exploration) -> None:
             assert message.stamp_ns == record.log_time_ns
 
 
-def test_the_robot_describes_itself_once_and_tf_names_its_links(log: Exploration) -> None:
+def test_the_robot_describes_itself_once_and_tf_names_its_links(log: ExplorationResult) -> None:
     (record,) = records_of(log.path, topics.ROBOT_DESCRIPTION)
     description = decode(record.type, record.data)
     assert isinstance(description, String)
@@ -126,7 +126,7 @@ def test_the_robot_describes_itself_once_and_tf_names_its_links(log: Exploration
     assert len(children) == len(set(children)) == 18
 
 
-def test_commands_lead_the_joints(log: Exploration) -> None:
+def test_commands_lead_the_joints(log: ExplorationResult) -> None:
     commands = [decode(record.type, record.data) for record in records_of(log.path, topics.JOINT_COMMANDS)]
     states = [decode(record.type, record.data) for record in records_of(log.path, topics.JOINT_STATES)]
     commanded = np.array([message.position for message in commands])
@@ -135,7 +135,7 @@ def test_commands_lead_the_joints(log: Exploration) -> None:
     assert later < now  # 40 ms later the joints are nearer to what was asked
 
 
-def test_the_manifest_says_what_made_the_log(log: Exploration) -> None:
+def test_the_manifest_says_what_made_the_log(log: ExplorationResult) -> None:
     reader = LogReader(log.path)
     manifest = reader.manifest
     assert manifest["robot"] == "asimo"
@@ -150,7 +150,7 @@ def test_the_manifest_says_what_made_the_log(log: Exploration) -> None:
     assert again.joints == ROBOT.joints
 
 
-def test_the_same_exploration_gives_the_same_bytes_in_another_process(log: Exploration, tmp_path: Path) -> None:
+def test_the_same_exploration_gives_the_same_bytes_in_another_process(log: ExplorationResult, tmp_path: Path) -> None:
     program = (
         "import sys; sys.path.insert(0, sys.argv[1])\n"
         "from test_exploration import ROBOT, explore, short_motion\n"
@@ -164,7 +164,7 @@ def test_the_same_exploration_gives_the_same_bytes_in_another_process(log: Explo
     assert len(hashes) == 1
 
 
-def test_another_seed_starts_elsewhere_and_ends_up_with_the_same_motion(log: Exploration, tmp_path: Path) -> None:
+def test_another_seed_starts_elsewhere_and_ends_up_with_the_same_motion(log: ExplorationResult, tmp_path: Path) -> None:
     other = explore(ROBOT, short_motion(), seed=6, out=tmp_path / "other.mcap")
     assert other.content_sha256 != log.content_sha256
     start, other_start = (LogReader(path).manifest["start_posture"] for path in (log.path, other.path))
@@ -176,17 +176,17 @@ def test_another_seed_starts_elsewhere_and_ends_up_with_the_same_motion(log: Exp
 def test_a_robot_that_is_placed_is_where_one_that_was_led_all_the_way_is() -> None:
     short = short_motion()
     motion = Motion("slow", 2.0 * short.times_s, short.left, short.right, closed=True)
-    led = plan(motion, period_ns=TeacherConfig().period_ns, settle_ns=0)
-    ways: dict[str, list[Addressed]] = {}
+    motion_plan = plan(motion, period_ns=TeacherConfig().period_ns, settle_ns=0)
+    ways: dict[str, list[TopicMessage]] = {}
     for way in ("led", "placed"):
         robot = Simulation(ROBOT)
         robot.reset(ROBOT.comfort)
-        episode = Episode(robot, Teacher(KINEMATICS), start=ROBOT.comfort)
+        episode = TeacherRun(robot, Teacher(KINEMATICS), start=ROBOT.comfort)
         if way == "led":
-            deque(episode.settle(led), maxlen=0)
+            deque(episode.settle(motion_plan), maxlen=0)
         else:
-            episode.settle_placed(led, robot, driven_ns=ExplorationConfig().settle_ns)  # of 3.2 s
-        ways[way] = [(topic, message) for topic, message in episode.cycle(led) if topic == SAMPLE_JOINTS]
+            episode.settle_placed(motion_plan, robot, driven_ns=ExplorationConfig().settle_ns)  # of 3.2 s
+        ways[way] = [(topic, message) for topic, message in episode.cycle(motion_plan) if topic == SAMPLE_JOINTS]
     assert len(ways["led"]) == SAMPLES + 1
     for (_, expected), (_, found) in zip(ways["led"], ways["placed"], strict=True):
         assert isinstance(expected, JointState)
@@ -247,7 +247,7 @@ def test_periods_that_do_not_fit_together_leave_no_log(tmp_path: Path) -> None:
     assert list(tmp_path.iterdir()) == []
 
 
-def test_a_log_is_replaced_only_when_told(log: Exploration) -> None:
+def test_a_log_is_replaced_only_when_told(log: ExplorationResult) -> None:
     before = log.path.read_bytes()
     with pytest.raises(LogError, match="exists"):
         explore(ROBOT, short_motion(), seed=5, out=log.path)

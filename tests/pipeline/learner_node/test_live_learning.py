@@ -24,7 +24,7 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
 from pipeline.learner_node.publisher import LearnerVoice
 from pipeline.robot.config import load_robot
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from pipeline.training.trainer import Trainer, train_on
 from recorders.cdr.codec import decode, decode_as, encode
 from recorders.messages.message_types import Float64MultiArray, JointState, Message, String
@@ -132,7 +132,7 @@ def flat(ticks: Sequence[Sequence[RecordedMessage]]) -> list[RecordedMessage]:
 
 def offline(records: Sequence[RecordedMessage], *, epochs: int = 1) -> dict[str, Any]:
     """Learn in this process from the same messages."""
-    live = LiveStream(epochs=epochs, check=plausible(ASIMO))
+    live = LiveStream(epochs=epochs, check=range_check(ASIMO))
     stream = [out for record in records for out in live.feed(record)]
     trainer = Trainer(LearnerConfig(seed=SEED), robot=ASIMO)
     trainer.hello(live_offer(live.run, epochs=epochs, robot={}))

@@ -7,7 +7,7 @@ import pytest
 from episodes import write_episode
 
 from pipeline.evaluation.errors import HandErrors, hand_errors
-from pipeline.evaluation.trials import Trial, robot_of, try_motion
+from pipeline.evaluation.trials import Trial, evaluate_motion, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import CommandCost, command_costs
@@ -27,7 +27,7 @@ def controller(tmp_path_factory: pytest.TempPathFactory) -> Controller:
 
 @pytest.fixture(scope="module")
 def trial(controller: Controller) -> Trial:
-    return try_motion(controller, "eight")
+    return evaluate_motion(controller, "eight")
 
 
 @pytest.fixture(scope="module")
@@ -66,7 +66,7 @@ def test_the_teachers_error_is_that_of_its_posture_after_all_steps(
     teacher, q, postures = Teacher(kinematics), robot_of(controller).comfort, []
     for target in (trial.targets[0], *trial.targets):
         for _ in range(cost.steps):
-            q = teacher.glide(q, target.reshape(2, 3), 0.2 / cost.steps)
+            q = teacher.step_for(q, target.reshape(2, 3), 0.2 / cost.steps)
         postures.append(q)
     errors = hand_errors(kinematics, np.array(postures[1:]), trial.targets)
     assert cost.mean_cm == pytest.approx(HandErrors.of(errors).mean_cm, rel=1e-9)

@@ -19,7 +19,7 @@ from pipeline.paper import figures
 from pipeline.paper.error_analysis import ALIKE, APART, UPRIGHT, depths, directions, turning_point
 from pipeline.paper.figures import draw_figures
 from pipeline.paper.report import write_report
-from pipeline.paper.results import PATTERN_1, PATTERN_2, Paper, spread
+from pipeline.paper.results import PATTERN_1, PATTERN_2, PaperResults, spread
 from pipeline.paper.run import check_bounds
 from pipeline.paper.table import console_table, rows
 from pipeline.robot.config import load_robot
@@ -35,12 +35,12 @@ PICTURES = {
 
 
 @pytest.fixture(scope="module")
-def paper(tmp_path_factory: pytest.TempPathFactory) -> Paper:
+def paper(tmp_path_factory: pytest.TempPathFactory) -> PaperResults:
     return small_paper(tmp_path_factory.mktemp("small"))
 
 
 @pytest.fixture(scope="module")
-def page(paper: Paper, tmp_path_factory: pytest.TempPathFactory) -> Path:
+def page(paper: PaperResults, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_report(paper, tmp_path_factory.mktemp("report"))
 
 
@@ -90,7 +90,7 @@ def test_every_picture_is_beside_the_page(page: Path) -> None:
         assert imread(page.parent / name).shape[1] == 1900
 
 
-def test_equal_results_are_drawn_alike_and_a_short_run_says_so(paper: Paper, page: Path, tmp_path: Path) -> None:
+def test_equal_results_are_drawn_alike_and_a_short_run_says_so(paper: PaperResults, page: Path, tmp_path: Path) -> None:
     short = write_report(paper, tmp_path, is_full=False).read_text(encoding="utf-8")
     for name in PICTURES:
         assert (tmp_path / name).read_bytes() == (page.parent / name).read_bytes()
@@ -101,7 +101,7 @@ def test_equal_results_are_drawn_alike_and_a_short_run_says_so(paper: Paper, pag
     assert short.partition(after)[2] == full.partition(after)[2]
 
 
-def test_a_table_gives_each_number_with_seeds_and_command(paper: Paper) -> None:
+def test_a_table_gives_each_number_with_seeds_and_command(paper: PaperResults) -> None:
     found = list(rows(paper))
     one = paper.networks[PATTERN_1]
     first = found[0]
@@ -124,7 +124,7 @@ def test_a_table_gives_each_number_with_seeds_and_command(paper: Paper) -> None:
     assert console_table(paper).row_count == len(found)
 
 
-def test_motions_and_errors_are_taken_apart_by_direction(paper: Paper) -> None:
+def test_motions_and_errors_are_taken_apart_by_direction(paper: PaperResults) -> None:
     alike, opposed, upright = directions(paper)
     targets = paper.networks[PATTERN_1].trials[PATTERN_1][0].targets.reshape(-1, 2, 3)
     offsets = 100.0 * (targets - targets.mean(axis=0)) @ paper.robot.lateral
@@ -135,7 +135,7 @@ def test_motions_and_errors_are_taken_apart_by_direction(paper: Paper) -> None:
 
 @pytest.mark.parametrize(("part", "followed", "missed_cm"), [(1.0, 1.0, 0.0), (0.0, 0.0, 5.0), (0.5, 0.5, 2.5)])
 def test_hands_that_follow_a_part_of_a_direction_are_found_out(
-    paper: Paper, part: float, followed: float, missed_cm: float
+    paper: PaperResults, part: float, followed: float, missed_cm: float
 ) -> None:
     robot, two = paper.robot, paper.networks[PATTERN_2]
     whole = circles(robot).targets
@@ -153,7 +153,7 @@ def test_hands_that_follow_a_part_of_a_direction_are_found_out(
         assert found[name].missed_cm[PATTERN_2] == pytest.approx(0.0, abs=1e-9)
 
 
-def test_errors_are_taken_apart_into_plane_and_depth(paper: Paper) -> None:
+def test_errors_are_taken_apart_into_plane_and_depth(paper: PaperResults) -> None:
     one = paper.networks[PATTERN_1]
     first = depths(paper, one)[0]
     offsets = np.array([trial.reached[:, 0] - trial.targets[:, :3] for trial in one.trials[PATTERN_1]])  # x is depth
@@ -164,7 +164,7 @@ def test_errors_are_taken_apart_into_plane_and_depth(paper: Paper) -> None:
     assert first.off_plane_cm == pytest.approx(100.0 * np.abs(offsets[:, :, 0]).mean())
 
 
-def test_a_drawing_that_leaves_what_was_learned_is_said_to(paper: Paper, page: Path, tmp_path: Path) -> None:
+def test_a_drawing_that_leaves_what_was_learned_is_said_to(paper: PaperResults, page: Path, tmp_path: Path) -> None:
     assert "extrapolate" not in page.read_text(encoding="utf-8")  # all motions here are circles
     one, name = paper.networks[PATTERN_1], DRAWINGS[0]
     trials = tuple(_wider(trial, paper) for trial in one.trials[name])
@@ -179,14 +179,16 @@ def test_a_drawing_that_leaves_what_was_learned_is_said_to(paper: Paper, page: P
     assert "the left hand misses" not in text
 
 
-def _wider(trial: Trial, paper: Paper) -> Trial:
+def _wider(trial: Trial, paper: PaperResults) -> Trial:
     """The same trial with targets of the right hand twice as far out."""
     targets = trial.targets.copy()
     targets[:, 3:] += targets[:, 3:] - paper.robot.right_centre
     return replace(trial, targets=targets)
 
 
-def test_every_picture_says_how_to_read_it(paper: Paper, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_every_picture_says_how_to_read_it(
+    paper: PaperResults, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     texts: dict[str, str] = {}
 
     def keep(figure: Figure, path: Path) -> None:
@@ -225,7 +227,9 @@ def test_epochs_are_whole(epochs: int) -> None:
 
 
 @pytest.mark.parametrize(("curve", "turn"), [([3.0, 1.0, 2.0], (2, 1.0)), ([3.0, 2.0, 1.0], None)])
-def test_an_error_that_grows_again_is_noticed(paper: Paper, curve: list[float], turn: tuple[int, float] | None) -> None:
+def test_an_error_that_grows_again_is_noticed(
+    paper: PaperResults, curve: list[float], turn: tuple[int, float] | None
+) -> None:
     assert turning_point(replace(paper.networks[PATTERN_1], curves_cm=np.array([curve, curve]))) == turn
 
 
@@ -234,12 +238,12 @@ def test_the_spread_of_one_network_is_zero() -> None:
     assert spread(np.array([1.0, 3.0])) == pytest.approx(2.0**0.5)
 
 
-def test_a_report_that_cannot_be_written_is_one_line(paper: Paper, tmp_path: Path) -> None:
+def test_a_report_that_cannot_be_written_is_one_line(paper: PaperResults, tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match=r"cannot write the report '.*figure4a\.png'"):
         draw_figures(paper, tmp_path / "none")
 
 
-def test_bounds_hold_or_are_named(paper: Paper) -> None:
+def test_bounds_hold_or_are_named(paper: PaperResults) -> None:
     check_bounds(_with_errors(paper, trained_cm=(1.4, 1.5), others_cm=(1.3, 3.75), left_cm=1.99))
     failing = _with_errors(paper, trained_cm=(1.41, 1.5), others_cm=(1.3, 3.74), left_cm=2.0)
     with pytest.raises(CheckFailed) as failure:
@@ -253,8 +257,8 @@ def test_bounds_hold_or_are_named(paper: Paper) -> None:
 
 
 def _with_errors(
-    paper: Paper, *, trained_cm: tuple[float, float], others_cm: tuple[float, float], left_cm: float
-) -> Paper:
+    paper: PaperResults, *, trained_cm: tuple[float, float], others_cm: tuple[float, float], left_cm: float
+) -> PaperResults:
     """The same run with other errors."""
     networks = {}
     others = (PATTERN_2, PATTERN_1)

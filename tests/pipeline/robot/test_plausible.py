@@ -15,7 +15,7 @@ from pipeline.cli import app
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import circles
 from pipeline.robot.config import load_robot, robot_names
-from pipeline.robot.range_check import Implausible, plausible
+from pipeline.robot.range_check import OutOfRange, range_check
 from pipeline.serving.served_controller import ServedController, ServingConfig
 from pipeline.training.trainer import train
 from recorders.cdr.codec import encode
@@ -82,7 +82,7 @@ VERBS = [
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    folder = tmp_path_factory.mktemp("plausible")
+    folder = tmp_path_factory.mktemp("range_check")
     for name, (change, _) in LOGS.items():
         write_episode(folder / f"{name}.mcap", samples=5, change=change)
     log = write_episode(folder / "sound.mcap", samples=5)
@@ -171,14 +171,14 @@ def test_whatever_the_joints_allow_passes(name: str, tmp_path: Path) -> None:
     from small_robot import write_robot
 
     robot = load_robot(name if name in robot_names() else write_robot(tmp_path / name))
-    check = plausible(robot)
+    check = range_check(robot)
     for posture in (robot.lower, robot.upper, robot.comfort, 2.0 * robot.upper - robot.lower):
         check(JointState(0, robot.joints, posture))
     for hand in (robot.left_centre, robot.right_centre):
         check(hand)
         check(hand + 1.0)
     for posture in (3.0 * robot.upper - 2.0 * robot.lower, robot.comfort * math.nan, robot.comfort + math.inf):
-        with pytest.raises(Implausible, match=f"expected {robot.joints[0]} near its limits"):
+        with pytest.raises(OutOfRange, match=f"expected {robot.joints[0]} near its limits"):
             check(JointState(0, robot.joints, posture))
     with pytest.raises(JointError, match=f"no joint {robot.joints[0]}"):
         check(JointState(0, robot.joints[1:], robot.comfort[1:]))

@@ -12,7 +12,7 @@ from small_robot import CONFIG, IMPORT, INERTIA, JOINTS, MODEL, joint, limited, 
 
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.simulation.servos import JointSpace
+from pipeline.simulation.servos import DrakePlant
 from pipeline.simulation.simulation import Simulation
 from recorders.errors import RobotError
 
@@ -287,7 +287,7 @@ def test_links_that_are_dropped_may_have_any_inertia(robot: RobotConfig, tmp_pat
 )
 def test_flat_bodies_have_in_drake_what_they_have_in_the_model(tmp_path: Path, inertia: str) -> None:
     robot = load_robot(folder_of(tmp_path / "small", MODEL.replace(INERTIA, inertia)))
-    joints = JointSpace(robot, step_ns=1_000_000)
+    joints = DrakePlant(robot, step_ns=1_000_000)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     joints.place(context, robot.comfort, np.zeros(len(robot.joints)))

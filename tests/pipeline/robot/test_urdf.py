@@ -8,7 +8,7 @@ import pytest
 
 from pipeline.robot.config import load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.simulation.servos import JointSpace
+from pipeline.simulation.servos import DrakePlant
 from pipeline.simulation.simulation import Simulation
 from pipeline.urdf.description import canonical_urdf, joint_links, parse_urdf
 from recorders.errors import RobotError
@@ -156,7 +156,7 @@ def test_an_inertia_at_the_edge_of_what_a_body_has_is_drakes_too(mass: float, mo
     )
     moved = moved.replace('<parent link="legs"/>', '<parent link="pole"/>')
     robot = parse_robot(ASIMO.toml_text, moved)
-    joints = JointSpace(robot, step_ns=1_000_000)
+    joints = DrakePlant(robot, step_ns=1_000_000)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     joints.place(context, robot.comfort, np.zeros(len(robot.joints)))

@@ -12,7 +12,7 @@ import pytest
 
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.simulation.servos import JointSpace
+from pipeline.simulation.servos import DrakePlant
 from recorders.errors import RobotError
 from recorders.rerun_scene.robot import RobotModel
 
@@ -130,7 +130,7 @@ def check_imported(model: Model, joints: list[str], robot: RobotConfig) -> None:
     expected = [data.oMf[frame].translation for frame in frames]
     kinematics = Kinematics(robot)
     np.testing.assert_allclose(kinematics.hands(q), expected, atol=1e-9)
-    joint_space = JointSpace(robot, step_ns=1_000_000)
+    joint_space = DrakePlant(robot, step_ns=1_000_000)
     joint_space.finalize()
     context = joint_space.plant.CreateDefaultContext()
     joint_space.place(context, q, np.zeros(len(q)))

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.simulation.servos import Demand, FreeServos, Gains, JointSpace, LimitedServos
+from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.simulation.simulation import Simulation
 
 Floats = NDArray[np.float64]
@@ -38,7 +38,7 @@ def demands(count: int, seed: int) -> list[Demand]:
     ]
 
 
-def solved(joints: JointSpace, context: Any, q: Floats, v: Floats, demand: Demand) -> tuple[Floats, Floats]:
+def solved(joints: DrakePlant, context: Any, q: Floats, v: Floats, demand: Demand) -> tuple[Floats, Floats]:
     """Posture and velocities after a millisecond, from the mass matrix and the forces that Drake names."""
     h = 1e-3
     joints.place(context, q, v)
@@ -52,8 +52,8 @@ def solved(joints: JointSpace, context: Any, q: Floats, v: Floats, demand: Deman
 
 
 def test_free_servos_solve_the_equation_that_they_name() -> None:
-    servos = FreeServos(JointSpace(ROBOT, step_ns=MS), GAINS)
-    joints = JointSpace(ROBOT, step_ns=MS)
+    servos = UnsaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS)
+    joints = DrakePlant(ROBOT, step_ns=MS)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     q, v = ROBOT.comfort, np.zeros(N)
@@ -68,8 +68,8 @@ def test_free_servos_solve_the_equation_that_they_name() -> None:
 
 def test_they_agree_with_drakes_own_as_far_as_those_iterate() -> None:
     free, limited = (
-        FreeServos(JointSpace(ROBOT, step_ns=MS), GAINS),
-        LimitedServos(JointSpace(ROBOT, step_ns=MS), GAINS),
+        UnsaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS),
+        SaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS),
     )
     free.place(ROBOT.comfort, np.zeros(N), time_ns=0)
     for k, demand in enumerate(demands(200, seed=2)):
@@ -80,7 +80,7 @@ def test_they_agree_with_drakes_own_as_far_as_those_iterate() -> None:
         np.testing.assert_allclose(free.velocities, v, rtol=0, atol=1e-5)
 
 
-def efforts(joints: JointSpace, context: Any, demand: Demand) -> Floats:
+def efforts(joints: DrakePlant, context: Any, demand: Demand) -> Floats:
     """What every motor exerts in each millisecond of a period that begins at the comfort posture, shape (5, n)."""
     q, v, exerted = ROBOT.comfort, np.zeros(N), []
     for _ in range(PERIOD // MS):
@@ -92,8 +92,8 @@ def efforts(joints: JointSpace, context: Any, demand: Demand) -> Floats:
 
 @pytest.mark.parametrize("begin", [0, 175 * MS])  # of these Drake's clock hits the one, and misses the other by a bit
 def test_a_motor_beyond_its_limit_is_noticed_at_any_step_and_nothing_has_moved(begin: int) -> None:
-    servos = FreeServos(JointSpace(ROBOT, step_ns=MS), GAINS)
-    joints = JointSpace(ROBOT, step_ns=MS)
+    servos = UnsaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS)
+    joints = DrakePlant(ROBOT, step_ns=MS)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     steps = set()
@@ -148,8 +148,8 @@ def test_an_arm_whose_motor_is_too_weak_sinks_as_far_as_drake_says() -> None:
     joint = ROBOT.joints.index("left_shoulder_pitch")
     robot = weak(ROBOT, "left_shoulder_pitch", 1.0)
     simulation, strong = Simulation(robot), Simulation(ROBOT)
-    limited = LimitedServos(JointSpace(robot, step_ns=MS), GAINS)
-    joints = JointSpace(robot, step_ns=MS)
+    limited = SaturatedServos(DrakePlant(robot, step_ns=MS), GAINS)
+    joints = DrakePlant(robot, step_ns=MS)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     q, v = ROBOT.comfort, np.zeros(N)

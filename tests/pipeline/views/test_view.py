@@ -16,7 +16,7 @@ from sockets import listening
 
 from pipeline.cli import app as cli
 from pipeline.cli.logs import view as viewing
-from pipeline.evaluation.trials import try_motion
+from pipeline.evaluation.trials import evaluate_motion
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
@@ -104,7 +104,7 @@ def test_both_recordings_have_a_layout_of_their_own(viewed_log: Path, viewed_con
 
 
 def test_a_controller_is_shown_on_a_motion_with_its_network(controller: Path, viewed_controller: Path) -> None:
-    trial = try_motion(Controller.load(controller), "circles")
+    trial = evaluate_motion(Controller.load(controller), "circles")
     np.testing.assert_array_equal(rows(viewed_controller, "/joints", "Scalars:scalars"), trial.joints)
     (errors,) = rows(viewed_controller, "/network/errors", "BarChart:values", static=True)
     assert json.dumps(errors).count(".") >= EPOCHS

@@ -10,7 +10,7 @@ from episodes import PERIOD_NS, write_episode
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
-from pipeline.robot.range_check import plausible
+from pipeline.robot.range_check import range_check
 from pipeline.training.trainer import Trainer, train_on
 from recorders.cdr.codec import decode, encode
 from recorders.errors import LogError
@@ -36,7 +36,7 @@ def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[list[RecordedMessage
 def made(
     records: Sequence[RecordedMessage], *, numbered: bool = True, **options: object
 ) -> tuple[LiveStream, list[RecordedMessage]]:
-    live = LiveStream(check=plausible(ASIMO), **options)  # type: ignore[arg-type]
+    live = LiveStream(check=range_check(ASIMO), **options)  # type: ignore[arg-type]
     stream = [out for record in records for out in live.feed(record, numbered=numbered)]
     live.finish()
     return live, stream
@@ -245,7 +245,7 @@ def test_a_log_is_heard_as_it_would_have_been_live(ticks: list[list[RecordedMess
                 type_name=kind,
                 opaque=not kind,
             )
-    log = LiveLog(tmp_path / "beside.mcap", check=plausible(ASIMO))
+    log = LiveLog(tmp_path / "beside.mcap", check=range_check(ASIMO))
     assert [record[:4] for record in log.stream()] == [record[:4] for record in expected]
     assert list(log.stream(7)) == list(log.stream())[7:]
     assert log.offer().messages == len(expected)
