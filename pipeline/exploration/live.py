@@ -134,7 +134,7 @@ class LiveSession:
         run = self.offer().run
         presented = count()
         for epoch in range(self._schedule.epochs):
-            for cycle, phase in self._schedule.epoch():
+            for cycle, phase in self._schedule.cycles_of_epoch():
                 if next(presented) and not self._motion.closed:
                     yield from self._episode.settle(self._plan)
                 yield SESSION_PHASE, Phase(run, epoch, cycle, phase, log="").to_message()

@@ -130,7 +130,7 @@ class _Subscription:
     def run(self, receiver: Receiver, stopped: Callable[[], bool]) -> None:
         while not (stopped() or self._is_over()):
             self._take_event(receiver, receiver.next_event(_POLL_S))
-        receiver.stop_hearing()
+        receiver.unsubscribe()
         while not self._is_long_enough() and (event := receiver.next_event(0.0)) is not None:
             self._take_event(receiver, event)  # it had arrived before it was over
 

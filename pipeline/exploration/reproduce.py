@@ -20,7 +20,7 @@ from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
 from recorders.ticks.joiner import join_ticks
-from replay.diff.fields import texts
+from replay.diff.fields import format_pair
 from replay.sources.scheduled import naming, read_robot
 
 Floats = NDArray[np.float64]
@@ -78,7 +78,7 @@ def changed_robot(log: Path) -> str:
         lines = zip(getattr(logged, field).split("\n"), getattr(present, field).split("\n"), strict=False)
         for number, (old, new) in enumerate(lines, 1):
             if old != new:
-                expected, found = texts(old.strip(), new.strip())
+                expected, found = format_pair(old.strip(), new.strip())
                 return f"{name} line {number} is {expected} in the log, {found} now"
     return ""
 

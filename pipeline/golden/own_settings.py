@@ -14,9 +14,9 @@ from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.urdf.description import canonical_urdf
 from recorders.errors import ConfigError, LogError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 from recorders.reading.reader import LogReader
-from replay.diff.fields import texts
+from replay.diff.fields import format_pair
 from replay.golden.recipe import CaseSpec
 from replay.sources.scheduled import read_robot
 
@@ -92,7 +92,7 @@ class Own:
 def _of_settings(old: Any, new: dict[str, Any]) -> tuple[str, str, str] | None:
     for name, value in ({KEY: DEFAULT} | new).items():
         if name not in _FOLLOWING and (found := ({KEY: DEFAULT} | old).get(name)) != value:
-            return f"learner setting {name}", *texts(found, value)
+            return f"learner setting {name}", *format_pair(found, value)
     return None
 
 
@@ -101,11 +101,11 @@ def _of_robots(old: RobotConfig, new: RobotConfig) -> tuple[str, str, str] | Non
     for field in fields(RobotConfig):
         a, b = getattr(old, field.name), getattr(new, field.name)
         if field.name not in _TEXTS and not np.array_equal(a, b):
-            return f"robot's {field.name}", *texts(_plain(a), _plain(b))
+            return f"robot's {field.name}", *format_pair(_plain(a), _plain(b))
     part = "the robot"
     for a, b in zip_longest(_tags(old), _tags(new), fillvalue="nothing"):
         if a != b:
-            return f"robot.urdf, {part}", *texts(a, b)
+            return f"robot.urdf, {part}", *format_pair(a, b)
         if (named := _PART.match(a)) is not None:
             part = f"{named[1]} {named[2]}"
     return None
@@ -129,7 +129,7 @@ def _logged(log: Path) -> RobotConfig:
 
 
 def _read_toml(path: Path) -> dict[str, Any]:
-    refuse_irregular(path, expected="a TOML file", error=ConfigError)
+    require_regular_file(path, expected="a TOML file", error=ConfigError)
     try:
         with path.open(encoding="utf-8") as file:
             text = file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text

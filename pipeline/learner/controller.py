@@ -23,7 +23,7 @@ from pipeline.learner.registry import config_from_dict, config_to_dict, make_lea
 from pipeline.learner.rule import OnlineLearner, Settings
 from pipeline.learner.state import FloatArray, check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
-from recorders.files.regular_file import begins_with, refuse_irregular
+from recorders.files.regular_file import begins_with, require_regular_file
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
@@ -173,7 +173,7 @@ class Controller:
         ControllerError
             If the file is missing, is not such a file, or does not agree with its own digests.
         """
-        refuse_irregular(Path(path), expected="a controller", error=ControllerError)
+        require_regular_file(Path(path), expected="a controller", error=ControllerError)
         try:
             return cls._parse(npz.Npz(_read(Path(path))))
         except (ControllerError, ConfigError) as error:

@@ -9,7 +9,7 @@ import numpy as np
 
 from pipeline.learner.controller import Controller
 from pipeline.learner.state import FloatArray
-from replay.diff.fields import ABSENT, texts
+from replay.diff.fields import ABSENT, format_pair
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,14 +79,14 @@ def _of_arrays(name: str, a: FloatArray, b: FloatArray) -> ControllerDifference 
         return None
     first = differing[0]
     place = ", ".join(str(index) for index in np.unravel_index(first, a.shape))
-    values = texts(float(flat_a[first]), float(flat_b[first]))
+    values = format_pair(float(flat_a[first]), float(flat_b[first]))
     return ControllerDifference(f"{name}[{place}]", *values, differing=len(differing), size=a.size)
 
 
 def _of_settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> ControllerDifference | None:
     for name, value in a.items():
         if value != b[name]:
-            return ControllerDifference(f"config.{name}", *texts(value, b[name]))
+            return ControllerDifference(f"config.{name}", *format_pair(value, b[name]))
     return None
 
 
@@ -95,7 +95,7 @@ def _of_lists(
 ) -> ControllerDifference | None:
     for place, (x, y) in enumerate(zip_longest(a, b), first):
         if x != y:
-            values = texts(x or "", y or "")
+            values = format_pair(x or "", y or "")
             shown = [ABSENT if item is None else text for item, text in zip((x, y), values, strict=True)]
             return ControllerDifference(name.format(place), shown[0], shown[1])
     return None

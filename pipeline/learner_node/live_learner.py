@@ -160,7 +160,7 @@ class LiveLearner:
 
     def _last(self, keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
         """Yield what had arrived when the learner was stopped, which is no more than a receiver lets wait."""
-        self._receiver.stop_hearing()
+        self._receiver.unsubscribe()
         while not (self._ended or self._has_enough()) and (event := self._event(0.0)) is not None:
             if isinstance(event, ReceivedOffer):
                 self._receiver.refuse(event, _STOPPED)
@@ -209,7 +209,7 @@ class LiveLearner:
 
     def _leave(self, reason: str) -> None:
         """Leave a stream whose sender is gone; what it sent is learned, and anyone may go on."""
-        self._receiver.give_up()
+        self._receiver.abandon_stream()
         self._say(f"a stream broke off, the learner goes on: {reason}")
 
     def _take_leave(self, result: dict[str, Any]) -> None:

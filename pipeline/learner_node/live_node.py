@@ -113,7 +113,7 @@ class _Recording:
             manifest={"kind": "learning", "schedule": live_offer("", epochs=config.epochs, robot={}).schedule},
             attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
             overwrite=config.overwrite,
-            regular=False,
+            rechunk=False,
             say=say,
         )
 

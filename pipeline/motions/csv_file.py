@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from recorders.errors import MotionError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 
 Floats = NDArray[np.float64]
 
@@ -90,7 +90,7 @@ def _check_step(where: str, before: float, after: float) -> None:
 
 def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tuple[int, Decimal, list[float]]]:
     """Line number, time as it is written [s], and the values of the columns wanted of each row."""
-    refuse_irregular(path, expected="a CSV file", error=MotionError)
+    require_regular_file(path, expected="a CSV file", error=MotionError)
     try:
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(_lines(path, file), strict=True)

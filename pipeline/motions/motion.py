@@ -14,7 +14,7 @@ from pipeline.motions.names import PATTERNS, drawings, motion_names
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.range_check import range_check
 from recorders.errors import MessageError, MotionError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
 from recorders.text.wording import names_text
 
@@ -120,7 +120,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     if str(name_or_path) in patterns:
         return patterns[str(name_or_path)](robot)
     path = drawings().get(str(name_or_path), Path(name_or_path))
-    refuse_irregular(path, expected="a CSV file", error=MotionError)
+    require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = names_text(motion_names())
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")

@@ -10,7 +10,7 @@ from typing import Any
 from pipeline.robot.toml_values import as_list, as_name, as_number, as_table, as_vector, check_keys, parse_toml
 from pipeline.urdf.description import MAX_BYTES, shown
 from recorders.errors import RobotError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 
 Vector = tuple[float, float, float]
 
@@ -119,7 +119,7 @@ def read_text(path: Path) -> str:
     RobotError
         It cannot be read, is no regular file, or is not UTF-8.
     """
-    refuse_irregular(path, expected="a robot's file", error=RobotError)
+    require_regular_file(path, expected="a robot's file", error=RobotError)
     try:
         with path.open(encoding="utf-8") as file:
             return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text

@@ -25,7 +25,7 @@ from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
-from recorders.wire.callbacks import direct
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
@@ -107,9 +107,9 @@ class RobotNode:
             stack.enter_context(self._producer)
             self._describe(stack)
             for verb in ("command", "reset", "joints", "status"):
-                answering = direct(self._on_query(verb))
+                answering = on_network_thread(self._on_query(verb))
                 stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
-            listening = direct(self._on_sample)
+            listening = on_network_thread(self._on_sample)
             topic_key = message_key(self._namespace, JOINT_COMMANDS)
             stack.enter_context(self._session.declare_subscriber(topic_key, listening))
             stack.enter_context(self._session.liveliness().declare_token(robot_key(self._namespace, "alive")))
@@ -184,7 +184,7 @@ class RobotNode:
         robot = self._backend.robot
         topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
         for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):
-            answering = direct(_replier(encode(String(text))))
+            answering = on_network_thread(_replier(encode(String(text))))
             stack.enter_context(self._session.declare_queryable(key, answering))
         publisher = declare_advanced_publisher(
             self._session,

@@ -15,7 +15,7 @@ from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
 from recorders.ticks.joiner import RANKS, JointMap, Tick, join_ticks
 from replay.sources.scheduled import naming, read_robot, renamed
-from replay.sources.stream_digest import link
+from replay.sources.stream_digest import digest_link
 
 Floats = NDArray[np.float64]
 
@@ -134,7 +134,7 @@ class Presentation:
             u=u[1:],  # the first tick completes no step
             d=d[1:],
             pending=pairs.pending,
-            links=[link(tick.records) for tick in ticks],
+            links=[digest_link(tick.records) for tick in ticks],
         )
 
 

@@ -28,7 +28,7 @@ from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET,
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
-from recorders.wire.callbacks import direct
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import (
     live_attachment,
     message_key,
@@ -181,7 +181,7 @@ class Node:
                 )
             )
             for topic, reader in self._readers.items():
-                handler = direct(self._handler(reader))
+                handler = on_network_thread(self._handler(reader))
                 stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
@@ -369,7 +369,7 @@ def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]
         },
         attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
         overwrite=config.overwrite,
-        regular=False,
+        rechunk=False,
         say=say,
     )
 

@@ -378,7 +378,7 @@ def train_on(source: Source, trainer: Trainer) -> Trainer:
     ReenactError
         If a log, its robot or a message is not what it should be.
     """
-    if isinstance(source, Replay) and source.kept and not trainer.keeps:
+    if isinstance(source, Replay) and source.retained and not trainer.keeps:
         trainer.learn(source)
     else:
         InProcess({"learner": trainer}).deliver(source.offer(), source.stream)

@@ -17,7 +17,7 @@ from pipeline.training.trainer import Trainer
 from pipeline.views.live import LiveView
 from pipeline.views.network import NetworkView
 from recorders.messages.phase import EVALUATE
-from recorders.rerun_scene.blueprint import EPOCHS, in_sight, learning_blueprint
+from recorders.rerun_scene.blueprint import EPOCHS, learning_blueprint, stack_points
 from recorders.rerun_scene.hands import FrontalPlane, HandScene
 from recorders.rerun_scene.learning import log_activity, log_drift, log_errors, send_learning_styles
 from recorders.rerun_scene.robot import RobotModel
@@ -113,7 +113,7 @@ class _LearningScene:
         self._model = RobotModel.load(robot.plain_urdf, robot.joints)
         shown = self._network.shown
         blueprint = learning_blueprint(
-            in_sight(targets),
+            stack_points(targets),
             plane,
             joints=len(robot.joints),
             timeline=timeline,
@@ -122,8 +122,8 @@ class _LearningScene:
             activity=bool(shown.activity),
         )
         self._recording = view.open(title=f"{robot.name} learns", blueprint=blueprint, kind="learning")
-        self._model.send_still(self._recording)
-        self._hands = HandScene(self._recording, plane).send_still()
+        self._model.send_static(self._recording)
+        self._hands = HandScene(self._recording, plane).send_static()
         send_learning_styles(self._recording, list(shown.drift), spread=list(shown.spread))
         self._shown = 0
 

@@ -14,7 +14,7 @@ from recorders.cdr.codec import decode
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS
-from recorders.rerun_scene.blueprint import in_sight, motion_blueprint
+from recorders.rerun_scene.blueprint import motion_blueprint, stack_points
 from recorders.rerun_scene.hands import HandScene
 from recorders.rerun_scene.robot import RobotModel
 
@@ -58,7 +58,7 @@ class MotionView:
         offsets = _REACH_M * (robot.lateral + robot.up)
         centres = robot.input_centre.reshape(2, 3)
         blueprint = motion_blueprint(
-            in_sight(centres - offsets, centres + offsets),
+            stack_points(centres - offsets, centres + offsets),
             plane,
             joints=len(robot.joints),
             top_cm=_TOP_CM,
@@ -67,8 +67,8 @@ class MotionView:
         self._rows = MotionRows(robot, joints_topic=joints_topic)
         self._model = RobotModel.load(robot.plain_urdf, robot.joints)
         self._recording = self._view.open(title=title, blueprint=blueprint, kind="live")
-        self._model.send_still(self._recording)
-        self._hands = HandScene(self._recording, plane).send_still()
+        self._model.send_static(self._recording)
+        self._hands = HandScene(self._recording, plane).send_static()
 
     def _feed(self, topic: str, message: Message, time_ns: int) -> None:
         self._rows.feed(topic, message, time_ns)

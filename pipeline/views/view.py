@@ -17,7 +17,7 @@ from recorders.errors import ConfigError, LogError
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
-from recorders.rerun_scene.blueprint import controller_blueprint, in_sight, motion_blueprint
+from recorders.rerun_scene.blueprint import controller_blueprint, motion_blueprint, stack_points
 from recorders.rerun_scene.hands import HANDS
 from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network
 from recorders.rerun_scene.recording import Destination, send_motion
@@ -74,7 +74,7 @@ def view_log(
         raise LogError(f"{path}: expected postures after the first targets of both hands, found none")
     plane = plane_of(config)
     blueprint = motion_blueprint(
-        in_sight(track.targets, track.reached),
+        stack_points(track.targets, track.reached),
         plane,
         joints=len(config.joints),
         top_cm=float(track.errors_cm[track.plotted].max()),
@@ -127,7 +127,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
             log_activity(recording, activity, static=True)
 
     plane, title = plane_of(robot), f"{path.name} on {trial.name}"
-    points, top_cm = in_sight(track.targets, track.reached), float(track.errors_cm.max())
+    points, top_cm = stack_points(track.targets, track.reached), float(track.errors_cm.max())
     send_motion(
         destination,
         track,

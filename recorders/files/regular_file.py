@@ -6,7 +6,7 @@ from stat import S_ISDIR, S_ISREG
 from recorders.errors import LogError, ReenactError
 
 
-def refuse_irregular(path: Path, *, expected: str = "an MCAP file", error: type[ReenactError] = LogError) -> None:
+def require_regular_file(path: Path, *, expected: str = "an MCAP file", error: type[ReenactError] = LogError) -> None:
     """Raise `error` if something that is no regular file has this name.
 
     What is not there is left to who opens it.
@@ -32,7 +32,7 @@ def refuse_irregular(path: Path, *, expected: str = "an MCAP file", error: type[
 
 def begins_with(path: Path, magic: bytes) -> bool:
     """Whether a file begins with these bytes, whatever it is called; raises LogError if it cannot be read."""
-    refuse_irregular(path, expected="a file")
+    require_regular_file(path, expected="a file")
     try:
         with path.open("rb") as file:
             return file.read(len(magic)) == magic

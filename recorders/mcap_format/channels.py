@@ -51,7 +51,7 @@ class ChannelRegistry:
     schemas: dict[int, tuple[str, str, bytes]] = field(default_factory=dict)
     _size: int = 0  # bytes of all of them
 
-    def learn(self, record: RawRecord) -> Schema | Channel | None:
+    def register(self, record: RawRecord) -> Schema | Channel | None:
         """Take in a schema or channel record and return it parsed, pass over any other.
 
         A channel whose schema was not met is passed over too: nobody can tell what its messages are.
@@ -76,11 +76,11 @@ class ChannelRegistry:
             if len(record.body) > MAX_CHANNEL:
                 raise TooLarge(record.offset, f"a channel of {len(record.body)} bytes, and {MAX_CHANNEL} is the most")
             channel: Channel = parse(Channel, record)
-            self._learn_channel(channel, record)
+            self._register_channel(channel, record)
             return channel
         return None
 
-    def _learn_channel(self, channel: Channel, record: RawRecord) -> None:
+    def _register_channel(self, channel: Channel, record: RawRecord) -> None:
         if channel.schema_id and channel.schema_id not in self.schemas:
             return
         found = DeclaredChannel(

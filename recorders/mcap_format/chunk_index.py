@@ -45,7 +45,7 @@ class ChunkTable:
     def __len__(self) -> int:
         return len(self.offsets)
 
-    def learn(self, record: RawRecord) -> None:
+    def register(self, record: RawRecord) -> None:
         """Take in a chunk index.
 
         Raises
@@ -65,17 +65,17 @@ class ChunkTable:
         for column, value in zip(self._columns(), (offset, end, first_ns, last_ns), strict=True):
             column.append(value)
 
-    def jumps(self, start_ns: int, end_ns: int) -> Mapping[int, int]:
+    def skip_ranges(self, start_ns: int, end_ns: int) -> Mapping[int, int]:
         """Return where to go on [bytes] behind each run of chunks without a message in [start_ns, end_ns)."""
-        jumps: dict[int, int] = {}
+        skip_ranges: dict[int, int] = {}
         run, run_end = 0, 0
         for offset, end, first_ns, last_ns in zip(*self._columns(), strict=True):
             if first_ns < end_ns and last_ns >= start_ns:
                 continue
             if offset != run_end:
                 run = offset
-            jumps[run] = run_end = end
-        return jumps
+            skip_ranges[run] = run_end = end
+        return skip_ranges
 
     @property
     def in_order(self) -> bool:

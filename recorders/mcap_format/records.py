@@ -160,7 +160,7 @@ def _read_at(file: BinaryIO, offset: int, size: int) -> RawRecord:
     return RawRecord(opcode, offset, body, Unread(file, start, length - wanted))
 
 
-def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) -> Iterator[RawRecord]:
+def read_all(file: BinaryIO, size: int, *, skip_ranges: Mapping[int, int] = _NOWHERE) -> Iterator[RawRecord]:
     """Yield the records of a file but its message indexes up to its data end, then check its summary and its end.
 
     Parameters
@@ -169,7 +169,7 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
         Open at its first byte.
     size : int
         Its size [bytes].
-    jumps : mapping of int to int
+    skip_ranges : mapping of int to int
         Where to go on, by the offsets of records to leave out. The CRC over the data section cannot be checked then.
 
     Raises
@@ -182,21 +182,21 @@ def read_all(file: BinaryIO, size: int, *, jumps: Mapping[int, int] = _NOWHERE) 
     if record.opcode != Opcode.HEADER:
         raise damaged(record.offset, f"expected its header, found a record of kind {record.opcode}")
     while record.opcode != _DATA_END:
-        end, crc = record.end, 0 if jumps else crc_of(record, crc)
+        end, crc = record.end, 0 if skip_ranges else crc_of(record, crc)
         if record.opcode != _MESSAGE_INDEX:
             handed, record = [record], _NOTHING
             yield handed.pop()  # whoever takes it may let go of it: there is no room for two large ones
         passed = _pass_indexes(file)
         crc = zlib.crc32(passed, crc)
-        record = _next_record(file, end + len(passed), size, jumps)
-    check_crc(record.body[: CRC.size], None if jumps else crc, record.offset, "data section")
+        record = _next_record(file, end + len(passed), size, skip_ranges)
+    check_crc(record.body[: CRC.size], None if skip_ranges else crc, record.offset, "data section")
     yield record
     check_summary(file, size)
 
 
-def _next_record(file: BinaryIO, offset: int, size: int, jumps: Mapping[int, int]) -> RawRecord:
-    while offset in jumps:
-        offset = file.seek(jumps[offset])
+def _next_record(file: BinaryIO, offset: int, size: int, skip_ranges: Mapping[int, int]) -> RawRecord:
+    while offset in skip_ranges:
+        offset = file.seek(skip_ranges[offset])
     record = _read_at(file, offset, size)
     if record.opcode in _MISPLACED:
         raise damaged(offset, f"a record of kind {record.opcode} among its messages")

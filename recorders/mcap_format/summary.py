@@ -51,16 +51,16 @@ class ChannelTable:
     chosen: dict[int, tuple[str, str] | None] = field(default_factory=dict)
     complete: bool = True
 
-    def learn(self, record: RawRecord) -> None:
+    def register(self, record: RawRecord) -> None:
         """Take in a schema or channel record, pass over any other; raises DamagedLog if it is malformed."""
-        match self.declarations.learn(record):
+        match self.declarations.register(record):
             case Schema() as schema:
                 self.schemas[schema.id] = schema.name
             case Channel() as channel:
                 self.complete &= not channel.schema_id or channel.schema_id in self.schemas
                 self._declare(channel.id, (channel.topic, self.schemas.get(channel.schema_id, "")))
 
-    def learn_from(self, other: "ChannelTable") -> None:
+    def register_all(self, other: "ChannelTable") -> None:
         """Take in the channels that another part of the log declares."""
         self.declarations.add(other.declarations)
         self.schemas.update(other.schemas)
@@ -107,12 +107,12 @@ class Contents:
     chunks: ChunkTable = field(default_factory=ChunkTable)
     sound: bool = False
 
-    def learn(self, record: RawRecord) -> None:
+    def register(self, record: RawRecord) -> None:
         """Take in any record of a data or summary section; raises DamagedLog if it is malformed."""
-        self.channels.learn(record)
+        self.channels.register(record)
         match record.opcode:
             case Opcode.CHUNK_INDEX:
-                self.chunks.learn(record)
+                self.chunks.register(record)
             case Opcode.METADATA_INDEX:
                 metadata_index = parse(MetadataIndex, record)
                 self.metadata.append(NamedOffset(metadata_index.offset, metadata_index.name))
@@ -141,7 +141,7 @@ def read_contents(file: BinaryIO) -> Contents | None:
     contents = Contents()
     statistics = None
     for record in summary_records(file, size):
-        contents.learn(record)
+        contents.register(record)
         if record.opcode == Opcode.STATISTICS:
             statistics = parse(Statistics, record)
     if statistics is None or not _all_indexed(contents, statistics):

@@ -142,10 +142,10 @@ class NodeMeter:
         with self._lock:
             now_s = time.monotonic()
             if self._last is None or now_s - self._last[0] > _MAX_AGE_S:
-                self._last = now_s, self._made(now_s)
+                self._last = now_s, self._measure(now_s)
             return self._last[1]
 
-    def _made(self, now_s: float) -> NodeStatus:
+    def _measure(self, now_s: float) -> NodeStatus:
         source, counts = self._source, dict(self._source.counts())
         then_s, before = self._samples[0]
         passed_s = now_s - then_s

@@ -103,7 +103,7 @@ class MessageScanner:
                         times_ns.append(log_time_ns)
                         places.append(place)
                 else:
-                    self.channels.learn(RawRecord(opcode, offset, data[start:end]))
+                    self.channels.register(RawRecord(opcode, offset, data[start:end]))
                 place = end
         except DamagedLog as error:
             return times_ns, places, error
@@ -204,7 +204,7 @@ class MessageScanner:
         opcode, start, end = body_at(data, place, offset)
         if opcode == _MESSAGE_OPCODE:  # a sound one is none of ours to take
             raise _undeclared(offset, MESSAGE.unpack_from(data, start)[0])
-        self.channels.learn(RawRecord(opcode, offset, data[start:end]))
+        self.channels.register(RawRecord(opcode, offset, data[start:end]))
         return end
 
 

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from recorders.errors import LogError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.errors import DamagedLog
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
@@ -23,7 +23,7 @@ from recorders.reading.scan import LogScan
 from recorders.reading.time_order import Pieces, merged
 from recorders.text.wording import names_text, value_text
 
-_NO_JUMPS: Mapping[int, int] = {}
+_NO_SKIPS: Mapping[int, int] = {}
 _BY_FILE = LogOrder(by_file=True, risen=False)
 
 
@@ -45,7 +45,7 @@ class LogReader:
 
     def __init__(self, path: str | os.PathLike[str]) -> None:
         self.path = Path(path)
-        refuse_irregular(self.path)
+        require_regular_file(self.path)
         with self._open() as file:
             magic = file.read(len(MAGIC))
         if not magic:
@@ -93,10 +93,10 @@ class LogReader:
         if not order.by_file and (walk.sliced or not order.risen):
             return self._merged(walk)
         walk.ordered = not order.by_file
-        jumps = _NO_JUMPS
+        skip_ranges = _NO_SKIPS
         if walk.sliced and self._order.by_file:
-            jumps = self._index.chunks.jumps(walk.start_ns, walk.end_ns)
-        return self._walk(walk, jumps, lambda record: None)
+            skip_ranges = self._index.chunks.skip_ranges(walk.start_ns, walk.end_ns)
+        return self._walk(walk, skip_ranges, lambda record: None)
 
     @property
     def protected(self) -> bool:
@@ -192,18 +192,18 @@ class LogReader:
 
     def _contents_by_reading(self) -> Contents:
         contents = Contents()
-        records = self._walk(MessageScanner(contents.channels), _NO_JUMPS, contents.learn)
+        records = self._walk(MessageScanner(contents.channels), _NO_SKIPS, contents.register)
         contents.counts = Counter(record.topic for record in records)
         return contents
 
     def _walk(
-        self, walk: MessageScanner, jumps: Mapping[int, int], on_record: Callable[[RawRecord], None]
+        self, walk: MessageScanner, skip_ranges: Mapping[int, int], on_record: Callable[[RawRecord], None]
     ) -> Iterator[RecordedMessage]:
         reached_ns = 0
-        walk.channels.learn_from(self._index.channels)
+        walk.channels.register_all(self._index.channels)
         with self._open() as file:
             try:
-                for batch in LogScan(file, walk, self._index.chunks, jumps).batches(on_record):
+                for batch in LogScan(file, walk, self._index.chunks, skip_ranges).batches(on_record):
                     if batch and walk.ordered:
                         if batch[0].log_time_ns < reached_ns:
                             raise LogError(WRONG_TIMES)
@@ -222,10 +222,10 @@ class LogReader:
     def _pieces(self) -> Pieces:
         """Where the messages stand of a log whose order is another than that of the file, up to the first damage."""
         pieces = Pieces()
-        pieces.channels.learn_from(self._index.channels)
+        pieces.channels.register_all(self._index.channels)
         try:
             with self._open() as file:
-                for _ in LogScan(file, pieces, self._index.chunks, _NO_JUMPS).batches(lambda record: None):
+                for _ in LogScan(file, pieces, self._index.chunks, _NO_SKIPS).batches(lambda record: None):
                     pass
         except DamagedLog as error:
             pieces.damage = error

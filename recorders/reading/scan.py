@@ -54,15 +54,15 @@ class LogScan:
         Makes the messages, and knows which are asked for.
     chunks : ChunkTable
         The chunks that must be met; empty if no sound summary tells.
-    jumps : mapping of int to int
+    skip_ranges : mapping of int to int
         Where to go on, by the offsets of the chunks to leave out.
     """
 
-    def __init__(self, file: BinaryIO, walk: ScanVisitor, chunks: ChunkTable, jumps: Mapping[int, int]) -> None:
+    def __init__(self, file: BinaryIO, walk: ScanVisitor, chunks: ChunkTable, skip_ranges: Mapping[int, int]) -> None:
         self._file = file
         self._walk = walk
         self._chunks = chunks
-        self._jumps = jumps
+        self._skip_ranges = skip_ranges
         self._next_chunk = 0
         self._verified = False
 
@@ -76,7 +76,7 @@ class LogScan:
         """
         size = os.fstat(self._file.fileno()).st_size
         expansion = Expansion(size)
-        for record in read_all(self._file, size, jumps=self._jumps):
+        for record in read_all(self._file, size, skip_ranges=self._skip_ranges):
             self._check_place(record)
             if record.opcode == _CHUNK:
                 head = chunk_head(record)
@@ -91,17 +91,17 @@ class LogScan:
                 self._verify()
                 yield self._walk.bare(record)
             else:
-                self._learn(record, on_record)
+                self._register(record, on_record)
 
     def _states_order(self, most: int) -> bool:
         return states_order(self._file, most)
 
-    def _learn(self, record: RawRecord, on_record: Callable[[RawRecord], None]) -> None:
+    def _register(self, record: RawRecord, on_record: Callable[[RawRecord], None]) -> None:
         if record.opcode not in _CHECKED:
             self._verify()
         elif record.opcode == Opcode.ATTACHMENT:
             check_attachment(record)
-        self._walk.channels.learn(record)
+        self._walk.channels.register(record)
         on_record(record)
 
     def _verify(self) -> None:
@@ -112,7 +112,7 @@ class LogScan:
     def _check_place(self, record: RawRecord) -> None:
         """Check that the chunks stand where the summary says."""
         offsets, number = self._chunks.offsets, self._next_chunk
-        while number < len(offsets) and offsets[number] < record.offset and self._jumps:
+        while number < len(offsets) and offsets[number] < record.offset and self._skip_ranges:
             number += 1  # left out
         if number < len(offsets) and offsets[number] <= record.offset:
             if offsets[number] != record.offset or record.opcode != _CHUNK:

@@ -149,7 +149,7 @@ def merged(file: BinaryIO, size: int, pieces: Pieces, walk: MessageScanner) -> I
     LogError
         If more of it overlaps in time than may be held, before yielding any.
     """
-    walk.channels.learn_from(pieces.channels)
+    walk.channels.register_all(pieces.channels)
     under_way: list[_UnderWay] = []  # a heap; no two of one piece
     for row in pieces.between(walk.start_ns, walk.end_ns):
         while under_way and under_way[0][:2] < (pieces.first_ns[row], row):

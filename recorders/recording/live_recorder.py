@@ -159,7 +159,7 @@ class LiveRecorder:
 
     def _take_leave(self, receiver: Receiver) -> None:
         """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
-        receiver.stop_hearing()
+        receiver.unsubscribe()
         while (event := _next(receiver, 0.0)) is not None:
             if isinstance(event, ReceivedOffer):
                 receiver.refuse(event, _STOPPED)
@@ -196,7 +196,7 @@ class LiveRecorder:
 
     def _leave(self, receiver: Receiver, reason: str) -> None:
         """Leave a stream whose sender is gone: what it sent is recorded, and others may follow."""
-        receiver.give_up(reason)
+        receiver.abandon_stream(reason)
         self._break_off(reason)
 
     def _break_off(self, reason: str) -> None:
@@ -312,7 +312,7 @@ class LiveRecorder:
             manifest={"kind": "recording", **(self._part(number, more=False) if self._splits else {})},
             attachments=self._attachments,
             overwrite=self._overwrite,
-            regular=False,
+            rechunk=False,
             say=self._say,
         )
         self.recording.paths.append(path)

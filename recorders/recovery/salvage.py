@@ -185,14 +185,14 @@ class LogSurvey:
                 if opcode == Opcode.MESSAGE:
                     yield _salvaged(data, start, end, place, declarations)
                 else:
-                    self._learn(declarations, RawRecord(opcode, place[0], data[start:end]))
+                    self._register(declarations, RawRecord(opcode, place[0], data[start:end]))
         else:
-            self._learn(declarations, record)
+            self._register(declarations, record)
 
-    def _learn(self, declarations: ChannelRegistry, record: RawRecord) -> None:
+    def _register(self, declarations: ChannelRegistry, record: RawRecord) -> None:
         """Take in a declaration, or note where it is of another channel than before, or one too many."""
         try:
-            declarations.learn(record)
+            declarations.register(record)
         except (TooLarge, Redeclared) as error:
             if all(damage.reason != error.reason for damage in self.damage):
                 self.damage.append(Damage(record.offset, error.reason, 0))

@@ -64,9 +64,9 @@ class VerifiedSummary:
         """Whether every chunk has its place in `offsets`."""
         return self.statistics is not None and self.chunks == self.statistics.chunk_count
 
-    def learn(self, record: RawRecord) -> None:
+    def register(self, record: RawRecord) -> None:
         """Take in a record of the section; raises LogError if it is malformed."""
-        self.declarations.learn(record)
+        self.declarations.register(record)
         match record.opcode:
             case Opcode.STATISTICS:
                 self.statistics = parse(Statistics, record)
@@ -93,7 +93,7 @@ def read_verified_summary(file: BinaryIO) -> VerifiedSummary | None:
         check_summary(file, size)
         file.seek(footer.summary_start)
         for record in summary_records(file, size):
-            summary.learn(record)
+            summary.register(record)
     except LogError:
         return None
     within = {offset for offset in summary.offsets if offset < summary.start}

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.records import CRC, MAGIC, check_summary
 from recorders.recovery.salvage import Damage, LogSurvey, opened
 from recorders.recovery.summary_section import read_verified_summary
@@ -39,7 +39,7 @@ def survey(path: str | os.PathLike[str], *, on_progress: Callable[[float], None]
         If there is no such file, it cannot be read, or it is not MCAP at all.
     """
     path = Path(path)
-    refuse_irregular(path)
+    require_regular_file(path)
     with opened(path) as file:
         size = os.fstat(file.fileno()).st_size
         begins, ends = _magics(file, size)

@@ -243,7 +243,7 @@ class ResilientScan:
         else:
             for each in declarations(data, record.offset):
                 with suppress(Redeclared):  # noted where the messages are read
-                    self.declarations.learn(each)
+                    self.declarations.register(each)
             self.chunks_with_crc += 1
             self.first_protected = record.offset if self.first_protected is None else self.first_protected
         self.chunks[chunk_head(record).compression] += 1

@@ -187,6 +187,6 @@ def _activity() -> rrb.TensorView:
     )
 
 
-def in_sight(*paths: Sequence[Floats] | Floats) -> Floats:
+def stack_points(*paths: Sequence[Floats] | Floats) -> Floats:
     """Return all the points [m] of paths (..., 3), shape (N, 3)."""
     return np.concatenate([np.asarray(path).reshape(-1, 3) for path in paths])

@@ -56,7 +56,7 @@ class HandScene:
         self._recording = recording
         self._plane = plane
 
-    def send_still(self) -> Self:
+    def send_static(self) -> Self:
         """Send names and styles."""
         for hand, colour in zip(HANDS, HAND_COLOURS, strict=True):
             style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])

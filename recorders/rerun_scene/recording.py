@@ -14,7 +14,7 @@ import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from recorders.errors import LogError
-from recorders.rerun_scene.blueprint import in_sight, motion_blueprint
+from recorders.rerun_scene.blueprint import motion_blueprint, stack_points
 from recorders.rerun_scene.hands import FrontalPlane, HandScene
 from recorders.rerun_scene.robot import RobotModel
 from recorders.rerun_scene.track import Track
@@ -161,7 +161,7 @@ def send_motion(
 ) -> None:
     """Send a whole motion, and whatever `more` adds to its recording; raises LogError as `open_recording` does."""
     laid_out = blueprint or motion_blueprint(
-        in_sight(track.targets, track.reached),
+        stack_points(track.targets, track.reached),
         plane,
         joints=len(model.joints),
         top_cm=float(track.errors_cm[track.plotted].max()),
@@ -169,9 +169,9 @@ def send_motion(
     with open_recording(
         destination, recording_id=recording_id, title=title, blueprint=laid_out, kind=kind
     ) as recording:
-        model.send_still(recording)
+        model.send_static(recording)
         model.send(recording, track.instants, track.joints)
-        hands = HandScene(recording, plane).send_still()
+        hands = HandScene(recording, plane).send_static()
         hands.send_target_paths(track.targets)
         hands.send(track.instants, track)
         more(recording)

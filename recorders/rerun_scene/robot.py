@@ -53,7 +53,7 @@ class RobotModel:
         tree = _load_urdf(urdf_text)
         return cls(tree, _find_joints(tree, joint_names))
 
-    def send_still(self, recording: rr.RecordingStream) -> None:
+    def send_static(self, recording: rr.RecordingStream) -> None:
         """Send all that does not move: links, names and styles, the ranges of the joints."""
         self.tree.log_urdf_to_recording(recording)
         root = rr.Transform3D(parent_frame=WORLD, child_frame=self.tree.root_link().name)

@@ -7,13 +7,13 @@ from typing import TypeVar
 
 import zenoh
 
-_Heard = TypeVar("_Heard")
+_Received = TypeVar("_Received")
 
 _hold_state = ctypes.pythonapi.PyGILState_Ensure
 _OF_THREAD = threading.local()  # is there as long as the state is
 
 
-def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard]":
+def on_network_thread(handler: Callable[[_Received], None]) -> "zenoh.handlers.Callback[_Received]":
     """Return a callback without a queue and a thread of its own; the handler keeps the network waiting.
 
     Python gives a thread that is none of its own a state when it calls in, and takes it away when it returns: the
@@ -22,10 +22,10 @@ def direct(handler: Callable[[_Heard], None]) -> "zenoh.handlers.Callback[_Heard
     ends, even if the thread does not: Zenoh reads on a few threads, and seldom on a new one.
     """
 
-    def on_thread_of_zenoh(heard: _Heard) -> None:
+    def on_thread(received: _Received) -> None:
         if not hasattr(_OF_THREAD, "held"):
             _OF_THREAD.held = True
             _hold_state()
-        handler(heard)
+        handler(received)
 
-    return zenoh.handlers.Callback(on_thread_of_zenoh, indirect=False)
+    return zenoh.handlers.Callback(on_thread, indirect=False)

@@ -168,11 +168,11 @@ class ChannelTables:
         return []
 
 
-def _remember(kept: dict[_Key, _Value], key: _Key, value: _Value) -> None:
+def _remember(table: dict[_Key, _Value], key: _Key, value: _Value) -> None:
     """Keep a value, and no more than so many: the oldest goes."""
-    while len(kept) >= _MAX_SENDERS:
-        kept.pop(next(iter(kept)), None)
-    kept[key] = value
+    while len(table) >= _MAX_SENDERS:
+        table.pop(next(iter(table)), None)
+    table[key] = value
 
 
 def _rows(value: Any) -> list[Any]:

@@ -43,7 +43,7 @@ class HistorySubscriber:
         history = HistoryConfig(detect_late_publishers=True, max_samples=1)
         for key in sorted(self._keys):
             subscriber = declare_advanced_subscriber(
-                self._session, key, self._on_kept, history=history, allowed_origin=zenoh.Locality.REMOTE
+                self._session, key, self._on_history, history=history, allowed_origin=zenoh.Locality.REMOTE
             )
             self._stack.enter_context(subscriber)
         return self
@@ -53,7 +53,7 @@ class HistorySubscriber:
     ) -> None:
         self._stack.close()
 
-    def hear(self, sample: zenoh.Sample) -> None:
+    def deliver(self, sample: zenoh.Sample) -> None:
         """Hand over what the subscriber has heard, unless it was taken already."""
         if not (self._keys and str(sample.key_expr) in self._keys and self._was_taken(sample)):
             self._hand_over(sample)
@@ -69,7 +69,7 @@ class HistorySubscriber:
             self._taken.remove(number)
             return True
 
-    def _on_kept(self, sample: zenoh.Sample) -> None:
+    def _on_history(self, sample: zenoh.Sample) -> None:
         """Take what is kept; what is said from now on comes here as well, but the other subscriber hears that."""
         number = _number(sample)
         if number is None:

@@ -41,14 +41,14 @@ _MAX_CONTROL = 16 << 20  # bytes; an offer with a robot's description takes some
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
 _FAREWELL = b"farewell "
 _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
-_ALL_HEARD_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
+_ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
 _POLL_S = 1.0
 _TAKEN = "{} is already fed by another replay"
 _MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
 _MAX_LINE = 1000  # nor may a single line of it [characters]
 _MAX_LEFT = 100  # streams that are over, of which a sender that comes back late is told so
-_COMPANY_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
-_POLL_COMPANY_S = 0.1
+_NAMESAKE_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
+_POLL_NAMESAKE_S = 0.1
 _ANSWER_S = 1.0
 
 
@@ -64,24 +64,24 @@ class ReceiverConfig:
         First part of every key.
     live : bool
         Whether messages that are not of an accepted stream are handed over too.
-    own_topics : frozenset of str
+    extra_topics : frozenset of str
         Topics on which such a message is worth a word when it is not.
     silence_s : float
         A sender that says nothing at all for this long in the middle of a stream is gone [s].
     waiting_bytes : int
         How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
-    kept : frozenset of str
+    latched_topics : frozenset of str
         Topics of which the last message from before this came is handed over too, if its publisher keeps it.
     """
 
     name: str = "learner"
     namespace: str = DEFAULT_NAMESPACE
     live: bool = False
-    own_topics: frozenset[str] = frozenset()
+    extra_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
     waiting_bytes: int = 256 << 20
-    kept: frozenset[str] = frozenset()
+    latched_topics: frozenset[str] = frozenset()
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -147,17 +147,17 @@ class Receiver:
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
         self._released = threading.Event()  # no sender waits for word from here
         self._released.set()
-        self._all_heard = threading.Event()  # whatever had arrived when hearing was stopped is queued
+        self._all_received = threading.Event()  # whatever had arrived when hearing was stopped is queued
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
         self._left: dict[str, Progress] = {}  # how streams ended that are over, by sender
         self._acknowledged = 0
         self._consumed_bytes = 0  # since then
-        self._last_heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         self._stack = ExitStack()
-        self._said: set[str] = set()
+        self._reported: set[str] = set()
         self.refused: Counter[str] = Counter()
-        self.channels = ChannelTables(session, self._config.namespace, say=self._say_once)
+        self.channels = ChannelTables(session, self._config.namespace, say=self._report_once)
 
     def __enter__(self) -> Self:
         """Declare the subscriber first: whoever gets an answer to hello can rely on it.
@@ -168,22 +168,22 @@ class Receiver:
             If a consumer of this name is there already: a sender could not tell the two apart.
         """
         name, namespace = self._config.name, self._config.namespace
-        self._refuse_company()
+        self._refuse_namesake()
         enter = self._stack.enter_context
         enter(self._session.liveliness().declare_token(control_key(namespace, name, "alive")))
         enter(self.channels)
-        self._hearing = self._stack.enter_context(ExitStack())
-        kept = HistorySubscriber(
-            self._session, (message_key(namespace, topic) for topic in self._config.kept), self._on_sample
+        self._subscriptions = self._stack.enter_context(ExitStack())
+        history = HistorySubscriber(
+            self._session, (message_key(namespace, topic) for topic in self._config.latched_topics), self._on_sample
         )
-        self._hearing.enter_context(
+        self._subscriptions.enter_context(
             self._session.declare_subscriber(
                 f"{namespace}/**",
-                zenoh.handlers.Callback(kept.hear, drop=self._all_heard.set),
+                zenoh.handlers.Callback(history.deliver, drop=self._all_received.set),
                 allowed_origin=zenoh.Locality.REMOTE,
             )
         )
-        self._hearing.enter_context(kept)
+        self._subscriptions.enter_context(history)
         self._ack = enter(
             publishing(
                 self._session,
@@ -246,14 +246,14 @@ class Receiver:
             self._progress = Progress(run=offered.offer.run, next=start, received=start)
             self._acknowledged, self._consumed_bytes = start, 0
             self._released.clear()
-            self._last_heard_s = time.monotonic()
+            self._last_received_s = time.monotonic()
         self._say(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
         with offered.query as query:
             self._answer(query, self._progress)
 
     def refuse(self, offered: ReceivedOffer, reason: str) -> None:
         """Turn an offer down; another may follow."""
-        self._say_once(f"refused an offer: {reason}")
+        self._report_once(f"refused an offer: {reason}")
         with offered.query as query:
             self._answer(query, Progress(error=reason))
 
@@ -272,11 +272,11 @@ class Receiver:
         """Report the result of the stream, which is through, and wait until the sender has it or has gone."""
         self.report(result)
         if not self._released.wait(_FAREWELL_WAIT_S):
-            self.give_up()
+            self.abandon_stream()
 
     def report(self, result: dict[str, Any]) -> None:
         """Report the result of the stream, which is through; `is_released` tells when the sender needs no more."""
-        self._last_heard_s = time.monotonic()
+        self._last_received_s = time.monotonic()
         self._update(result=result)
         self._ack.put(self._progress.to_json())
 
@@ -286,8 +286,8 @@ class Receiver:
         Once the result is reported, that is when the sender has the results of all whom it awaits, so that they have
         said all that they had to say of the stream; or when it has gone, or was silent for too long.
         """
-        if not self._released.wait(timeout_s) and time.monotonic() - self._last_heard_s > _FAREWELL_WAIT_S:
-            self.give_up()
+        if not self._released.wait(timeout_s) and time.monotonic() - self._last_received_s > _FAREWELL_WAIT_S:
+            self.abandon_stream()
         return self._released.is_set()
 
     def reporting_failure(self) -> "_ReportingFailure":
@@ -300,7 +300,7 @@ class Receiver:
         self._ack.put(self._progress.to_json())
         self._released.wait(_FAREWELL_WAIT_S)
 
-    def give_up(self, reason: str = "the stream was given up") -> None:
+    def abandon_stream(self, reason: str = "the stream was given up") -> None:
         """Leave the stream under way to itself, as its sender has; the next offer is welcome.
 
         A sender that comes back nevertheless is told the reason, and nothing more of its stream is taken.
@@ -311,10 +311,10 @@ class Receiver:
             self._offer = None
         self._released.set()
 
-    def stop_hearing(self) -> None:
+    def unsubscribe(self) -> None:
         """Take in no more messages; `next_event` need not wait for those that have arrived."""
-        self._hearing.close()
-        self._all_heard.wait(_ALL_HEARD_WAIT_S)
+        self._subscriptions.close()
+        self._all_received.wait(_ALL_RECEIVED_WAIT_S)
 
     @property
     def progress(self) -> Progress:
@@ -326,16 +326,16 @@ class Receiver:
         """The offer that was accepted and is not through yet."""
         return self._offer
 
-    def _refuse_company(self) -> None:
+    def _refuse_namesake(self) -> None:
         key = control_key(self._config.namespace, self._config.name, "alive")
-        deadline = time.monotonic() + _COMPANY_WAIT_S
+        deadline = time.monotonic() + _NAMESAKE_WAIT_S
         while any(reply.ok is not None for reply in self._session.liveliness().get(key, timeout=_ANSWER_S)):
             if time.monotonic() >= deadline:
                 raise WireError(
                     f"a consumer '{self._config.name}' is in namespace '{self._config.namespace}' already: "
                     "end it, or choose another --name"
                 )
-            time.sleep(_POLL_COMPANY_S)
+            time.sleep(_POLL_NAMESAKE_S)
 
     def _remember(self, offer: Offer, reason: str) -> None:
         """Keep how a stream ended, for as many as there is room; live messages are of no sender."""
@@ -377,7 +377,7 @@ class Receiver:
                 self.consumed(event)
 
     def _check_silence(self) -> None:
-        silent_s = time.monotonic() - self._last_heard_s
+        silent_s = time.monotonic() - self._last_received_s
         under_way = self._offer is not None and self._progress.result is None and self._progress.error is None
         if under_way and silent_s > self._config.silence_s:
             self._released.set()
@@ -405,13 +405,13 @@ class Receiver:
             self._refuse_message(topic, str(error).removeprefix(f"{topic}: "))
             return
         if self._offer is not None and frame is not None and (frame.run, frame.sender) == self._offer.identity:
-            self._last_heard_s = time.monotonic()
+            self._last_received_s = time.monotonic()
             self._queue_in_order(frame)
         elif frame is not None and frame.sender.hex() in self._left:
             return  # of a stream that is over; its sender learns so when it asks
         elif self._config.live:
             self._queue_live(topic, sample, frame)
-        elif self._offer is not None and topic in self._config.own_topics:
+        elif self._offer is not None and topic in self._config.extra_topics:
             self._refuse_message(topic, "not of the stream that is under way")
 
     def _framed(self, topic: str, sample: zenoh.Sample) -> Frame | None:
@@ -451,7 +451,7 @@ class Receiver:
         """Queue what is new of a frame; what came before is a repeat, what comes after a gap is sent again."""
         received = self._progress.received
         if frame.kind is FrameType.ABORT and self._progress.result is not None:
-            self.give_up()  # all of it is here; somebody else who was awaited has failed
+            self.abandon_stream()  # all of it is here; somebody else who was awaited has failed
             return
         if frame.kind is FrameType.ABORT:
             self._events.put(frame._replace(reason=_printable(frame.reason)), len(frame.reason))
@@ -467,13 +467,13 @@ class Receiver:
         if len(self.refused) >= _MAX_REASONS and f"{topic}: {reason}" not in self.refused:
             topic, reason = "other topics", "refused"
         self.refused[f"{topic}: {reason}"] += 1
-        self._say_once(f"refused a message on {topic}: {reason}")
+        self._report_once(f"refused a message on {topic}: {reason}")
 
-    def _say_once(self, line: str) -> None:
+    def _report_once(self, line: str) -> None:
         """Say a line that anybody may be the cause of, again and again."""
         line = _printable(line)
-        if line not in self._said and len(self._said) < _MAX_REASONS + 1:  # one more: "other topics"
-            self._said.add(line)
+        if line not in self._reported and len(self._reported) < _MAX_REASONS + 1:  # one more: "other topics"
+            self._reported.add(line)
             self._say(line)
 
     def _on_hello(self, query: zenoh.Query) -> None:
@@ -492,7 +492,7 @@ class Receiver:
             elif left is not None:
                 self._answer(query, left)
             else:
-                self._say_once(f"refused an offer: {_TAKEN.format(self._config.name)}")
+                self._report_once(f"refused an offer: {_TAKEN.format(self._config.name)}")
                 self._answer(query, Progress(error=_TAKEN.format(self._config.name)))
 
     def _on_status(self, query: zenoh.Query) -> None:
@@ -501,9 +501,9 @@ class Receiver:
             self._answer(query, self._left.get(_asker(asked), progress))
             if offer is None or asked not in (asking(offer), asking(offer, farewell=True)):
                 return  # anyone may ask, and changes nothing by it
-            self._last_heard_s = time.monotonic()
+            self._last_received_s = time.monotonic()
             if progress.error is not None or (progress.result is not None and asked == asking(offer, farewell=True)):
-                self.give_up()
+                self.abandon_stream()
 
     def _answer(self, query: zenoh.Query, progress: Progress) -> None:
         query.reply(query.key_expr, progress.to_json())

@@ -16,7 +16,7 @@ import zenoh
 
 from recorders.errors import UnreachedError, WireError
 from recorders.files.descriptors import need_descriptors
-from recorders.wire.zenoh_config import endpoints, read_config, reason, said
+from recorders.wire.zenoh_config import endpoints, explicit_setting, read_config, reason
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """Where a consumer listens and a sender connects when neither is told otherwise."""
@@ -28,7 +28,7 @@ _CLOSING_TRIES = 50
 _NOBODY = "Unable to connect"  # how Zenoh's error begins when no endpoint let a client in
 _ENDPOINT = re.compile(r"(tcp|tls|udp|quic|ws)/(?P<host>[^\s/]+):(?P<port>\d+)([?#]\S*)?|unixsock-stream/\S+")
 
-_UNLESS_THE_FILE_SAYS: dict[str, object] = {
+_DEFAULTS: dict[str, object] = {
     "scouting/multicast/enabled": False,
     "scouting/gossip/enabled": False,
     "scouting/delay": 0,  # half a second, spent on nothing where nobody scouts
@@ -102,7 +102,7 @@ class SessionConfig:
         """
         resolved = self.resolved()
         config = zenoh.Config() if self.config_file is None else read_config(self.config_file)
-        settings = {name: value for name, value in _UNLESS_THE_FILE_SAYS.items() if said(config, name) is None}
+        settings = {name: value for name, value in _DEFAULTS.items() if explicit_setting(config, name) is None}
         if resolved.listen:
             # A router would wait in `open` for whom it connects to, and let nobody in meanwhile.
             settings |= {"connect/timeout_ms": -1, "connect/exit_on_failure": False}

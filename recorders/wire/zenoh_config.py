@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 
 from recorders.errors import WireError
-from recorders.files.regular_file import refuse_irregular
+from recorders.files.regular_file import require_regular_file
 
 _FILES = (
     "transport/auth/usrpwd/dictionary_file",
@@ -32,7 +32,7 @@ def read_config(path: Path) -> zenoh.Config:
     WireError
         If it cannot be read, is not a Zenoh configuration, or names a file that is not there.
     """
-    refuse_irregular(path, expected="a Zenoh configuration file", error=WireError)
+    require_regular_file(path, expected="a Zenoh configuration file", error=WireError)
     try:
         config = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
     except OSError as error:
@@ -44,7 +44,7 @@ def read_config(path: Path) -> zenoh.Config:
     return config
 
 
-def said(config: zenoh.Config, name: str) -> Any:
+def explicit_setting(config: zenoh.Config, name: str) -> Any:
     """Return a setting, or None if it is what Zenoh starts from anyway."""
     value = config.get_json(name)
     return None if value == _zenoh_default(name) else json.loads(value)
@@ -58,7 +58,7 @@ def endpoints(config: zenoh.Config, name: str, *, path: Path) -> tuple[str, ...]
     WireError
         If they are not a plain list.
     """
-    found = said(config, name) or []
+    found = explicit_setting(config, name) or []
     if not isinstance(found, list) or not all(isinstance(endpoint, str) for endpoint in found):
         raise WireError(f"{path}: {name}: expected a list of endpoints, found {found}")
     return tuple(found)

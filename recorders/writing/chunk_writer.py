@@ -100,7 +100,7 @@ class ChunkWriter:
         self.pending = 0
 
 
-def copy_regular(source: BinaryIO, target: BinaryIO, path: Path) -> None:
+def rechunk_log(source: BinaryIO, target: BinaryIO, path: Path) -> None:
     """Copy a finished log of a `ChunkWriter`: the same content in the same order, in chunks that end by the rule.
 
     Parameters
@@ -125,7 +125,7 @@ def copy_regular(source: BinaryIO, target: BinaryIO, path: Path) -> None:
 
 
 def _read_back(source: BinaryIO) -> Iterator[McapRecord]:
-    """Yield the records of a log up to its summary; raises as `copy_regular` does."""
+    """Yield the records of a log up to its summary; raises as `rechunk_log` does."""
     records = StreamReader(source, validate_crcs=True).records
     while True:
         try:

@@ -10,7 +10,7 @@ from functools import partial
 from pathlib import Path
 
 from recorders.errors import LogError
-from recorders.writing.chunk_writer import ChunkWriter, copy_regular
+from recorders.writing.chunk_writer import ChunkWriter, rechunk_log
 from recorders.writing.part_file import PartFile
 from recorders.writing.periodic_thread import PeriodicThread
 
@@ -31,7 +31,7 @@ class LogFile:
         Writes the last records to the chunks; told whether the log is complete.
     overwrite : bool
         Whether files of this name may be replaced.
-    regular : bool
+    rechunk : bool
         Whether a log in which chunks ended early is copied into regular ones.
     say : callable
         Told of a log that a crash left, and that is set aside.
@@ -55,7 +55,7 @@ class LogFile:
         *,
         end: Callable[[ChunkWriter, bool], None],
         overwrite: bool,
-        regular: bool,
+        rechunk: bool,
         say: Callable[[str], None],
     ) -> None:
         self._file = PartFile(path, overwrite=overwrite, say=say)
@@ -66,7 +66,7 @@ class LogFile:
             self._file.close(keep=False)
             raise self._file.error(error) from error
         self._end = end
-        self._regular = regular
+        self._rechunk = rechunk
         self._lock = threading.Lock()
         self._sound = True  # the file ends with a whole record, and more may follow
         self._closed = False
@@ -77,8 +77,8 @@ class LogFile:
             PeriodicThread(self._sync, name="log sync", first_s=SYNC_EVERY_S),
         )
 
-    def change(self, act: Callable[[], None]) -> None:
-        """Write by an act that writes whole records.
+    def change(self, write: Callable[[], None]) -> None:
+        """Call a function that writes whole records.
 
         Raises
         ------
@@ -91,7 +91,7 @@ class LogFile:
                 self._oldest_s = time.monotonic()
             self._sound = False
             try:
-                act()
+                write()
             except OSError as error:
                 self._untold = None
                 raise self._file.error(error) from error
@@ -144,8 +144,8 @@ class LogFile:
             self.chunks.finish()
             if not self._file.is_there():
                 raise FileNotFoundError(errno.ENOENT, os.strerror(errno.ENOENT))
-            if self._regular and not self.chunks.regular:
-                self._file.rewrite(partial(copy_regular, path=self.part))
+            if self._rechunk and not self.chunks.regular:
+                self._file.rewrite(partial(rechunk_log, path=self.part))
             self._file.publish()
         except (OSError, ValueError) as error:
             raise self._file.failure(error) from error

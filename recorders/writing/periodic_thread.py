@@ -9,7 +9,7 @@ class PeriodicThread:
 
     Parameters
     ----------
-    act : callable
+    action : callable
         What is done; returns the time until it is to be done again [s].
     name : str
         Name of the thread.
@@ -17,8 +17,8 @@ class PeriodicThread:
         Time until it is done first [s].
     """
 
-    def __init__(self, act: Callable[[], float], *, name: str, first_s: float) -> None:
-        self._act = act
+    def __init__(self, action: Callable[[], float], *, name: str, first_s: float) -> None:
+        self._action = action
         self._first_s = first_s
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
@@ -32,4 +32,4 @@ class PeriodicThread:
     def _run(self) -> None:
         wait_s = self._first_s
         while not self._stopped.wait(wait_s):
-            wait_s = self._act()
+            wait_s = self._action()

@@ -64,7 +64,7 @@ class LogWriter:
         Files that belong to the log, such as the URDF and the robot's configuration.
     overwrite : bool
         Whether a log of this name may be replaced. A `.part` that nobody writes any more is set aside in any case.
-    regular : bool
+    rechunk : bool
         Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
     say : callable
         Told, in one line, of what was set aside.
@@ -83,7 +83,7 @@ class LogWriter:
         manifest: Mapping[str, Any],
         attachments: Mapping[str, bytes] = _NOTHING,
         overwrite: bool = False,
-        regular: bool = True,
+        rechunk: bool = True,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.path = Path(path)
@@ -94,7 +94,7 @@ class LogWriter:
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[_Channel, int] = {}
         self._numbered: Counter[str] = Counter()
-        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, regular=regular, say=say)
+        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, rechunk=rechunk, say=say)
         self.part = self._file.part
         try:
             self._file.change(lambda: self._begin(attachments))

@@ -42,9 +42,9 @@ def differing_field(a: RecordedMessage, b: RecordedMessage) -> FieldDifference:
     not decode, or differ in none of their fields (in padding, in byte order), it is the first byte.
     """
     if a.type != b.type:
-        return FieldDifference("type", *texts(a.type, b.type))
+        return FieldDifference("type", *format_pair(a.type, b.type))
     if a.sequence != b.sequence:
-        return FieldDifference("sequence", *texts(a.sequence, b.sequence))
+        return FieldDifference("sequence", *format_pair(a.sequence, b.sequence))
     try:
         difference = differing_value(dict(fields(decode(a.type, a.data))), dict(fields(decode(b.type, b.data))))
     except MessageError:
@@ -52,7 +52,7 @@ def differing_field(a: RecordedMessage, b: RecordedMessage) -> FieldDifference:
     return difference or differing_byte(a.data, b.data)
 
 
-def texts(a: Value, b: Value) -> tuple[str, str]:
+def format_pair(a: Value, b: Value) -> tuple[str, str]:
     """Return both values as text: numbers in full precision, with their bits if that looks alike."""
     if isinstance(a, str) and isinstance(b, str):
         return _excerpts(a, b)
@@ -77,7 +77,7 @@ def differing_value(
         if name not in a:
             return FieldDifference(name, ABSENT, repr(b[name]))
         if not same(a[name], b[name]):
-            return FieldDifference(name, *texts(a[name], b[name]))
+            return FieldDifference(name, *format_pair(a[name], b[name]))
     return None
 
 

@@ -8,7 +8,15 @@ from recorders.cdr.codec import decode
 from recorders.errors import ConfigError, MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
-from replay.diff.fields import FieldDifference, Value, differing_byte, differing_field, differing_value, fields, texts
+from replay.diff.fields import (
+    FieldDifference,
+    Value,
+    differing_byte,
+    differing_field,
+    differing_value,
+    fields,
+    format_pair,
+)
 
 SEQUENCE, TYPE, LOG_TIME = "sequence", "type", "log_time"
 
@@ -74,11 +82,11 @@ class Rules:
 
     def _difference(self, a: RecordedMessage, b: RecordedMessage) -> FieldDifference | None:
         if a.topic != b.topic:
-            return FieldDifference("topic", *texts(a.topic, b.topic))
+            return FieldDifference("topic", *format_pair(a.topic, b.topic))
         if a.type != b.type and not self._ignores(TYPE):
-            return FieldDifference(TYPE, *texts(a.type, b.type))
+            return FieldDifference(TYPE, *format_pair(a.type, b.type))
         if a.sequence != b.sequence and self.numbered:
-            return FieldDifference(SEQUENCE, *texts(a.sequence, b.sequence))
+            return FieldDifference(SEQUENCE, *format_pair(a.sequence, b.sequence))
         try:
             values = [dict(fields(decode(record.type or type_of(record.topic), record.data))) for record in (a, b)]
         except MessageError:

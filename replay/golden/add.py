@@ -1,4 +1,4 @@
-"""Making a golden case: its logs cut down, run once, and kept with everything that the run came to."""
+"""Making a golden case: its logs cut down, run once, and stored with everything that the run came to."""
 
 import json
 from collections.abc import Callable, Mapping, Sequence
@@ -22,9 +22,9 @@ from replay.golden.case import (
 )
 from replay.golden.check import check_case
 from replay.golden.finding import PHYSICS
-from replay.golden.folder import CASE_FILE, put, restore
-from replay.golden.learning_tier import short
-from replay.golden.log_tier import describe, index, slim
+from replay.golden.folder import CASE_FILE, roll_back, swap_in
+from replay.golden.learning_tier import truncated_digests
+from replay.golden.log_tier import describe, index, strip_topics
 from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, Runner
 from replay.sources.scheduled import Replay
 
@@ -50,7 +50,7 @@ def add_case(
     runner : Runner
         Runs it.
     reason : str, optional
-        Why; needed if the case exists, and kept in its history with what changes of the recipe. Tolerances stay.
+        Why; needed if the case exists, and stored in its history with what changes of the recipe. Tolerances stay.
     progress : callable
         Told the fraction done, from 0 to 1.
 
@@ -67,25 +67,25 @@ def add_case(
         If a log cannot be read, or the run fails.
     """
     check_name(folder.name)
-    restore(folder)
+    roll_back(folder)
     before = _before(folder, reason)
     folder.parent.mkdir(parents=True, exist_ok=True)
     with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
-        made = Path(temporary, folder.name)
-        made.mkdir()
+        new = Path(temporary, folder.name)
+        new.mkdir()
         try:
-            _check(_make(made, recipe, runner, before=before, reason=reason, progress=progress), runner)
+            _check(_make(new, recipe, runner, before=before, reason=reason, progress=progress), runner)
         except ReenactError as error:
-            raise type(error)(_as_given(str(error), made, recipe.logs)) from error
-        put(made, folder)
+            raise type(error)(_as_given(str(error), new, recipe.logs)) from error
+        swap_in(new, folder)
     progress(1.0)
     return load_case(folder)
 
 
-def _as_given(line: str, made: Path, logs: Sequence[Path]) -> str:
+def _as_given(line: str, new: Path, logs: Sequence[Path]) -> str:
     """Return an error line with the logs as they were given, in place of their copies, which are gone by then."""
     for log in logs:
-        line = line.replace(str(made / log.name), str(log))
+        line = line.replace(str(new / log.name), str(log))
     return line
 
 
@@ -105,26 +105,26 @@ def _before(folder: Path, reason: str | None) -> Case | None:
 def _make(
     folder: Path, recipe: CaseSpec, runner: Runner, *, before: Case | None, reason: str | None, progress: Progress
 ) -> Case:
-    kept = replace(recipe, logs=_copies(recipe, folder))
+    stored = replace(recipe, logs=_copies(recipe, folder))
     _check_size(folder)
-    source = kept.source()
+    source = stored.source()
     episodes = source.episodes if isinstance(source, Replay) else ()
     digests = [episode.digest for episode in episodes] or [""]
-    logs = tuple(describe(path, ticks_sha256=digest) for path, digest in zip(kept.logs, digests, strict=True))
-    steps, states = _run(kept, runner, progress)
+    logs = tuple(describe(path, ticks_sha256=digest) for path, digest in zip(stored.logs, digests, strict=True))
+    steps, states = _run(stored, runner, progress)
     files = {STEPS_FILE: steps, STATES_FILE: states}
-    files |= {index_file(path.name): index(path) for path in kept.logs}
+    files |= {index_file(path.name): index(path) for path in stored.logs}
     case = Case(
         folder=folder,
-        recipe=kept,
+        recipe=stored,
         logs=logs,
-        expected={"run": source.run, **runner.train(kept)},
+        expected={"run": source.run, **runner.train(stored)},
         tolerances=Tolerances() if before is None else before.tolerances,
         environment=environment(),
     )
-    made = replace(case, history=_history(case, before, reason)).save(files)
+    new = replace(case, history=_history(case, before, reason)).save(files)
     progress(0.7)
-    return made
+    return new
 
 
 def _run(recipe: CaseSpec, runner: Runner, progress: Progress) -> tuple[bytes, bytes]:
@@ -134,7 +134,7 @@ def _run(recipe: CaseSpec, runner: Runner, progress: Progress) -> tuple[bytes, b
             states.append(event.state)
             progress(0.5 * len(states) / recipe.schedule.epochs)  # the rest trains once more, and checks the case
         else:
-            steps += short(event)
+            steps += truncated_digests(event)
     return bytes(steps), runner.pack(states)
 
 
@@ -148,7 +148,7 @@ def _copies(recipe: CaseSpec, folder: Path) -> tuple[Path, ...]:
         )
     copies = tuple(folder / name for name in names)
     for source, target in zip(recipe.logs, copies, strict=True):
-        slim(source, target, physics=recipe.physics, file_order=recipe.as_recorded)
+        strip_topics(source, target, physics=recipe.physics, file_order=recipe.as_recorded)
     return copies
 
 

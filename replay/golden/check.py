@@ -7,10 +7,10 @@ from typing import Any, TypeAlias
 
 from recorders.errors import MissingExtra
 from replay.golden.case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
-from replay.golden.finding import CASE, Finding, changed_environment, said
+from replay.golden.finding import CASE, Finding, changed_environment, one_line
 from replay.golden.folder import find_cases
 from replay.golden.learning_tier import check_learning
-from replay.golden.log_tier import altered, check_index
+from replay.golden.log_tier import check_index, first_change
 from replay.golden.physics_tier import check_physics
 from replay.golden.recipe import CaseSpec, Runner
 
@@ -111,7 +111,7 @@ def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
         log = _altered_log(case)
         own = changed(case.recipe)
     except Exception as error:
-        return Finding(CASE, "file", "a sound golden case", said(error))
+        return Finding(CASE, "file", "a sound golden case", one_line(error))
     if log is not None:
         return log
     if own is not None:
@@ -125,7 +125,7 @@ def _altered_log(case: Case) -> Finding | None:
         check_size(path)
         indexed = case.read(index_file(entry.name))
         check_index(index_file(entry.name), indexed)
-        finding = altered(path, entry, indexed)
+        finding = first_change(path, entry, indexed)
         if finding is not None:
             return finding
     return None

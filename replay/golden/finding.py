@@ -86,7 +86,7 @@ def of_message(tier: str, divergence: Divergence, *, log: str = "") -> Finding:
     return Finding(tier, divergence.field, divergence.a, divergence.b, place, note=divergence.kind)
 
 
-def said(error: Exception) -> str:
+def one_line(error: Exception) -> str:
     """Return an error as one line: ours as it is, any other with its type and the place where it was raised."""
     if isinstance(error, ReenactError):
         return str(error)
@@ -96,9 +96,9 @@ def said(error: Exception) -> str:
     return f"{type(error).__name__}{place}: {text}"
 
 
-def changed_environment(made: Mapping[str, Any]) -> tuple[str, ...]:
+def changed_environment(expected: Mapping[str, Any]) -> tuple[str, ...]:
     """Say in what the present environment differs from the one that a case was made in."""
-    old, new = dict(_flat(made)), dict(_flat(environment()))
+    old, new = dict(_flat(expected)), dict(_flat(environment()))
     names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
     return tuple(f"{name} {old.get(name, 'absent')}, now {new.get(name, 'absent')}" for name in names)
 

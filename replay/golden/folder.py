@@ -30,7 +30,7 @@ def find_cases(folder: Path) -> list[Path]:
     return found
 
 
-def put(made: Path, folder: Path) -> None:
+def swap_in(new: Path, folder: Path) -> None:
     """Put a new case in the place of the old one, if there is one; on failure, of whatever kind, the old one is back.
 
     Raises
@@ -42,14 +42,14 @@ def put(made: Path, folder: Path) -> None:
     try:
         if folder.exists():
             folder.rename(old)
-        made.rename(folder)
+        new.rename(folder)
     except OSError as error:
         raise LogError(f"cannot write {folder}: {error.strerror or error}") from error
     finally:  # an interrupt is no OSError
-        restore(folder)
+        roll_back(folder)
 
 
-def restore(folder: Path) -> None:
+def roll_back(folder: Path) -> None:
     """Undo a replacement that was cut short: without a new case, the old one goes back to its place."""
     old = _aside(folder)
     if not old.exists():

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from replay.golden.case import STATES_FILE, STEP_BYTES, STEPS_FILE, Case
-from replay.golden.finding import LEARNING, ElementDifference, Finding, said
+from replay.golden.finding import LEARNING, ElementDifference, Finding, one_line
 from replay.golden.recipe import LATER_RESULTS, EpochEnd, Runner, TickDigests
 from replay.golden.reference_stream import altered_stream
 
@@ -14,7 +14,7 @@ _PART = STEP_BYTES // 3
 _PARTS = ("stream", "outputs", "state")
 
 
-def short(moment: TickDigests) -> bytes:
+def truncated_digests(moment: TickDigests) -> bytes:
     """Return what a case keeps of a tick."""
     return moment.stream[:_PART] + moment.outputs[:_PART] + moment.state[:_PART]
 
@@ -24,7 +24,7 @@ def check_learning(case: Case, runner: Runner) -> Finding | None:
     try:
         return altered_stream(case) or _Walk(case, runner).first() or _altered_result(case, runner)
     except Exception as error:
-        return Finding(LEARNING, "run", "one that comes to its end", said(error))
+        return Finding(LEARNING, "run", "one that comes to its end", one_line(error))
 
 
 class _Walk:
@@ -45,7 +45,7 @@ class _Walk:
             return self._walk()
         except Exception as error:
             place = {} if self._last is None else _place(self._last)
-            after = Finding(LEARNING, "run", "a step after this", said(error), place)
+            after = Finding(LEARNING, "run", "a step after this", one_line(error), place)
             return self._finding or after
 
     def _walk(self) -> Finding | None:
@@ -64,7 +64,7 @@ class _Walk:
         expected = self._steps[self._taken * STEP_BYTES : (self._taken + 1) * STEP_BYTES]
         self._taken += 1
         self._last = moment
-        if self._finding is None and short(moment) != expected:
+        if self._finding is None and truncated_digests(moment) != expected:
             self._finding = _parted(moment, expected)
 
     def _element(self, end: EpochEnd) -> Finding | None:
@@ -78,7 +78,7 @@ class _Walk:
 
 
 def _parted(moment: TickDigests, expected: bytes) -> Finding:
-    found = short(moment)
+    found = truncated_digests(moment)
     for place, part in enumerate(_PARTS):
         old, new = (data[place * _PART : (place + 1) * _PART] for data in (expected, found))
         if old != new:

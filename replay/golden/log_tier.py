@@ -14,8 +14,8 @@ from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import Reader, open_log
 from recorders.writing.writer import RESERVED, LogWriter
-from replay.golden.finding import LOG, Finding, said
-from replay.sources.stream_digest import framed
+from replay.golden.finding import LOG, Finding, one_line
+from replay.sources.stream_digest import frame_for_digest
 
 _LEARNED = (*(topic.name for topic in LEARNER_TOPICS), SESSION_PHASE)
 CASE_TOPICS = (*_LEARNED, LEFT_MEASURED, RIGHT_MEASURED)
@@ -51,7 +51,7 @@ class _Key(NamedTuple):
         return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
 
 
-def slim(source: Log, target: Path, *, physics: bool, file_order: bool = False) -> None:
+def strip_topics(source: Log, target: Path, *, physics: bool, file_order: bool = False) -> None:
     """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
 
     Parameters
@@ -91,14 +91,14 @@ def index(path: Path) -> bytes:
     return b"".join(_KEY.pack(*_key(record)) for record in LogReader(path).records(topics=CASE_TOPICS, file_order=True))
 
 
-def altered(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
+def first_change(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
     """Return the first thing in which a log is not what it was when the case was made."""
     if file_sha256(path) == entry.sha256:
         return None
     try:
         return _altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
     except Exception as error:
-        return Finding(LOG, "file", "an undamaged log", said(error), {"log": entry.name})
+        return Finding(LOG, "file", "an undamaged log", one_line(error), {"log": entry.name})
 
 
 def check_index(name: str, indexed: bytes) -> None:
@@ -158,7 +158,7 @@ def _found(path: Path) -> Iterator[_Key]:
 
 
 def _key(record: RecordedMessage) -> _Key:
-    digest = hashlib.sha256(framed(record)).digest()
+    digest = hashlib.sha256(frame_for_digest(record)).digest()
     return _Key(CASE_TOPICS.index(record.topic), record.sequence, int.from_bytes(digest[:8], "little"))
 
 

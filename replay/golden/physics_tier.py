@@ -13,7 +13,7 @@ from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASU
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
 from replay.golden.case import Case, Tolerances
-from replay.golden.finding import PHYSICS, Finding, said
+from replay.golden.finding import PHYSICS, Finding, one_line
 from replay.golden.recipe import PHYSICS_TICKS, Runner
 
 _TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASURED)
@@ -35,17 +35,17 @@ def check_physics(case: Case, runner: Runner) -> Finding | None:
 
 def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | None:
     try:
-        made = runner.simulate(path, ticks=PHYSICS_TICKS)
-        return first_beyond(path, made, tolerances, note=runner.changed_robot(path))
+        simulated = runner.simulate(path, ticks=PHYSICS_TICKS)
+        return first_beyond(path, simulated, tolerances, note=runner.changed_robot(path))
     except MissingExtra:
         raise
     except Exception as error:
-        return Finding(PHYSICS, "simulation", "one that comes to its end", said(error), {"log": path.name})
+        return Finding(PHYSICS, "simulation", "one that comes to its end", one_line(error), {"log": path.name})
 
 
 def first_beyond(
     path: Path,
-    made: Iterable[tuple[str, Message]],
+    simulated: Iterable[tuple[str, Message]],
     tolerances: Tolerances,
     *,
     ticks: int = PHYSICS_TICKS,
@@ -57,7 +57,7 @@ def first_beyond(
     ----------
     path : Path
         The log.
-    made : iterable of (str, Message)
+    simulated : iterable of (str, Message)
         Topic and message, in the order in which they were made; on each topic the log has the same.
     tolerances : Tolerances
         What positions of joints and hands may differ by; stamps and names are exact.
@@ -67,7 +67,7 @@ def first_beyond(
         What to say with a finding.
     """
     logged = _Logged(path)
-    for topic, message in made:
+    for topic, message in simulated:
         record = logged.next(topic)
         if record is None:
             return Finding(PHYSICS, "message", "absent", "present", {"log": path.name, "topic": topic}, note)
@@ -76,11 +76,11 @@ def first_beyond(
                 place: dict[str, str | int] = {"log": path.name, "topic": topic, "sequence": record.sequence}
                 place["stamp_ns"] = _stamp(message)
                 return Finding(PHYSICS, field, repr(expected), repr(found), place, _with(note, tolerance))
-    return _not_made(path, logged, ticks, note)
+    return _first_missing(path, logged, ticks, note)
 
 
-def _not_made(path: Path, logged: "_Logged", ticks: int, note: str) -> Finding | None:
-    """Return the first message up to the last of the ticks that are due which nothing made was compared with."""
+def _first_missing(path: Path, logged: "_Logged", ticks: int, note: str) -> Finding | None:
+    """Return the first message, up to the last tick due, that the simulation lacks."""
     due = [tick.stamp_ns for tick in islice(join_ticks(LogReader(path)), ticks)]
     record = logged.first_left(up_to_ns=max(due, default=0))
     if record is None:
@@ -112,19 +112,21 @@ class _Logged:
 
 
 def _compared(
-    logged: Message, made: Message, tolerances: Tolerances
+    logged: Message, simulated: Message, tolerances: Tolerances
 ) -> Iterator[tuple[str, object, object, float | None]]:
     """Yield field, both values and tolerance; None where a value is exact."""
-    yield "type", logged.TYPE, made.TYPE, None
-    yield "header.stamp", _stamp(logged), _stamp(made), None
-    if isinstance(logged, JointState) and isinstance(made, JointState):
-        yield "name", logged.name, made.name, None
-        yield "len(position)", len(logged.position), len(made.position), None
-        positions = zip(logged.name, logged.position.tolist(), made.position.tolist(), strict=False)  # or no positions
+    yield "type", logged.TYPE, simulated.TYPE, None
+    yield "header.stamp", _stamp(logged), _stamp(simulated), None
+    if isinstance(logged, JointState) and isinstance(simulated, JointState):
+        yield "name", logged.name, simulated.name, None
+        yield "len(position)", len(logged.position), len(simulated.position), None
+        positions = zip(
+            logged.name, logged.position.tolist(), simulated.position.tolist(), strict=False
+        )  # or no positions
         for place, (name, expected, found) in enumerate(positions):
             yield f"position[{place}] ({name})", expected, found, tolerances.joints
-    elif isinstance(logged, PoseStamped) and isinstance(made, PoseStamped):
-        pairs = zip("xyz", logged.position.tolist(), made.position.tolist(), strict=True)
+    elif isinstance(logged, PoseStamped) and isinstance(simulated, PoseStamped):
+        pairs = zip("xyz", logged.position.tolist(), simulated.position.tolist(), strict=True)
         for axis, expected, found in pairs:
             yield f"pose.position.{axis}", expected, found, tolerances.hands_m
 

@@ -131,7 +131,7 @@ class LiveStream:
         reason = f"{topic}: {kind}"
         self._first_refusal = self._first_refusal or _printable(line)
         self.refused[reason] += 1
-        self._say_sometimes(f"refused, {kind}: {line}", self.refused[reason])
+        self._report_sometimes(f"refused, {kind}: {line}", self.refused[reason])
 
     def _follow(self, record: RecordedMessage) -> RecordedMessage:
         """Begin a new cycle with a marker."""
@@ -153,7 +153,7 @@ class LiveStream:
         self.ticks += 1
         if tick.after_gap:
             self.gaps += 1
-            self._say_sometimes(
+            self._report_sometimes(
                 f"ticks are missing before the one at {tick.stamp_ns} ns: it is not paired with the one before",
                 self.gaps,
             )
@@ -172,7 +172,7 @@ class LiveStream:
         data = encode(self._phase.to_message())
         return RecordedMessage(SESSION_PHASE, String.TYPE, data, self._repeats - 1, tick.records[0].log_time_ns)
 
-    def _say_sometimes(self, line: str, count: int) -> None:
+    def _report_sometimes(self, line: str, count: int) -> None:
         if str(count).strip("0") == "1":
             line = _printable(line)
             self._say(line if count == 1 else f"{line} ({count} times so far)")
@@ -219,7 +219,7 @@ class LiveLog:
         self._check = check
         self._robot = read_robot(self._reader)
         self._check_order()
-        counted = self._made(say)
+        counted = self._new_stream(say)
         self._count = sum(1 for _ in self._stream(counted))
         self._run = counted.run
         if counted.steps == 0:
@@ -235,18 +235,18 @@ class LiveLog:
 
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
-        for index, record in enumerate(self._stream(self._made())):
+        for index, record in enumerate(self._stream(self._new_stream())):
             if index >= start:
                 yield record
 
-    def _made(self, say: Callable[[str], None] = lambda line: None) -> LiveStream:
+    def _new_stream(self, say: Callable[[str], None] = lambda line: None) -> LiveStream:
         return LiveStream(epochs=self._epochs, check=self._check, say=say)
 
     def _check_order(self) -> None:
         """Refuse a log whose chunks lie in another order than they were recorded in."""
         if not self._falls():
             return
-        by_file, by_time = self._made(), self._made()
+        by_file, by_time = self._new_stream(), self._new_stream()
         deque(self._stream(by_file), maxlen=0)
         deque(self._stream(by_time, file_order=False), maxlen=0)
         if by_time.steps > by_file.steps:

@@ -54,7 +54,7 @@ class Schedule:
         """Cycles of one epoch."""
         return sum(cycles for _, cycles in self.phases)
 
-    def epoch(self) -> Iterator[tuple[int, str]]:
+    def cycles_of_epoch(self) -> Iterator[tuple[int, str]]:
         """Yield (cycle, phase) for the cycles of one epoch."""
         cycle = 0
         for phase, cycles in self.phases:

@@ -72,7 +72,7 @@ class EpisodeLog:
         return iter(self._cache) if self._cache is not None else self._read()
 
     @property
-    def kept(self) -> bool:
+    def retained(self) -> bool:
         """Whether the messages are in memory."""
         return self._cache is not None
 
@@ -267,9 +267,9 @@ class Replay:
         return self.schedule.epochs * self.schedule.cycles * sum(1 + episode.count for episode in self.episodes)
 
     @property
-    def kept(self) -> bool:
+    def retained(self) -> bool:
         """Whether all the logs are in memory."""
-        return all(episode.kept for episode in self.episodes)
+        return all(episode.retained for episode in self.episodes)
 
     def offer(self) -> Offer:
         """Return what the consumers are told before the first message."""
@@ -295,7 +295,7 @@ class Replay:
         """Yield the phase marker of every presentation, and the log that is presented under it."""
         number = count()
         for epoch in range(self.schedule.epochs):
-            for cycle, phase in self.schedule.epoch():
+            for cycle, phase in self.schedule.cycles_of_epoch():
                 for episode in self.episodes:
                     data = encode(Phase(self.run, epoch, cycle, phase, episode.digest).to_message())
                     marker = RecordedMessage(

@@ -9,16 +9,16 @@ from recorders.messages.record import RecordedMessage
 _FRAME = struct.Struct("<HII")  # topic length, sequence, data length
 
 
-def framed(record: RecordedMessage) -> bytes:
+def frame_for_digest(record: RecordedMessage) -> bytes:
     """Return topic, sequence and bytes of a message, unambiguously joined. Its log time does not enter."""
     name, _, data, sequence, _ = record
     topic = name.encode()
     return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
 
 
-def link(records: Iterable[RecordedMessage]) -> bytes:
+def digest_link(records: Iterable[RecordedMessage]) -> bytes:
     """Return what one link of the stream digest hashes: a tick's records in canonical order, or one phase marker."""
-    return b"".join(map(framed, records))
+    return b"".join(map(frame_for_digest, records))
 
 
 class StreamDigest:
@@ -38,10 +38,10 @@ class StreamDigest:
 
     def update(self, records: Iterable[RecordedMessage]) -> None:
         """Add one link: the records of a completed tick, in canonical order, or one phase marker."""
-        self.extend((link(records),))
+        self.extend((digest_link(records),))
 
     def extend(self, links: Iterable[bytes]) -> None:
-        """Add links that were joined beforehand, by `link`."""
+        """Add links that were joined beforehand, by `digest_link`."""
         value = self._value
         for data in links:
             value = hashlib.sha256(value + data).digest()

@@ -21,7 +21,7 @@ class Clock(Protocol):
     def wait(self, log_time_ns: int) -> None:
         """Return when a message of this time is due."""
 
-    def put_off(self, pause_ns: int) -> None:
+    def delay(self, pause_ns: int) -> None:
         """Take note of a pause that was asked for [ns]: all that follows is due that much later."""
 
 
@@ -31,7 +31,7 @@ class Unpaced:
     def wait(self, log_time_ns: int) -> None:
         """Return at once."""
 
-    def put_off(self, pause_ns: int) -> None:
+    def delay(self, pause_ns: int) -> None:
         """Do nothing: everything is still due at once."""
 
 
@@ -88,7 +88,7 @@ class Paced:
             self.slipped_s += (now_ns - self._due_ns) / _NS_PER_S
             self._due_ns = now_ns
 
-    def put_off(self, pause_ns: int) -> None:
+    def delay(self, pause_ns: int) -> None:
         """Move what was due; a pause that was asked for is no slip."""
         self._due_ns += pause_ns
 
@@ -111,11 +111,11 @@ class Pausable:
     def wait(self, log_time_ns: int) -> None:
         """Wait for the clock, and while stopped for a step."""
         self._clock.wait(log_time_ns)
-        self._clock.put_off(self._pause())
+        self._clock.delay(self._pause())
 
-    def put_off(self, pause_ns: int) -> None:
+    def delay(self, pause_ns: int) -> None:
         """Pass it on to the clock."""
-        self._clock.put_off(pause_ns)
+        self._clock.delay(pause_ns)
 
     def _pause(self) -> int:
         """Wait while stopped, and return for how long [ns]."""

@@ -32,7 +32,7 @@ from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode, stamp_ns
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
-from recorders.wire.callbacks import direct
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
@@ -45,7 +45,7 @@ ROUNDS = 60
 ECHOES: dict[str, Callable[[Handler], Any]] = {
     "echo": lambda handler: handler,
     "direct echo": lambda handler: zenoh.handlers.Callback(handler, indirect=False),
-    "best echo": direct,
+    "best echo": on_network_thread,
 }
 LISTEN = "--listen"
 PATIENCE_S = 2.0  # what is not back by then is lost
@@ -95,7 +95,9 @@ class Driver:
 
     def __init__(self, session: zenoh.Session) -> None:
         self._back: dict[int, int] = {}
-        self._commands = session.declare_subscriber(message_key(NAMESPACE, JOINT_COMMANDS), direct(self._on_command))
+        self._commands = session.declare_subscriber(
+            message_key(NAMESPACE, JOINT_COMMANDS), on_network_thread(self._on_command)
+        )
         keys = [message_key(NAMESPACE, topic) for topic in (LEFT_TARGET, RIGHT_TARGET)]
         self._targets = [session.declare_publisher(key, **QUALITY) for key in keys]
         deadline = time.monotonic() + 60.0

@@ -65,13 +65,13 @@ def add(
     from pipeline.golden.runner import GoldenRunner, recipe
     from replay.golden.add import add_case
     from replay.golden.case import check_name, load_case
-    from replay.golden.folder import restore
+    from replay.golden.folder import roll_back
 
     folder = dir_ / check_name(name)
     for path in (dir_, folder):
         if path.exists() and not path.is_dir():
             raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
-    restore(folder)
+    roll_back(folder)
     old = load_case(folder).recipe if folder.exists() else None
     with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
         files = _as_files(logs or [], Path(temporary), session=bool(case.as_recorded))
@@ -85,7 +85,7 @@ def add(
 def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
     """Return the recordings as one log each; sessions in parts are joined in a folder, as a case needs them."""
     from recorders.reading.parts import Parts, one_session, recordings
-    from replay.golden.log_tier import slim
+    from replay.golden.log_tier import strip_topics
 
     found = [one_session(logs, console.say)] if session and logs else recordings(logs, console.say)
     files: list[Path] = []
@@ -93,7 +93,7 @@ def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
         if isinstance(log, Parts):
             joined = folder / str(index) / log.name
             joined.parent.mkdir()
-            slim(log, joined, physics=True, file_order=session)
+            strip_topics(log, joined, physics=True, file_order=session)
             files.append(joined)
         else:
             files.append(log)

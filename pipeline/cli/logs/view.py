@@ -72,10 +72,10 @@ def view(
 
 
 def _require_file(log: "Log") -> None:
-    from recorders.files.regular_file import refuse_irregular
+    from recorders.files.regular_file import require_regular_file
 
     if isinstance(log, Path) and not log.is_file():
-        refuse_irregular(log, expected="a log or a controller (.npz)", error=ConfigError)
+        require_regular_file(log, expected="a log or a controller (.npz)", error=ConfigError)
         raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
 
 

@@ -113,7 +113,7 @@ def learn(
     live.check()
     check_metrics(node.prometheus)
     _check_files(out, checkpoints.checkpoint, live.record, overwrite=overwrite)
-    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, own_topics=OWN_TOPICS)
+    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=OWN_TOPICS)
     config = None if robot is None else load_robot(robot)
     session = node.config()
     with (

@@ -107,7 +107,7 @@ def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverCo
     from recorders.wire.receiver import ReceiverConfig
 
     latched = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
-    return ReceiverConfig(name=name, namespace=namespace, live=True, kept=latched)
+    return ReceiverConfig(name=name, namespace=namespace, live=True, latched_topics=latched)
 
 
 def _outcome(recording: "RecordingStats", key: str) -> str:

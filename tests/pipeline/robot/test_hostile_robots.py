@@ -65,7 +65,7 @@ def meshes(folder: Path) -> str:
 
 
 def show(robot: RobotConfig) -> None:
-    RobotModel.load(robot.plain_urdf, robot.joints).send_still(rr.RecordingStream("test"))
+    RobotModel.load(robot.plain_urdf, robot.joints).send_static(rr.RecordingStream("test"))
 
 
 def hostile_urdf(folder: Path) -> str:

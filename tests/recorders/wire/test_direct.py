@@ -5,7 +5,7 @@ import threading
 
 from waiting import wait_until
 
-from recorders.wire.callbacks import direct
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -24,7 +24,7 @@ def test_a_thread_of_zenohs_keeps_its_state_between_two_calls() -> None:
     with (
         open_session(SessionConfig(listen=(endpoint,))) as listening,
         open_session(SessionConfig(connect=(endpoint,))) as sending,
-        listening.declare_subscriber("a/b", direct(count)),
+        listening.declare_subscriber("a/b", on_network_thread(count)),
         sending.declare_publisher("a/b") as publisher,
     ):
         wait_until(lambda: publisher.matching_status.matching)

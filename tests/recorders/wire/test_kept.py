@@ -14,7 +14,7 @@ from recorders.wire.receiver import LiveMessage, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
 KEY = message_key("reenact", ROBOT_DESCRIPTION)
-KEPT = ReceiverConfig(name="recorder", live=True, kept=frozenset({ROBOT_DESCRIPTION}))
+KEPT = ReceiverConfig(name="recorder", live=True, latched_topics=frozenset({ROBOT_DESCRIPTION}))
 _DEADLINE_S, _AFTER_S = 60.0, 0.3
 BLOCK = zenoh.CongestionControl.BLOCK
 

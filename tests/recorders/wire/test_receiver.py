@@ -84,7 +84,7 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
             assert isinstance(offered, ReceivedOffer)
             receiver.accept(offered, 0)
             assert [reply.ok is not None for reply in replies] == [True]
-            receiver.give_up("nobody knows why")
+            receiver.abandon_stream("nobody knows why")
             payload, attachment = pack(Frame(FrameType.END, *offer.identity, 0))
             other.put(batch_key("reenact"), payload, attachment=attachment)
             for verb, asked in (("status", offer.sender.encode()), ("hello", offer.to_json())):

@@ -24,9 +24,9 @@ def allocated() -> int:
     return tracemalloc.get_traced_memory()[0]
 
 
-@pytest.mark.parametrize("regular", [False, True])
-def test_the_memory_of_a_recording_does_not_grow(tmp_path: Path, regular: bool) -> None:
-    with LogWriter(tmp_path / "log.mcap", manifest={}, regular=regular) as log:
+@pytest.mark.parametrize("rechunk", [False, True])
+def test_the_memory_of_a_recording_does_not_grow(tmp_path: Path, rechunk: bool) -> None:
+    with LogWriter(tmp_path / "log.mcap", manifest={}, rechunk=rechunk) as log:
         write(log, WARM_UP)
         tracemalloc.start()
         try:

@@ -140,7 +140,7 @@ def test_a_stalled_recording_has_everything(tmp_path: Path, count: int) -> None:
 
 def record(path: str, kind: str, number: int) -> None:
     draw = random.Random(number)
-    with LogWriter(path, manifest={"kind": kind}, regular=number % 2 == 0) as log:
+    with LogWriter(path, manifest={"kind": kind}, rechunk=number % 2 == 0) as log:
         if kind == "stall":
             write(log, range(number))
             time.sleep(PATIENCE_S)

@@ -83,7 +83,7 @@ def failed(folder: Path, monkeypatch: pytest.MonkeyPatch, place: int, *, overwri
 
 def test_a_disk_that_changes_what_was_written_is_one_error_and_keeps_the_file(tmp_path: Path) -> None:
     whole = tmp_path / "whole.mcap"
-    with LogWriter(whole, manifest={}, regular=False) as log:
+    with LogWriter(whole, manifest={}, rechunk=False) as log:
         write(log, range(BEFORE))
     size = whole.stat().st_size
     for place in range(0, size, size // 60):

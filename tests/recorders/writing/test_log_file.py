@@ -38,8 +38,8 @@ def await_all(log, count):
         time.sleep(0.01)
 
 
-def write(path, *, pauses, regular=True):
-    with LogWriter(path, manifest={"seed": 3}, attachments={"a.toml": b"a"}, regular=regular) as log:
+def write(path, *, pauses, rechunk=True):
+    with LogWriter(path, manifest={"seed": 3}, attachments={"a.toml": b"a"}, rechunk=rechunk) as log:
         phases(log, range(FLUSH_EVERY - 10))
         if pauses:
             await_all(log, FLUSH_EVERY - 10)
@@ -58,7 +58,7 @@ def write(path, *, pauses, regular=True):
 def test_a_pause_leaves_no_trace_in_the_file(tmp_path):
     paused = write(tmp_path / "paused.mcap", pauses=True)
     assert paused.read_bytes() == write(tmp_path / "straight.mcap", pauses=False).read_bytes()
-    live = write(tmp_path / "live.mcap", pauses=True, regular=False)
+    live = write(tmp_path / "live.mcap", pauses=True, rechunk=False)
     assert live.read_bytes() != paused.read_bytes()
     assert list(LogReader(live)) == list(LogReader(paused))
     assert LogReader(live).manifest == LogReader(paused).manifest

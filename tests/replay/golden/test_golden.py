@@ -23,7 +23,7 @@ from replay.golden.case import CASE_FILE, Tolerances, load_case
 from replay.golden.check import check_all, check_case, summary
 from replay.golden.finding import ElementDifference, Finding
 from replay.golden.folder import find_cases
-from replay.golden.log_tier import CASE_TOPICS, slim
+from replay.golden.log_tier import CASE_TOPICS, strip_topics
 from replay.golden.physics_tier import first_beyond
 from replay.golden.recipe import CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
@@ -99,7 +99,7 @@ def test_an_added_case_is_the_same_wherever_it_was_made(case: Path, tmp_path: Pa
 
 def test_a_slim_log_is_copied_to_the_byte(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
-    slim(log, tmp_path / "slim.mcap", physics=False)
+    strip_topics(log, tmp_path / "slim.mcap", physics=False)
     assert (tmp_path / "slim.mcap").read_bytes() == log.read_bytes()
     assert set(LogReader(log).topics) <= set(CASE_TOPICS)
 

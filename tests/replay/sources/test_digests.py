@@ -1,7 +1,7 @@
 """The stream digest depends on what was sent and in which order, and on nothing else."""
 
 from recorders.messages.record import RecordedMessage
-from replay.sources.stream_digest import StreamDigest, framed
+from replay.sources.stream_digest import StreamDigest, frame_for_digest
 
 TICK = [RecordedMessage("/a", "t", b"1", 0, 5), RecordedMessage("/b", "t", b"2", 0, 6)]
 
@@ -36,7 +36,9 @@ def test_how_ticks_are_cut_enters() -> None:
 
 
 def test_framing_is_unambiguous() -> None:
-    assert framed(RecordedMessage("/ab", "t", b"c", 0, 0)) != framed(RecordedMessage("/a", "t", b"bc", 0, 0))
+    assert frame_for_digest(RecordedMessage("/ab", "t", b"c", 0, 0)) != frame_for_digest(
+        RecordedMessage("/a", "t", b"bc", 0, 0)
+    )
 
 
 def test_it_goes_on_from_its_value() -> None:

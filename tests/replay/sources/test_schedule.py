@@ -7,9 +7,9 @@ from replay.sources.schedule import Schedule
 
 
 def test_an_epoch_is_the_papers() -> None:
-    phases = [phase for _, phase in Schedule().epoch()]
+    phases = [phase for _, phase in Schedule().cycles_of_epoch()]
     assert phases == ["washout", "learn", "learn", "learn", "learn", "learn", "evaluate"]
-    assert [cycle for cycle, _ in Schedule().epoch()] == list(range(7))
+    assert [cycle for cycle, _ in Schedule().cycles_of_epoch()] == list(range(7))
     assert Schedule().epochs == 150
 
 
