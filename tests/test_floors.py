@@ -64,7 +64,8 @@ def test_floors_that_do_not_hold_are_not_drawn(script: ModuleType, graph: grimp.
 def planted(contract: dict[str, Any]) -> tuple[str, str]:
     """An import that a contract forbids: importer and imported."""
     (container,) = contract.get("containers", [""])
-    top, *_, bottom = (f"{container}.{layer.split(' | ')[0]}".strip(".") for layer in contract.get("layers", ["", ""]))
+    layers = [re.split(" [|:] ", layer)[0] for layer in contract.get("layers", ["", ""])]
+    top, bottom = (f"{container}.{layer}".strip(".") for layer in (layers[0], layers[-1]))
     return {
         "layers": (bottom, top),
         "independence": tuple(contract.get("modules", [])[:2]),

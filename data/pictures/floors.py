@@ -5,6 +5,7 @@ imports rooms below it alone. With what `make test` installs, anywhere: `python 
 """
 
 import json
+import re
 import sys
 import tomllib
 from pathlib import Path
@@ -47,7 +48,7 @@ def contract_floors() -> Floors:
     """Return the rooms of each package by floor, from the top, as the contracts have them."""
     contracts = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["importlinter"]["contracts"]
     layers = {contract["containers"][0]: contract["layers"] for contract in contracts if "containers" in contract}
-    return {package: [sorted(layer.split(" | ")) for layer in layers[package]] for package in PACKAGES}
+    return {package: [sorted(re.split(r" [|:] ", layer)) for layer in layers[package]] for package in PACKAGES}
 
 
 def wrong_imports(graph: grimp.ImportGraph, floors: Floors) -> list[str]:

@@ -24,6 +24,12 @@ def encode(message: Message) -> bytes:
     ------
     MessageError
         If it is not one of `recorders.messages.message_types`.
+
+    Examples
+    --------
+    >>> from recorders.messages.message_types import String
+    >>> decode("std_msgs/msg/String", encode(String("here")))
+    String(data='here')
     """
     kind = type(message)
     if kind is JointState:

@@ -19,6 +19,11 @@ def chosen(patterns: Collection[str], topics: Collection[str], *, option: str) -
     ------
     LogError
         If a pattern names none: a slip of the pen would else leave something out in silence.
+
+    Examples
+    --------
+    >>> sorted(chosen(["/hand/*"], ["/hand/left/target", "/hand/right/target", "/tf"], option="--topic"))
+    ['/hand/left/target', '/hand/right/target']
     """
     there = frozenset(topics)
     named = there.intersection(patterns)

@@ -41,6 +41,13 @@ def parse_size_or_time(text: str, what: str) -> tuple[int | None, int | None]:
     ------
     ConfigError
         If it is neither, is 0, or is beyond what a log can hold; the line names the units.
+
+    Examples
+    --------
+    >>> parse_size_or_time("100MB", "--split")
+    (100000000, None)
+    >>> parse_size_or_time("2 min", "--split")
+    (None, 120000000000)
     """
     found = _QUANTITY.fullmatch(text.strip())
     for units, scale in ((_SIZES, 1), (_TIMES, _NS_PER_S)):

@@ -28,6 +28,11 @@ class Schedule:
     ------
     ConfigError
         If a number is out of range or a phase is unknown.
+
+    Examples
+    --------
+    >>> list(Schedule(epochs=1, phases=(("learn", 2), ("evaluate", 1))).cycles_of_epoch())
+    [(0, 'learn'), (1, 'learn'), (2, 'evaluate')]
     """
 
     epochs: int = 150

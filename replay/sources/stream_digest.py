@@ -31,6 +31,16 @@ class StreamDigest:
     ----------
     value : bytes
         Digest to go on from, 32 bytes; zeros at the start of a stream.
+
+    Examples
+    --------
+    >>> whole, first = StreamDigest(), StreamDigest()
+    >>> whole.extend([b"tick 0", b"tick 1"])
+    >>> first.extend([b"tick 0"])
+    >>> rest = StreamDigest(first.value)
+    >>> rest.extend([b"tick 1"])
+    >>> rest.value == whole.value
+    True
     """
 
     def __init__(self, value: bytes = bytes(32)) -> None:
