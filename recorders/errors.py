@@ -37,7 +37,7 @@ class MotionError(ReenactError):
 
 
 class ControllerError(ReenactError):
-    """A controller file is missing, malformed, or made for something else."""
+    """A controller file is missing, malformed, or for something else."""
 
 
 class ConfigError(ReenactError):
@@ -75,6 +75,6 @@ class UnreachedError(WireError):
 
 
 class CheckFailed(ReenactError):
-    """A check was made and does not hold."""
+    """A check was run and does not hold."""
 
     exit_status: ClassVar[int] = 1

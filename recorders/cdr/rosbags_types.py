@@ -25,13 +25,13 @@ _SECOND = 10**9
 
 @cache
 def typestore() -> Typestore:
-    """Return rosbags' table of the standard ROS 2 types (Humble), made on first use: it takes 0.1 s."""
+    """Return rosbags' table of the standard ROS 2 types (Humble), built on first use: it takes 0.1 s."""
     return get_typestore(Stores.ROS2_HUMBLE)
 
 
 @cache
 def schema_text(type_name: str) -> str:
-    """Return the `ros2msg` definition of a type, with those of the types that it is made of.
+    """Return the `ros2msg` definition of a type, with those of the types that it contains.
 
     Raises
     ------

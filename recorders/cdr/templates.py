@@ -1,4 +1,4 @@
-"""Byte templates: the fast path of the codec for the two types that a session is made of.
+"""Byte templates: the fast path of the codec for JointState and PoseStamped, which fill a session.
 
 Two messages of one layout (same names, frame and array sizes) differ only in the stamp and in runs of float64. A
 template keeps the bytes between those runs: encoding joins them with the new values, decoding checks that they are
@@ -39,7 +39,7 @@ _set_pose_stamp, _set_pose_position, _set_orientation, _set_pose_frame = (
 
 
 class _Template:
-    """The constant bytes of one layout, made from a message of that layout and checked against rosbags.
+    """The constant bytes of one layout, taken from a message of that layout and checked against rosbags.
 
     Attributes
     ----------

@@ -14,7 +14,7 @@ _DATA = struct.Struct("<Q")
 
 
 class AttachmentHead(NamedTuple):
-    """What comes before the data of an attachment.
+    """The fields before the data of an attachment.
 
     Attributes
     ----------
@@ -35,7 +35,7 @@ class AttachmentHead(NamedTuple):
 
     @property
     def end(self) -> int:
-        """Where the data end, and the CRC follows [bytes]."""
+        """End of the data, where the CRC follows [bytes]."""
         return self.start + self.size
 
 

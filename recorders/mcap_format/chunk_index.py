@@ -1,4 +1,4 @@
-"""Where the chunks of a log stand and which log times they hold, as its summary section says."""
+"""Offsets and log times of the chunks of a log, from its summary section."""
 
 import struct
 from array import array
@@ -79,7 +79,7 @@ class ChunkTable:
 
     @property
     def in_order(self) -> bool:
-        """Whether the chunks follow one another in time, as the summary says; one of the time 0 alone states none."""
+        """Whether the summary states that chunks follow one another in time; one of the time 0 alone does not."""
         first, last = np.asarray(self._first_ns), np.asarray(self._last_ns)
         return bool((first[1:] >= last[:-1]).all() and (first <= last).all() and last.all())
 

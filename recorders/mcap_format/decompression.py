@@ -46,7 +46,7 @@ def check_claim(data: bytes | memoryview, compression: str, size: int) -> int:
 
 
 def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes:
-    """Return decompressed data, of one frame or several, of which the writer says that they have `size` bytes.
+    """Return the decompressed data of one frame or several, `size` bytes as claimed by the writer.
 
     Raises
     ------
@@ -108,7 +108,7 @@ def _zstd_pieces(data: bytes | memoryview, rest: int) -> Iterator[bytes]:
 
 
 def _joined(pieces: Iterator[bytes]) -> bytes:
-    """Join pieces as they come: memory is taken for what is there, not for what a length field says."""
+    """Join pieces as they come: memory is taken for the bytes there are, not for the claimed length."""
     found = BytesIO()
     found.writelines(pieces)
     return found.getvalue()

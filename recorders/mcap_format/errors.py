@@ -55,7 +55,7 @@ class TooLarge(DamagedLog):
 
 
 class Redeclared(DamagedLog):
-    """A channel is declared as another than it was: nothing but their places tell its messages apart."""
+    """A channel is declared as another than it was: its messages differ by their offsets alone."""
 
 
 def damaged(offset: int, what: str) -> DamagedLog:

@@ -1,4 +1,4 @@
-"""How much memory a log may take, and how much of a large record is read: length fields may say anything.
+"""Limits on the memory a log may take and on how much of a large record is read; no length field is trusted.
 
 Reading a log takes less than 256 MB, whatever it claims, beside a message outside of the chunks that somebody asks for:
 the program takes 40, and three times the longest chunk fit besides, as stored, as it comes out, and as a message of it.

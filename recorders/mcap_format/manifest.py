@@ -1,4 +1,4 @@
-"""The manifest of a log: what made it, on what, and the hash of what it holds."""
+"""The manifest of a log: the program that wrote it, its environment, and the hash of its messages."""
 
 import hashlib
 import json

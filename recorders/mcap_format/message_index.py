@@ -17,7 +17,7 @@ _Entries: TypeAlias = NDArray[Any]
 
 
 def states_order(file: BinaryIO, most: int) -> bool:
-    """Whether the message indexes at the file's place, which stays, say that the messages are in order of log time.
+    """Whether the message indexes at the file's position, which stays, state that messages are in order of time.
 
     Nothing but the order of what they list is looked at: what they leave out, or state wrongly, is for others to find.
 

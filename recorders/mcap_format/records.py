@@ -68,7 +68,7 @@ class RawRecord(NamedTuple):
 
     @property
     def end(self) -> int:
-        """Where a record of the file ends [bytes]."""
+        """End of the record in the file [bytes]."""
         return self.offset + HEAD.size + self.size
 
     def pieces(self) -> Iterator[bytes]:
@@ -224,7 +224,7 @@ def _pass_indexes(file: BinaryIO) -> bytes:
 
 
 def is_message_index(record: RawRecord) -> bool:
-    """Whether a message index is no shorter than it says."""
+    """Whether a message index is no shorter than it states."""
     return record.size >= INDEX.size and record.size >= INDEX.size + INDEX.unpack_from(record.body)[1]
 
 

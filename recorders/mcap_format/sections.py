@@ -1,4 +1,4 @@
-"""Where the sections of an MCAP file are, and what its CRCs cover."""
+"""Offsets of the sections of an MCAP file, and the bytes that its CRCs cover."""
 
 import zlib
 from collections.abc import Iterator
@@ -18,7 +18,7 @@ _PIECE = 2**20  # bytes
 
 
 class Head(NamedTuple):
-    """What a record is, where it begins and ends in the file [bytes], and the first 24 bytes of its body."""
+    """Opcode of a record, its beginning and end in the file [bytes], and the first 24 bytes of its body."""
 
     opcode: int
     offset: int

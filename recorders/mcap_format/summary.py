@@ -1,4 +1,4 @@
-"""What a log contains, from its summary section: topics, counts, chunks, and where metadata and attachments stand."""
+"""Contents of a log from its summary section: topics, counts, chunks, offsets of metadata and attachments."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -76,7 +76,7 @@ class ChannelTable:
 
 
 class NamedOffset(NamedTuple):
-    """Where something stands in a file [bytes], and its name."""
+    """The offset of a named record in a file [bytes], and its name."""
 
     offset: int
     name: str
@@ -84,7 +84,7 @@ class NamedOffset(NamedTuple):
 
 @dataclass
 class Contents:
-    """What a log contains.
+    """The contents of a log.
 
     Attributes
     ----------
@@ -126,7 +126,7 @@ class Contents:
 
 
 def read_contents(file: BinaryIO) -> Contents | None:
-    """Return what the summary section says, None for a file that was written without one, or with half of one.
+    """Return the contents of the summary section, None for a file that was written without one, or with half of one.
 
     Raises
     ------
@@ -156,7 +156,7 @@ def read_contents(file: BinaryIO) -> Contents | None:
 
 
 def _all_indexed(contents: Contents, statistics: Statistics) -> bool:
-    """Whether a summary says all that one asks of it: writers may leave out any part of it."""
+    """Whether a summary states all that is needed: writers may leave out any part of it."""
     return (
         contents.channels.complete
         and len(contents.channels.topics) == statistics.channel_count

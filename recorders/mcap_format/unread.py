@@ -16,7 +16,7 @@ class Unread(NamedTuple):
     size: int
 
     def pieces(self) -> Iterator[bytes]:
-        """Yield the bytes piece by piece, the file's place kept; raises DamagedLog if they are gone."""
+        """Yield the bytes piece by piece, without moving the file's position; raises DamagedLog if they are gone."""
         place, end = self.file.tell(), self.start + self.size
         for start in range(self.start, end, _PIECE):
             piece = self._at(start, min(_PIECE, end - start))
@@ -24,7 +24,7 @@ class Unread(NamedTuple):
             yield piece
 
     def read(self, start: int, size: int) -> bytes:
-        """Return `size` bytes of the file from `start` on, its place kept; raises DamagedLog if they are gone."""
+        """Return `size` bytes of the file from `start` on, its position unmoved; raises DamagedLog if they are gone."""
         place = self.file.tell()
         data = self._at(start, size)
         self.file.seek(place)

@@ -21,7 +21,7 @@ _KINDS = {"run": str, "epoch": int, "cycle": int, "phase": str, "log": str}
 
 @dataclass(frozen=True, slots=True)
 class Phase:
-    """What the messages that follow are for.
+    """The purpose of the messages that follow.
 
     Parameters
     ----------

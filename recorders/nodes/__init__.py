@@ -1,1 +1,1 @@
-"""What every long-running node has: a liveliness token, a status, metrics, a watch on its connections."""
+"""The parts of every long-running node: a liveliness token, a status, metrics, a watch on its connections."""

@@ -1,4 +1,4 @@
-"""What all long-running nodes have in common: a token, a status, metrics, and an eye on what they are connected to."""
+"""The base of all long-running nodes: a token, a status, metrics, and a watch on their connections."""
 
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager

@@ -1,4 +1,4 @@
-"""Finds the nodes of a namespace and what each says of itself; what comes is anybody's, and taken for no more."""
+"""Finds the nodes of a namespace and their statuses; replies are untrusted."""
 
 import zenoh
 

@@ -1,4 +1,4 @@
-"""What a long-running node says of itself: one liveliness token, one status for whoever asks, and metrics."""
+"""Status of a long-running node: a liveliness token, a status on request, and metrics."""
 
 import json
 import threading
@@ -28,7 +28,7 @@ _MAX_COUNT = 2**63 - 1
 
 @dataclass(frozen=True)
 class NodeSource:
-    """Where the status of a node comes from; everything is asked for on threads of its own, and must return at once.
+    """Source of a node's status; everything is asked for on threads of its own, and must return at once.
 
     Parameters
     ----------
@@ -54,7 +54,7 @@ class NodeSource:
 
 @dataclass(frozen=True)
 class NodeStatus:
-    """What a node says of itself.
+    """The status of a node.
 
     Attributes
     ----------
@@ -138,7 +138,7 @@ class NodeMeter:
         self._samples.append((time.monotonic(), dict(self._source.counts())))
 
     def status(self) -> NodeStatus:
-        """Return the status; the last one, if it has only just been made."""
+        """Return the status; the last one, if it is recent."""
         with self._lock:
             now_s = time.monotonic()
             if self._last is None or now_s - self._last[0] > _MAX_AGE_S:

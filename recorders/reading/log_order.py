@@ -19,7 +19,7 @@ _NAMED_AS_OURS = struct.pack("<I", len(METADATA_NAME)) + METADATA_NAME.encode()
 
 
 class LogOrder(NamedTuple):
-    """What the order of a log is.
+    """The order of a log.
 
     Attributes
     ----------
@@ -34,7 +34,7 @@ class LogOrder(NamedTuple):
 
 
 def find_order(file: BinaryIO, size: int, index: Contents) -> LogOrder:
-    """Find out what the order of a log is, from a sound summary and the heads of what that does not tell of.
+    """Find the order of a log, from a verified summary and the heads of the records that it does not cover.
 
     Parameters
     ----------

@@ -24,7 +24,7 @@ _SHOWN = 3  # names in a line
 
 
 class _Part(NamedTuple):
-    """What a log says of itself: whose part it is, which one, and whether others follow."""
+    """The place of a log in a session: which session, which part, and whether others follow."""
 
     session: str
     number: int
@@ -137,7 +137,7 @@ def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: 
 
 
 def is_followed(path: Path) -> bool:
-    """Whether a finished part says that another one follows it."""
+    """Whether a finished part states that another one follows it."""
     part = _part(path)
     return part is not None and part.more
 
@@ -201,7 +201,7 @@ def _whole(parts: Sequence[Path]) -> Parts:
 
 
 def _part(path: Path) -> _Part | None:
-    """Return which part of a session a log says that it is; None if it says nothing, or cannot be asked."""
+    """Return which part of a session a log is, by its own statement; None if it states none, or cannot be read."""
     if not (_NUMBERED.fullmatch(path.name) and path.is_file()):
         return None
     try:

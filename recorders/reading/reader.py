@@ -1,4 +1,4 @@
-"""The MCAP reader: messages of a log in order of log time, lazily, and what the log says of itself."""
+"""The MCAP reader: messages of a log in order of log time, lazily, with its manifest, metadata and attachments."""
 
 import os
 from collections import Counter
@@ -109,7 +109,7 @@ class LogReader:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What made the log, as its writer was told; empty for a log of another writer."""
+        """The manifest given to the log's writer; empty for a log of another writer."""
         places = [place for place in self._contents.metadata if place.name == METADATA_NAME]
         if not places:
             return {}
@@ -171,7 +171,7 @@ class LogReader:
 
     @cached_property
     def _summary(self) -> Contents | DamagedLog | None:
-        """What the summary section says, or what is wrong with it; None if there is none to be used."""
+        """Contents of the summary section, or the damage in it; None if there is none to be used."""
         try:
             with self._open() as file:
                 return read_contents(file)
@@ -180,7 +180,7 @@ class LogReader:
 
     @property
     def _index(self) -> Contents:
-        """What a summary section says that a CRC covers; nothing if there is none."""
+        """Contents of the summary section if a CRC covers it, empty contents otherwise."""
         summary = self._summary
         return summary if isinstance(summary, Contents) and summary.sound else Contents()
 
@@ -220,7 +220,7 @@ class LogReader:
 
     @cached_property
     def _pieces(self) -> Pieces:
-        """Where the messages stand of a log whose order is another than that of the file, up to the first damage."""
+        """Offsets of the messages of a log whose order is another than that of the file, up to the first damage."""
         pieces = Pieces()
         pieces.channels.register_all(self._index.channels)
         try:

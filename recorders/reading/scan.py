@@ -26,12 +26,12 @@ _CHECKED = frozenset({Opcode.HEADER, Opcode.ATTACHMENT, Opcode.METADATA, Opcode.
 
 
 class ScanVisitor(Protocol):
-    """What is done with the messages; of each channel it must learn before them."""
+    """Takes the messages of a scan; each channel must be registered before its messages."""
 
     channels: ChannelTable
 
     def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[RecordedMessage]]:
-        """Take in the data of the chunk at `offset` [bytes], and what its message indexes say: see `message_index`.
+        """Take in the data of the chunk at `offset` [bytes], and the order that its indexes state: see `message_index`.
 
         Raises
         ------
@@ -110,7 +110,7 @@ class LogScan:
             self._verified = True
 
     def _check_place(self, record: RawRecord) -> None:
-        """Check that the chunks stand where the summary says."""
+        """Check that the chunks are at the offsets that the summary states."""
         offsets, number = self._chunks.offsets, self._next_chunk
         while number < len(offsets) and offsets[number] < record.offset and self._skip_ranges:
             number += 1  # left out

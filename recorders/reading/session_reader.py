@@ -19,7 +19,7 @@ from recorders.writing.writer import RESERVED
 
 
 class SessionReader:
-    """Reads the parts of a session; what it says of them together is what `LogReader` says of one log.
+    """Reads the parts of a session as one log, with the interface of `LogReader`.
 
     Parameters
     ----------
@@ -71,7 +71,7 @@ class SessionReader:
 
     @property
     def manifest(self) -> dict[str, Any]:
-        """What made the session: what became known later replaces what was said before."""
+        """Manifest of the session: values of later parts replace earlier ones."""
         said = {key: value for part in self.parts for key, value in part.manifest.items()}
         return {key: value for key, value in said.items() if key not in (*RESERVED, PART)}
 

@@ -1,4 +1,4 @@
-"""What a recorder is told to record, and what it has recorded."""
+"""Settings of a recorder, and statistics of a recording."""
 
 from collections import Counter, deque
 from dataclasses import dataclass, field
@@ -13,7 +13,7 @@ _MAX_BROKEN = 100  # anyone may offer a stream and break it off
 
 @dataclass(frozen=True)
 class RecordConfig:
-    """What is recorded, and into how many files.
+    """Topics to record, and how the recording is divided into files.
 
     Parameters
     ----------
@@ -42,7 +42,7 @@ class RecordConfig:
 
 @dataclass
 class RecordingStats:
-    """What has been recorded so far.
+    """Statistics of what has been recorded so far.
 
     Attributes
     ----------

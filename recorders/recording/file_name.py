@@ -1,4 +1,4 @@
-"""Where a recording goes: as it is told, by the time at which it begins, or beside what a crash left."""
+"""File names of a recording: as given, by the time at which it begins, or beside the remains of a crash."""
 
 import os
 import time

@@ -29,7 +29,7 @@ _FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within millisecon
 
 
 class LiveRecorder:
-    """Writes what a receiver hears; as an awaited consumer it also acknowledges, and so misses nothing.
+    """Writes what a receiver delivers; as an awaited consumer it also acknowledges, and so misses nothing.
 
     The file is there from the beginning; a `with` block that an exception ends before anything was recorded removes it.
 
@@ -135,7 +135,7 @@ class LiveRecorder:
         return self.recording
 
     def source(self, name: str) -> NodeSource:
-        """Return what this recorder says of itself to whoever watches."""
+        """Return the fields of this recorder's status."""
         return NodeSource(
             "recorder",
             name,
@@ -158,7 +158,7 @@ class LiveRecorder:
         return self._ended and receiver.is_released()
 
     def _take_leave(self, receiver: Receiver) -> None:
-        """Record what has arrived, which is no more than a receiver lets wait, and tell the sender of a stream."""
+        """Record what has arrived, which is no more than a receiver lets wait, and inform the sender of a stream."""
         receiver.unsubscribe()
         while (event := _next(receiver, 0.0)) is not None:
             if isinstance(event, ReceivedOffer):
@@ -206,7 +206,7 @@ class LiveRecorder:
         self._writer.note(self._notes)
 
     def _note(self, offered: ReceivedOffer) -> None:
-        """Keep what the sender says of its stream, for whoever reads the log."""
+        """Store the sender's description of its stream in the log."""
         offer = offered.offer
         self._notes |= {"run": offer.run, "schedule": offer.schedule or None, "logs": offer.logs}
         for key, name in (("toml", "robot.toml"), ("urdf", "robot.urdf")):
@@ -251,7 +251,7 @@ class LiveRecorder:
         self.recording.refused[_TOO_MANY] += 1
 
     def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:
-        """Return the type of a message, an empty string if nothing tells, and the channel of another log to take over.
+        """Return the type of a message, an empty string if it is unknown, and the channel of another log to take over.
 
         Messages on our topics are of the topics' types if they decode so, whatever a sender says of them.
         """
@@ -301,7 +301,7 @@ class LiveRecorder:
         raise AssertionError("there is always another name")
 
     def _part(self, number: int, *, more: bool) -> dict[str, Any]:
-        """Return what the manifest of a part says of its place in the session."""
+        """Return the fields of a part's manifest that place it in the session."""
         return {PART: {"session": self._session, "number": number, "more": more}}
 
     def _open(self, name: Path) -> LogWriter:
@@ -330,7 +330,7 @@ def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError |
 
 
 def _declared(receiver: Receiver, sender: bytes, record: RecordedMessage) -> DeclaredChannel | None:
-    """Return what the sender of a replay tells of the channel of a message; live messages are of no sender."""
+    """Return the channel of a message as the sender of a replay declared it; live messages are of no sender."""
     return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
 
 
@@ -344,7 +344,7 @@ def _decodes(kind: str, data: bytes) -> bool:
 
 
 def _is_standard(kind: str, data: bytes) -> bool:
-    """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can tell."""
+    """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can decide."""
     if not is_known(kind):
         return False
     try:

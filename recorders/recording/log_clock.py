@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 
 class LogClock:
-    """Tells the time at which a message is recorded. Where the clock on the wall steps back, log time waits for it.
+    """The clock of log times: where the system clock steps back, log time waits for it.
 
     Parameters
     ----------

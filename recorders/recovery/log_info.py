@@ -1,4 +1,4 @@
-"""What is in a log: topics with rates and gaps, times, manifest, attachments, sessions, and whether it is sound."""
+"""Summary of a log: topics with rates and gaps, times, manifest, attachments, sessions, and whether it is sound."""
 
 import os
 from collections import Counter
@@ -27,7 +27,7 @@ _RUNS_NAMED = 20  # a log may come from anyone
 
 @dataclass
 class SessionSummary:
-    """What the phase markers of one run say: the epochs, counted from 0, and the number of markers of each phase."""
+    """The phase markers of one run: the epochs, counted from 0, and the number of markers of each phase."""
 
     run: str
     first_epoch: int
@@ -52,7 +52,7 @@ class SessionSummary:
 
 @dataclass
 class LogSummary:
-    """What is in a log.
+    """The summary of a log.
 
     Attributes
     ----------
@@ -99,7 +99,7 @@ class LogSummary:
 
     @property
     def cut_off_at(self) -> int | None:
-        """Where the log is cut off [bytes], None if it is not."""
+        """Offset at which the log is cut off [bytes], None if it is not."""
         return next((damage.offset for damage in self.survey.damage if damage.reason == CUT_OFF), None)
 
     @property
@@ -134,7 +134,7 @@ class LogSummary:
                 topic.take_no_numbers()
 
     def finish(self) -> None:
-        """Compare the content with what manifest and summary say of it."""
+        """Compare the content with what manifest and summary state."""
         self.judge_numbers()
         expected = self.survey.manifest.get("content_sha256")
         self.content_holds = None if expected is None else expected == self._content.hexdigest()

@@ -1,4 +1,4 @@
-"""Recovery: a sound log from a damaged or cut-off one, and an account of what was kept and what was lost."""
+"""Recovery: a sound log from a damaged or cut-off one, and an account of what was saved and what was lost."""
 
 import os
 from collections import Counter
@@ -25,7 +25,7 @@ _MOST_NOTED = 100  # places of damage that the manifest names
 
 @dataclass(frozen=True)
 class Recovery:
-    """What became of a damaged log.
+    """The result of recovering a damaged log.
 
     Attributes
     ----------
@@ -140,7 +140,7 @@ class _Copy:
         self._log = CopyWriter(file, self._profile())
 
     def run(self, out: Path, on_progress: Callable[[float], None]) -> Recovery:
-        """Copy attachments, metadata and messages, then say in the manifest what came of it."""
+        """Copy attachments, metadata and messages, then write the outcome to the manifest."""
         found = self._found
         if found.manifest:
             unfinished = {name: value for name, value in found.manifest.items() if name not in _OUTCOME}
@@ -210,7 +210,7 @@ class _Copy:
         )
 
     def _is_all(self) -> bool:
-        """Whether the log's own summary and manifest, if it has them, say that this is all of a finished recording."""
+        """Whether the log's summary and manifest, if it has them, state that this is all of a finished recording."""
         found, manifest = self._found, self._found.manifest
         stated = found.summary.statistics if found.summary else None
         if stated is not None and (

@@ -77,7 +77,7 @@ class Salvaged(NamedTuple):
 
 @dataclass
 class LogSurvey:
-    """What stands in a log, damaged or not.
+    """Survey of a log, damaged or not: its sound parts, damage, and verified summary.
 
     Attributes
     ----------
@@ -136,7 +136,7 @@ class LogSurvey:
 
     @property
     def stated_counts(self) -> Counter[str] | None:
-        """What the summary says of the number of messages by topic, once these were read; None if it says nothing."""
+        """Number of messages by topic that the summary states, once these were read; None if it states none."""
         return self.summary.counts(self.met.channels) if self.summary else None
 
     def messages(self, *, on_progress: Callable[[float], None] = lambda fraction: None) -> Iterator[Salvaged]:

@@ -1,4 +1,4 @@
-"""What is in a session in parts: its parts one by one, each checked, and together as if they were one log."""
+"""Summary of a session in parts: its parts one by one, each checked, and together as if they were one log."""
 
 from collections import Counter
 from collections.abc import Callable, Sequence
@@ -61,7 +61,7 @@ def _joined(whole: LogSurvey, parts: Sequence[LogSurvey]) -> LogSurvey:
 
 
 def _all(answers: Sequence[bool | None]) -> bool | None:
-    """Whether something holds of every part; None if nobody can tell of one, and of no other that it does not."""
+    """Whether something holds of every part; None if it is unknown of one, and false of no other."""
     if False in answers:
         return False
     return None if None in answers else True

@@ -17,7 +17,7 @@ from recorders.mcap_format.sections import find_data_end, read_footer
 
 @dataclass
 class VerifiedSummary:
-    """What a summary section says.
+    """The contents of a summary section that a CRC covers.
 
     Attributes
     ----------
@@ -43,7 +43,7 @@ class VerifiedSummary:
     chunks: int = 0
 
     def counts(self, channels: Mapping[int, DeclaredChannel]) -> Counter[str] | None:
-        """Return the number of messages by topic, None if the summary does not tell: an empty map says nothing.
+        """Return the number of messages by topic, None if the summary does not state it: an empty map states nothing.
 
         Parameters
         ----------

@@ -1,4 +1,4 @@
-"""The tally of a recovery: what was kept of a log, and what is known to be lost."""
+"""The tally of a recovery: messages saved from a log, and messages known to be lost."""
 
 from collections import Counter
 from dataclasses import dataclass, field
@@ -11,7 +11,7 @@ _UNDECLARED = "on channels that are not declared"
 
 @dataclass
 class Tally:
-    """Counts the messages that are kept.
+    """Counts the messages that are saved.
 
     Attributes
     ----------

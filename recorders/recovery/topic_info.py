@@ -1,4 +1,4 @@
-"""What is on one topic of a log: rates, numbers and times that are missing, and how the stamps lie to log time."""
+"""Summary of one topic of a log: rates, numbers and times that are missing, and how the stamps lie to log time."""
 
 from dataclasses import dataclass, field
 from typing import Any
@@ -14,7 +14,7 @@ _GAPS_NAMED = 5
 
 @dataclass(slots=True)
 class TopicSummary:
-    """What is on one topic.
+    """The summary of one topic.
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ class TopicSummary:
         self._add_stamp(message)
 
     def take_no_numbers(self) -> None:
-        """Forget what the numbers of the messages say: they are not this topic's own."""
+        """Forget the gaps in the numbers of the messages: they are not this topic's own."""
         self.missing, self.gaps, self.more_gaps, self.numbered = 0, [], False, False
 
     def _compare(self, message: Salvaged) -> None:

@@ -65,7 +65,7 @@ _SUMMARY = frozenset(
 
 
 class ResilientScan:
-    """What a walk has met.
+    """A scan of a log that goes on behind damage, and what it has met.
 
     Parameters
     ----------
@@ -279,7 +279,7 @@ class ResilientScan:
         return find_proven(self._file, self.offset + 1, self._end, self._candidate) if claimed is None else claimed
 
     def _claimed_end(self) -> int | None:
-        """Return where the damaged record at this place says that it ends, if one can see that another begins there."""
+        """Return the end that the damaged record at this offset states, if another record visibly begins there."""
         try:
             record = self._read(self.offset)
             if self._swallows(record):

@@ -29,7 +29,7 @@ _MAGIC = b"RRF"  # then a digit, of the format: what every recording of Rerun's 
 
 @dataclass(frozen=True)
 class Destination:
-    """Where a recording goes: to a file, to a viewer, or to both.
+    """The destination of a recording: a file, a viewer, or both.
 
     Parameters
     ----------

@@ -28,7 +28,7 @@ _NEAR_PERCENT = 90.0  # of the way from the middle of a joint's range to a limit
 
 @dataclass(frozen=True, eq=False)
 class RobotModel:
-    """A robot as Rerun knows it, and the joints that are told of, in the order in which they are.
+    """A robot as Rerun knows it, and the joints that are logged, in order.
 
     Attributes
     ----------

@@ -26,7 +26,7 @@ _CM_PER_M = 100.0
 
 @dataclass(frozen=True, eq=False)
 class Track:
-    """What is drawn, one row per sample.
+    """The paths that are drawn, one row per sample.
 
     Attributes
     ----------
@@ -78,7 +78,7 @@ class Track:
 
     @property
     def instants(self) -> "Instants":
-        """Where the rows stand on the timeline of time."""
+        """Times of the rows on the timeline of time."""
         return Instants(TIMELINE, self.times_ns)
 
     @property
@@ -94,7 +94,7 @@ class Track:
         return self.scored
 
     def recording_id(self, *parts: str) -> str:
-        """Return an identity made of the content, for the viewer merges recordings of one identity."""
+        """Return an identity derived from the content, for the viewer merges recordings of one identity."""
         digest = hashlib.sha256(json.dumps(parts).encode())
         digest.update(self.times_ns.astype("<i8").tobytes())
         for array in (self.joints, self.targets, self.reached):
@@ -104,7 +104,7 @@ class Track:
 
 @dataclass(frozen=True, eq=False)
 class Instants:
-    """Where rows stand on a timeline.
+    """Times of rows on a timeline.
 
     Attributes
     ----------

@@ -146,7 +146,7 @@ def _is_loopback(host: str) -> bool:
 
 
 def _no_window(why: str) -> str:
-    """Say so, and what every verb leaves a way to do: some have no --save of their own."""
+    """Report a viewer that cannot be opened, and the way around it: some verbs have no --save of their own."""
     return (
         f"cannot open a window: {why}; `reenact view LOG|CONTROLLER --save FILE.rrd` writes a recording to look at "
         "elsewhere"

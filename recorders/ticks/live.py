@@ -18,7 +18,7 @@ MAX_MESSAGE = 64 << 10
 
 
 class RejectionError(MessageError):
-    """A message is of no use; `kind` says why in a word or two."""
+    """A message is rejected; `kind` is the reason in a word or two."""
 
     def __init__(self, kind: str, line: str) -> None:
         super().__init__(line)

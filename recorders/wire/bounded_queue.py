@@ -1,4 +1,4 @@
-"""What has arrived and waits to be taken: a queue that is full at so many bytes, and never makes the network wait."""
+"""A queue for arrived items that is full at so many bytes, and never makes the network wait."""
 
 import queue
 import threading

@@ -1,4 +1,4 @@
-"""What a sender says of the channels that it plays, so that who records them can declare the same.
+"""Channel tables that senders publish, so that recorders can declare the same channels.
 
 A sender publishes a table on `NAMESPACE/@replay/SENDER/channels` before its first message, and answers queries there
 for as long as its stream lasts, so that a recorder that comes late learns the types, too. What comes from the network
@@ -30,7 +30,7 @@ _Value = TypeVar("_Value")
 
 
 def table_key(namespace: str, sender: str) -> str:
-    """Return the key on which a sender, 32 hexadecimal digits, tells of its channels."""
+    """Return the key on which a sender, 32 hexadecimal digits, publishes its channels."""
     return f"{namespace}/@replay/{sender}/channels"
 
 
@@ -104,7 +104,7 @@ def telling(
 
 
 class ChannelTables:
-    """The channels of the senders that are heard: as they were published, or else as a sender answers when asked once.
+    """The channels of the known senders: as they were published, or else as a sender answers when asked once.
 
     A context manager: it subscribes for as long as the block runs.
 
@@ -136,7 +136,7 @@ class ChannelTables:
         self._stack.close()
 
     def find(self, sender: bytes, topic: str, type_name: str) -> DeclaredChannel | None:
-        """Return what a sender has told of the channel of a message; None if it has told nothing of it."""
+        """Return the channel of a message as its sender declared it; None if it declared none."""
         table = self._tables.get(sender)
         if table is None:
             table = self._ask(sender)

@@ -1,4 +1,4 @@
-"""What travels on the data keys: single messages with their attachment, packed batches, the end and the abort."""
+"""Frames on the data keys: single messages with their attachment, packed batches, the end and the abort."""
 
 import re
 import struct
@@ -27,7 +27,7 @@ NO_RUN = bytes(16)
 
 
 class FrameType(IntEnum):
-    """What a frame's payload is."""
+    """The type of a frame's payload."""
 
     MESSAGE = 0  # one message; the payload is its CDR bytes, the key its topic
     BATCH = 1  # several messages, packed
@@ -51,7 +51,7 @@ class Frame(NamedTuple):
 
     @property
     def size(self) -> int:
-        """What its messages take [bytes]."""
+        """Size of its messages [bytes]."""
         return sum(len(message.data) for message in self.messages)
 
     @property

@@ -1,4 +1,4 @@
-"""What publishers keep for whoever comes late, as ROS 2 does on a topic that is transient local: heard once."""
+"""Delivers transient-local samples (of ROS 2's latched topics) to late joiners, each once."""
 
 import threading
 from collections.abc import Callable, Iterable
@@ -15,7 +15,7 @@ _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but 
 
 
 class HistorySubscriber:
-    """Asks for what was published last on some keys before this came, beside a subscriber that hears all keys.
+    """Queries the last samples published on some keys before this came, beside a subscriber of all keys.
 
     Only publishers with a cache keep anything, and they number what they say. Of each, one kept message is taken, and
     none if it was heard already; the subscriber's own samples all pass, but for the one that was taken before.
@@ -54,7 +54,7 @@ class HistorySubscriber:
         self._stack.close()
 
     def deliver(self, sample: zenoh.Sample) -> None:
-        """Hand over what the subscriber has heard, unless it was taken already."""
+        """Hand over a sample of the subscriber, unless it was delivered from history already."""
         if not (self._keys and str(sample.key_expr) in self._keys and self._was_taken(sample)):
             self._hand_over(sample)
 
@@ -70,7 +70,7 @@ class HistorySubscriber:
             return True
 
     def _on_history(self, sample: zenoh.Sample) -> None:
-        """Take what is kept; what is said from now on comes here as well, but the other subscriber hears that."""
+        """Take samples from history; new ones come here as well, but those are the other subscriber's."""
         number = _number(sample)
         if number is None:
             return
@@ -81,7 +81,7 @@ class HistorySubscriber:
         self._hand_over(sample)
 
     def _note(self, source: _Source) -> bool:
-        """Note that a publisher was heard; False if there are too many."""
+        """Note that a publisher is known; False if there are too many."""
         if len(self._sources) < _MAX_SOURCES:
             self._sources.add(source)
         return source in self._sources

@@ -1,4 +1,4 @@
-"""The receiving end: puts a stream in order, acknowledges what was consumed, and hears what is not of it."""
+"""The receiving end: puts a stream in order, acknowledges what was consumed, and receives live messages."""
 
 import math
 import threading
@@ -54,7 +54,7 @@ _ANSWER_S = 1.0
 
 @dataclass(frozen=True)
 class ReceiverConfig:
-    """How a receiver is known, what it hears, and how long it waits.
+    """Name, topics and timeouts of a receiver.
 
     Parameters
     ----------
@@ -275,7 +275,7 @@ class Receiver:
             self.abandon_stream()
 
     def report(self, result: dict[str, Any]) -> None:
-        """Report the result of the stream, which is through; `is_released` tells when the sender needs no more."""
+        """Report the result of the stream, which is through; `is_released` is true once the sender needs no more."""
         self._last_received_s = time.monotonic()
         self._update(result=result)
         self._ack.put(self._progress.to_json())
@@ -291,11 +291,11 @@ class Receiver:
         return self._released.is_set()
 
     def reporting_failure(self) -> "_ReportingFailure":
-        """Return a context that tells the sender why it was left with an exception."""
+        """Return a context that reports an exception which leaves it to the sender."""
         return _ReportingFailure(self)
 
     def fail(self, reason: str) -> None:
-        """Tell the sender, if it still lives, that its stream is given up, and why."""
+        """Inform the sender, if it still lives, that its stream is given up, and why."""
         self._update(error=reason)
         self._ack.put(self._progress.to_json())
         self._released.wait(_FAREWELL_WAIT_S)
@@ -470,7 +470,7 @@ class Receiver:
         self._report_once(f"refused a message on {topic}: {reason}")
 
     def _report_once(self, line: str) -> None:
-        """Say a line that anybody may be the cause of, again and again."""
+        """Report a line once, as anybody may cause it again and again."""
         line = _printable(line)
         if line not in self._reported and len(self._reported) < _MAX_REASONS + 1:  # one more: "other topics"
             self._reported.add(line)
@@ -515,7 +515,7 @@ def asking(offer: Offer, *, farewell: bool = False) -> bytes:
 
 
 class _ReportingFailure:
-    """Tells the sender of an exception, and lets it pass."""
+    """Reports an exception to the sender, and lets it pass."""
 
     def __init__(self, receiver: Receiver) -> None:
         self._receiver = receiver
@@ -532,7 +532,7 @@ class _ReportingFailure:
 
 
 def _asker(asked: bytes) -> str:
-    """Return the sender that asks, by what `asking` has made of it."""
+    """Return the sender that asks, from the bytes that `asking` wrote."""
     return asked.removeprefix(_FAREWELL).decode(errors="replace")
 
 

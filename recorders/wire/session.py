@@ -44,7 +44,7 @@ _DEFAULTS: dict[str, object] = {
 
 @dataclass(frozen=True)
 class SessionConfig:
-    """Where a session listens, what it connects to, and what it must show to be let in.
+    """Endpoints that a session listens on and connects to, and its credentials.
 
     A session that listens is a router: those connected to it reach one another through it. One that only connects is
     a client of the first endpoint that lets it in, and reconnects for as long as it lives.
@@ -212,7 +212,7 @@ def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zen
 
 
 def _insist(end: Callable[[], Any]) -> None:
-    """End something of Zenoh's, once none of its threads holds it: until then it says that it is borrowed."""
+    """End something of Zenoh's, once none of its threads holds it: until then it counts as borrowed."""
     for _ in range(_CLOSING_TRIES):
         try:
             end()
@@ -241,7 +241,7 @@ def _open(config: SessionConfig) -> zenoh.Session:
 
 
 def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float) -> None:
-    """Wait until a router is connected wherever it should be; otherwise close it and say where it is not."""
+    """Wait until a router is connected wherever it should be; otherwise close it and name where it is not."""
     try:
         while missing := _unlinked(session, config.connect):
             if time.monotonic() >= deadline:
@@ -286,7 +286,7 @@ def _unreached(connect: Sequence[str], config: SessionConfig) -> WireError:
 
 
 def _answers(endpoint: str) -> bool:
-    """Tell whether anything at all accepts connections there; Zenoh says the same of nobody and of a refusal."""
+    """Return whether anything at all accepts connections there; Zenoh reports nobody and a refusal alike."""
     found = _ENDPOINT.fullmatch(endpoint)
     if found is None or found["host"] is None or found[1] in ("udp", "quic"):
         return False

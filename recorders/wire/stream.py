@@ -41,7 +41,7 @@ _PROGRESS_TYPES: dict[str, type | tuple[type, ...]] = {
 
 @dataclass(frozen=True)
 class Offer:
-    """What a sender says of its stream before the first message.
+    """The description of a stream that a sender gives before the first message.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ class Offer:
 
 
 class Consumer(Protocol):
-    """What takes a stream: a learner, a recorder. The same object serves every transport."""
+    """A consumer of a stream: a learner, a recorder. The same object serves every transport."""
 
     def hello(self, offer: Offer) -> int:
         """Return the stream index wanted next; raise ReenactError to refuse the offer."""
 
     def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
-        """Take the whole stream, from the index named in `hello` on, and return what is to be said of it (JSON)."""
+        """Take the whole stream, from the index named in `hello` on, and return the result to report (JSON)."""
 
 
 @dataclass(frozen=True)

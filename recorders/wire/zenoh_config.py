@@ -65,7 +65,7 @@ def endpoints(config: zenoh.Config, name: str, *, path: Path) -> tuple[str, ...]
 
 
 def reason(error: Exception) -> str:
-    """Return what Zenoh says of a failure, on one line, without places in its sources and without quoting the file."""
+    """Return Zenoh's description of a failure on one line, without places in its sources or quotes of the file."""
     text = _SOURCE_LINE.sub("", str(error))
     if _INVALID in text:
         return "a user needs a password and a password a user, or a number is out of range"

@@ -1,4 +1,4 @@
-"""Where the chunks of our logs end: a rule of their content alone, so that equal recordings are equal files."""
+"""Chunk boundaries depend on content only: equal recordings are byte-identical."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import closing
@@ -92,7 +92,7 @@ class ChunkWriter:
         self._mcap.finish()
 
     def close(self) -> None:
-        """Give up what is kept beside the file; raises nothing."""
+        """Discard what is stored beside the file; raises nothing."""
         self._index.close()
 
     def _end_chunk(self) -> None:

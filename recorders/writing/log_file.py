@@ -1,4 +1,4 @@
-"""The file of a log, made for a crash: what is written is soon the operating system's, and in a second the disk's."""
+"""Crash-safe log file: flushed promptly, fsynced every second."""
 
 import errno
 import os
@@ -98,7 +98,7 @@ class LogFile:
             self._sound = True
 
     def check(self) -> None:
-        """Raise LogError if nothing can be written any more; why a thread failed is told once."""
+        """Raise LogError if nothing can be written any more; why a thread failed is reported once."""
         with self._lock:  # while a thread writes, the file does not end with a whole record
             self._check()
 

@@ -66,7 +66,7 @@ class PartFile:
         os.fsync(self.stream.fileno())
 
     def is_there(self) -> bool:
-        """Whether the file still stands where it was made; raises OSError if the disk does not tell."""
+        """Whether the file is still where it was created; raises OSError if that cannot be found out."""
         try:
             found = self.part.lstat()
         except (FileNotFoundError, NotADirectoryError):
@@ -81,7 +81,7 @@ class PartFile:
         return self.error(error)
 
     def put_back(self) -> LogError:
-        """Bring a file that does not stand in its place back to it, if it was removed; returns what to tell the user.
+        """Bring a file that is not in its place back to it, if it was removed; returns a note for the user.
 
         One that was moved, perhaps with its folder or with its whole file system, stays where it is.
         """
@@ -150,7 +150,7 @@ class PartFile:
         return Path(f"/proc/self/fd/{self.stream.fileno()}")
 
     def _moved(self) -> str:
-        """Return what to tell of a file that has a name, but another one."""
+        """Return the note on a file that has a name, but another one."""
         place = self._open_file.readlink()
         with suppress(OSError):
             if place.samefile(self._open_file):
@@ -240,7 +240,7 @@ def part_of(path: Path) -> Path:
 
 
 def is_written(part: Path) -> bool:
-    """Whether another process writes a file, as far as its lock tells; raises OSError if it cannot be opened."""
+    """Whether another process writes a file, by its lock; raises OSError if it cannot be opened."""
     descriptor = os.open(part, _FLAGS)
     try:
         _lock(descriptor)

@@ -1,4 +1,4 @@
-"""The MCAP writer: messages to a log that any ROS 2 tool opens, with a manifest that says what made it."""
+"""The MCAP writer: messages to a log that any ROS 2 tool opens, with a manifest of its origin."""
 
 import os
 from collections import Counter

@@ -56,7 +56,7 @@ class Divergence:
 def first_divergence(
     a: Iterable[RecordedMessage], b: Iterable[RecordedMessage], rules: Rules = EXACT
 ) -> Divergence | None:
-    """Return the first message at which two logs part, None if they say the same.
+    """Return the first message at which two logs part, None if they are the same.
 
     The learner's topics and the phase markers have one order, except that messages of one tick may come in any. Every
     other topic is compared on its own. Topic, type, sequence and bytes count, unless the rules leave something out; the
@@ -120,7 +120,7 @@ def _earliest(logs: LogAligner) -> Divergence | None:
 
 
 def _judge(queues: Queues) -> tuple[Entry, Divergence]:
-    """Tell what happened where a channel parts, from what follows in either log; return the message and the finding."""
+    """Classify a divergence of a channel from what follows in either log; return the message and the finding."""
     a, b = queues
     if not a or not b:
         return _missing(a[0], None) if a else _extra(b[0], None)

@@ -1,4 +1,4 @@
-"""What differs between two messages: the first field whose bits are not the same, with both values as text."""
+"""Difference of two messages: the first field whose bits are not the same, with both values as text."""
 
 import struct
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence

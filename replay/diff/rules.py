@@ -1,4 +1,4 @@
-"""What counts as the same where two logs are compared: all of it, or the values but for some fields and a tolerance."""
+"""Rules for comparing two logs: bit for bit, or by value but for some fields and a tolerance."""
 
 import re
 from dataclasses import dataclass

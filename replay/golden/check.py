@@ -26,7 +26,7 @@ def _nothing(recipe: CaseSpec) -> None:
 
 @dataclass(frozen=True)
 class Verdict:
-    """What became of one case; it passed if nothing was found.
+    """The result of one case; it passed if nothing was found.
 
     Attributes
     ----------
@@ -56,7 +56,7 @@ class Verdict:
 
     @property
     def physics(self) -> str | None:
-        """What to install for the physics of the case to be checked; None if nothing is missing."""
+        """The extra to install for the physics of the case to be checked; None if nothing is missing."""
         return None if self.not_checked is None else f"not checked: install {self.not_checked.extra}"
 
 

@@ -1,4 +1,4 @@
-"""What a golden check finds: where a case and the present program first part, and what either says there."""
+"""Findings of a golden check: where a case and the present program first part, and both values there."""
 
 import dataclasses
 import traceback
@@ -97,7 +97,7 @@ def one_line(error: Exception) -> str:
 
 
 def changed_environment(expected: Mapping[str, Any]) -> tuple[str, ...]:
-    """Say in what the present environment differs from the one that a case was made in."""
+    """Return the differences of the present environment from that of a case."""
     old, new = dict(_flat(expected)), dict(_flat(environment()))
     names = [name for name in {**old, **new} if old.get(name) != new.get(name)]
     return tuple(f"{name} {old.get(name, 'absent')}, now {new.get(name, 'absent')}" for name in names)

@@ -61,7 +61,7 @@ def roll_back(folder: Path) -> None:
 
 
 def _aside(folder: Path) -> Path:
-    """Where the old case lies while the new one is put in its place: outside every folder that is cleaned up."""
+    """Path of the old case while the new one is put in its place: outside every folder that is cleaned up."""
     return folder.with_name(f".{folder.name}{_REPLACED}")
 
 
@@ -80,7 +80,7 @@ def _cases(folder: Path, seen: set[Path], *, tree: Path) -> Iterator[Path]:
 
 
 def _refuse_cut_short(path: Path) -> None:
-    """Without this, a case whose replacement was killed half-way would be missing, and nobody would be told."""
+    """Refuse the remains of a replacement that was killed half-way: the case would be missing without notice."""
     folder = path.with_name(path.name[1:].removesuffix(_REPLACED))
     if path.name.endswith(_REPLACED) and not folder.exists():
         raise ConfigError(f"{path}: a golden add was cut short, and this is the case as it was: rename it {folder}")

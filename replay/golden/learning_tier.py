@@ -93,7 +93,7 @@ def _place(moment: TickDigests) -> dict[str, str | int]:
 
 
 def _altered_result(case: Case, runner: Runner) -> Finding | None:
-    """Compare what came of a whole run, made as programs make it."""
+    """Compare the result of a whole run, run as programs run it."""
     found: Mapping[str, Any] = {"run": case.recipe.source().run, **runner.train(case.recipe)}
     for name in {**case.expected, **found}:
         if name in LATER_RESULTS and name not in case.expected:

@@ -26,7 +26,7 @@ _MESSAGE = "message"
 
 @dataclass(frozen=True)
 class LogEntry:
-    """What a case keeps of one of its logs: name, SHA-256 of the file, of its ticks, and of its attachments."""
+    """A case's record of one of its logs: name, SHA-256 of the file, of its ticks, and of its attachments."""
 
     name: str
     sha256: str
@@ -92,7 +92,7 @@ def index(path: Path) -> bytes:
 
 
 def first_change(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
-    """Return the first thing in which a log is not what it was when the case was made."""
+    """Return the first change of a log since the case was added."""
     if file_sha256(path) == entry.sha256:
         return None
     try:

@@ -1,4 +1,4 @@
-"""What a golden case runs: logs, a schedule and a learner's settings, and who can run it."""
+"""Specification of a golden case: logs, a schedule and a learner's settings, and the protocol of its runner."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ State: TypeAlias = Mapping[str, NDArray[np.float64]]
 
 @dataclass(frozen=True)
 class CaseSpec:
-    """What goes into a run.
+    """The inputs of a run.
 
     Parameters
     ----------
@@ -116,7 +116,7 @@ class EpochEnd(NamedTuple):
 
 
 class Runner(Protocol):
-    """Runs cases: the one thing that a golden check needs to be told about learners and robots."""
+    """Runs cases: the only thing that a golden check needs to know about learners and robots."""
 
     def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         """Run step by step, and yield every tick and the end of every epoch."""
@@ -137,7 +137,7 @@ class Runner(Protocol):
         """
 
     def changed_robot(self, log: Path) -> str:
-        """Say how the robot that `simulate` moves differs from the log's; the empty string if it does not."""
+        """Return how the robot that `simulate` moves differs from the log's; the empty string if it does not."""
 
     def pack(self, states: Sequence[State]) -> bytes:
         """Return the states at the ends of the epochs as the bytes of a file."""

@@ -1,4 +1,4 @@
-"""What a golden case feeds a learner: said a second time and simply, as the engine cannot find itself wrong."""
+"""Independent re-implementation of the stream of a golden case, to check the engine."""
 
 from collections.abc import Iterator
 from dataclasses import replace

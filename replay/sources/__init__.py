@@ -1,1 +1,1 @@
-"""Where a stream comes from: scheduled logs, a recorded session, a playback, a live log; knows no network."""
+"""Sources of streams: scheduled logs, a recorded session, a playback, a live log; knows no network."""

@@ -1,4 +1,4 @@
-"""What anyone publishes, made into a stream that a learner can take: phase markers, and complete ticks after them."""
+"""Turns live messages of any publisher into a stream for a learner: phase markers, and complete ticks after them."""
 
 import hashlib
 from collections import Counter, deque
@@ -92,7 +92,7 @@ class LiveStream:
 
     @property
     def losses(self) -> str:
-        """What was refused and missing, with the first reason, as the end of a line; empty if nothing was."""
+        """Refused and missing messages, with the first reason, as the end of a line; empty if there were none."""
         counts = {"refused": self.refused.total(), "given up": self.dropped, "gaps": self.gaps}
         said = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
         first = f"; the first: {self._first_refusal}" if self._first_refusal else ""
@@ -127,7 +127,7 @@ class LiveStream:
         self._joiner.begin()
 
     def refuse(self, topic: str, kind: str, line: str) -> None:
-        """Count a message that is not taken, and say so if it is time to."""
+        """Count a message that is not taken, and report it if it is time to."""
         reason = f"{topic}: {kind}"
         self._first_refusal = self._first_refusal or _printable(line)
         self.refused[reason] += 1
@@ -164,7 +164,7 @@ class LiveStream:
         return self._marker(tick), *tick.records
 
     def _marker(self, tick: LiveTick) -> RecordedMessage:
-        """Return the marker in force, to be said again before a tick."""
+        """Return the marker in force, to be repeated before a tick."""
         if self._phase is None:
             self._phase = Phase(LIVE_RUN, 0, 0, LEARN, log="")
         self._marked = True
@@ -179,7 +179,7 @@ class LiveStream:
 
 
 class LiveLog:
-    """A log as a learner would have heard its messages live: the same stream if both heard the same.
+    """A log as a live stream: the same as that of a learner which received the same messages live.
 
     It goes by the order of the file, which is that of arrival.
 
@@ -230,7 +230,7 @@ class LiveLog:
             )
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
         return live_offer(self._run, epochs=self._epochs, robot=self._robot, messages=self._count, log=self.path.name)
 
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:

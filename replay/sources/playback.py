@@ -24,7 +24,7 @@ from replay.sources.scheduled import check_renames, check_size, read_robot
 
 @dataclass(frozen=True)
 class PlaybackConfig:
-    """What is played.
+    """The settings of a playback.
 
     Parameters
     ----------
@@ -92,7 +92,7 @@ class Playback:
             raise LogError(self._nothing_found())
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
         contents = [_content(reader) for reader in self._readers]
         config = self._config
         what = [contents, sorted(config.topics), sorted(config.renames.items()), config.start_ns, config.end_ns]
@@ -156,7 +156,7 @@ class Playback:
         )
 
     def _count(self) -> int | None:
-        """Return how many messages will be played, as the logs say; None for a part of them, or for ever."""
+        """Return how many messages will be played, by the logs' counts; None for a part of them, or for ever."""
         config = self._config
         if config.loops == 0 or config.sliced:
             return None

@@ -272,7 +272,7 @@ class Replay:
         return all(episode.retained for episode in self.episodes)
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
         return Offer(
             run=self.run,
             schedule=self.schedule.to_dict(),

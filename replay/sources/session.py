@@ -60,7 +60,7 @@ class RecordedSession:
         self.schedule = self._find_schedule(epochs)
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
         return Offer(
             run=self.run,
             schedule=self.schedule,

@@ -1,4 +1,4 @@
-"""Served controllers that a stream awaits: they acknowledge nothing, but are there and hear its first message."""
+"""Served controllers that a stream awaits: they acknowledge nothing, but are there and receive its first message."""
 
 import json
 import time
@@ -65,7 +65,7 @@ class AwaitedControllers:
             raise _lost(self._gone[0])
 
     def results(self) -> dict[str, dict[str, Any]]:
-        """Return what each says of itself, by name; sent behind the stream, the question finds that it has all of it.
+        """Return the status of each by name; as it is queried behind the stream, each has received all of it.
 
         Raises
         ------
@@ -88,7 +88,7 @@ def _lost(name: str) -> WireError:
 
 
 def controller_status(session: zenoh.Session, name: str, *, namespace: str) -> dict[str, Any] | None:
-    """Return what a served controller says of itself; None if none of this name answers.
+    """Return the status of a served controller; None if none of this name answers.
 
     Raises
     ------

@@ -36,7 +36,7 @@ class Unpaced:
 
 
 class Paced:
-    """Keeps the distances between the messages, divided by a rate; where it cannot, it slips and says by how much.
+    """Keeps the distances between the messages, divided by a rate; where it cannot, it slips and reports by how much.
 
     The rate is a ceiling: a stream that is held up goes on from where it is, without hurrying after what it lost.
 
@@ -143,7 +143,7 @@ class Pausable:
 
 
 def paced(stream: Iterator[RecordedMessage], clock: Clock) -> Iterator[RecordedMessage]:
-    """Yield the messages when the clock says that they are due."""
+    """Yield the messages when they are due by the clock."""
     for message in stream:
         clock.wait(message.log_time_ns)
         yield message

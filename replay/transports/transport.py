@@ -14,7 +14,7 @@ class Source(Protocol):
     """A stream that can be offered: a schedule over logs, a recorded session, a plain playback."""
 
     def offer(self) -> Offer:
-        """Return what the consumers are told before the first message."""
+        """Return the offer that the consumers get before the first message."""
 
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""

@@ -182,7 +182,7 @@ class _Delivery:
         return Frame(kind, *self._offer.identity, self._sent, messages, reason)
 
     def _abort(self, reason: str) -> None:
-        """Tell the consumers that may have taken the offer, as well as the connection allows."""
+        """Inform the consumers that may have taken the offer, as well as the connection allows."""
         with suppress(zenoh.ZError):
             self._put(self._frame(FrameType.ABORT, reason=reason))
 
@@ -251,7 +251,7 @@ class _Delivery:
         self._publisher(key).put(payload, attachment=attachment, encoding=encoding)
 
     def _encoding(self, message: RecordedMessage) -> str:
-        """Return how a message is encoded, and its type, for whoever hears it alone."""
+        """Return the encoding of a message, and its type, for subscribers that receive it alone."""
         kind = "octet-stream" if (message.topic, message.type) in self._no_cdr else "cdr"
         return f"application/{kind};{message.type}"
 
@@ -297,7 +297,7 @@ class _Delivery:
                     self._poll(name, watch)
 
     def _poll(self, name: str, watch: Patience) -> None:
-        """Ask a consumer how far it is, and send again what it has twice said it lacks."""
+        """Ask a consumer how far it is, and send again what it has reported missing twice."""
         answer = self._ask(name, "status", asking(self._offer))
         if answer is not None and answer.run != self._offer.run:
             self._greet(name)  # it was started anew
@@ -352,7 +352,7 @@ class _Delivery:
                     self._ask(name, "status", asking(self._offer), timeout_s=1.0)
 
     def _note(self, name: str, progress: Progress) -> None:
-        """Take a consumer's word, if it is of this run and says more than what is known."""
+        """Take over a consumer's progress, if it is of this run and more than what is known."""
         if progress.run != self._offer.run:
             return
         with self._changed:
@@ -370,7 +370,7 @@ def _starting(name: str) -> str:
 
 
 def _why(error: BaseException) -> str:
-    """Say in words why a stream is given up: who reads them knows nothing of this program's insides."""
+    """Return in words why a stream is given up: its readers know nothing of this program's insides."""
     if isinstance(error, ReenactError):
         return str(error)
     if isinstance(error, KeyboardInterrupt):
