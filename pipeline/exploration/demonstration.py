@@ -126,26 +126,22 @@ def demonstrate(
     progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> DemonstrationResult:
-    """Make an episode of what was shown: teacher and simulated robot follow it, as in `exploration.explore`.
+    """Record an episode of demonstrated paths: teacher and simulated robot follow them, as in `exploration.explore`.
 
     Parameters
     ----------
     robot : RobotConfig
-        Who follows.
+        Robot that follows.
     shown : DemonstratedPaths
         Paths of one hand or both; a hand that is not shown is held still in the centre of its pattern.
     config : DemonstrationConfig
-        How the paths become targets.
+        Placement of the paths in the workspace.
     seed : int
-        Names the start posture.
-    out : str or Path
-        Path of the log.
-    overwrite : bool
-        Whether a log at `out` may be replaced.
-    progress : callable
-        Called with the fraction done, 0 to 1.
-    say : callable
-        Told, in one line, of a log that a crash left at `out`, and that is set aside.
+        Seed of the start posture.
+    out, overwrite : str or Path, bool
+        Log to write, and whether one that is there may be replaced.
+    progress, say : callable
+        Called with the fraction done, 0 to 1, and with a line about a log that a crash left at `out`.
 
     Raises
     ------
@@ -169,12 +165,11 @@ def demonstrate(
         progress=progress,
         say=say,
     )
-    speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
     return DemonstrationResult(
         path=explored.path,
         ticks=explored.ticks,
         duration_s=float(motion.times_s[-1] - motion.times_s[0]),
-        peak_m_s=float(speeds.max()),
+        peak_m_s=_peak_m_s(motion),
         longest_gap_s=max(float(np.diff(path.times_s).max()) for path in shown.paths.values()),
         out_of_reach=found,
         source=dict(shown.source),
@@ -183,8 +178,13 @@ def demonstrate(
     )
 
 
+def _peak_m_s(motion: Motion) -> float:
+    speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
+    return float(speeds.max())
+
+
 def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: DemonstrationConfig) -> Motion:
-    """Resample, turn, scale and place what was shown.
+    """Resample, turn, scale and place demonstrated paths.
 
     Samples are taken while every hand shown has poses on both sides of them. Targets are rounded to the nanometre.
 

@@ -1,4 +1,10 @@
-"""Exploration: the teacher drives the simulated robot through a motion, and the episode goes to a log."""
+"""Exploration: the teacher drives the simulated robot through a motion, and the episode goes to a log.
+
+A closed motion goes round once to settle and once for the record; of an open one the first target is held to settle.
+The robot takes part in the last `ExplorationConfig.settle_ns` of it alone, see `TeacherRun.settle_placed`. A tick is
+written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed motion carries its
+first target again, that of an open motion its last.
+"""
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import asdict, dataclass
@@ -63,40 +69,29 @@ def explore(
 ) -> ExplorationResult:
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
-    A closed motion goes round once to settle and once for the record; of an open one the first target is held to
-    settle. The robot takes part in the last `config.settle_ns` of it alone, see `Episode.settle_placed`. A tick is
-    written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed motion carries
-    its first target again, that of an open motion its last.
-
     Parameters
     ----------
     robot, motion : RobotConfig and Motion
-        What moves, and how.
+        Robot that moves, and its motion.
     seed : int
-        Names the start posture.
-    out : str or Path
-        Path of the log.
-    teacher, simulation, config : TeacherConfig and SimulationConfig and ExplorationConfig
+        Seed of the start posture.
+    out, overwrite : str or Path, bool
+        Log to write, and whether one that is there may be replaced.
+    teacher, simulation, config : TeacherConfig, SimulationConfig, ExplorationConfig
         Parameters, all of them written to the manifest.
     notes : mapping of str to object
-        What else the manifest is to say, such as where the motion came from.
+        More entries of the manifest, such as the source of the motion.
     must_reach : bool
         Whether a motion that leaves the robot's reach is refused.
-    overwrite : bool
-        Whether a log at `out` may be replaced.
-    progress : callable
-        Called with the fraction done, 0 to 1.
-    on_message : callable
-        Told of what is written: topic, message, time [ns].
-    say : callable
-        Told, in one line, of a log that a crash left at `out`, and that is set aside.
+    progress, on_message, say : callable
+        Called with the fraction done, 0 to 1; with every message written, its topic and time [ns]; with a line about a
+        log that a crash left at `out`, and that is set aside.
 
     Raises
     ------
-    MotionError
-        The motion leaves the robot's reach, or is sampled faster than the teacher works.
-    ConfigError, RobotError, LogError
-        The parameters do not fit together, the robot cannot be simulated, or the log cannot be written.
+    MotionError, ConfigError, RobotError, LogError
+        If the motion leaves the robot's reach or is sampled faster than the teacher works, the parameters do not fit
+        together, the robot cannot be simulated, or the log cannot be written.
     """
     guide = Teacher(Kinematics(robot), teacher)
     motion_plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
@@ -104,25 +99,25 @@ def explore(
         check_reach(guide, motion)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
-    manifest = {
-        **notes,
-        "kind": "exploration",
-        "robot": robot.name,
-        "motion": {"name": motion.name, "sha256": motion.sha256, "samples": len(motion), "closed": motion.closed},
-        "seed": seed,
-        "start_posture": start.tolist(),
-        "teacher": asdict(teacher),
-        "simulation": asdict(simulation),
-        "exploration": asdict(config),
-    }
+    settings = {"teacher": asdict(teacher), "simulation": asdict(simulation), "exploration": asdict(config)}
+    manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **settings}
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite, say=say) as writer:
         total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
         episode = TeacherRun(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
         episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record
         _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(motion_plan))
-    return ExplorationResult(
-        Path(out), len(motion) + 1, episode.teacher_error_cm, str(LogReader(out).manifest["content_sha256"])
-    )
+    digest = str(LogReader(out).manifest["content_sha256"])
+    return ExplorationResult(Path(out), len(motion) + 1, episode.teacher_error_cm, digest)
+
+
+def _description(robot: RobotConfig, motion: Motion, seed: int, start: list[float]) -> dict[str, Any]:
+    return {
+        "kind": "exploration",
+        "robot": robot.name,
+        "motion": {"name": motion.name, "sha256": motion.sha256, "samples": len(motion), "closed": motion.closed},
+        "seed": seed,
+        "start_posture": start,
+    }
 
 
 def _attachments(robot: RobotConfig) -> dict[str, bytes]:
@@ -130,7 +125,7 @@ def _attachments(robot: RobotConfig) -> dict[str, bytes]:
 
 
 class _Record:
-    """Writes a cycle, and beside it what the robot says: hands at every tick, its state at its own rate."""
+    """Writes a cycle with the messages of the robot: hands at every tick, its state at its own rate."""
 
     def __init__(
         self,

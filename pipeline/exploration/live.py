@@ -47,7 +47,7 @@ class LiveSession:
     motion : Motion
         What it is to follow.
     seed : int
-        Names the start posture.
+        Seed of the start posture.
     schedule : Schedule
         Epochs and phases.
     teacher, config : TeacherConfig, ExplorationConfig
@@ -100,6 +100,16 @@ class LiveSession:
     def teacher_error_cm(self) -> float:
         """Distance of the hands from u(k) at the end of its hold [cm], mean over what has been streamed."""
         return self._episode.teacher_error_cm
+
+    @property
+    def source(self) -> NodeSource:
+        """Status of the session as a node."""
+        return NodeSource(
+            "explorer",
+            node_name(self._motion.name),
+            state=lambda: "exploring" if self.messages else "waiting",
+            counts=lambda: {"messages": self.messages},
+        )
 
     def settle(self) -> None:
         """Bring the robot to the start of the motion; nothing of it is streamed."""
@@ -166,7 +176,7 @@ class LiveExploration:
     teacher_error_cm : float
         Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
     consumers : dict of str to dict of str to object
-        What each awaited consumer made of the stream, by name.
+        Result of each awaited consumer, by name.
     """
 
     run: str
@@ -191,7 +201,7 @@ def explore_live(
     progress: Callable[[float], None] = lambda fraction: None,
     say: Callable[[str], None] = lambda line: None,
 ) -> LiveExploration:
-    """Let the teacher lead a robot node through a motion, and stream the session to the consumers that are awaited.
+    """Let the teacher drive a robot node through a motion, and stream the session to the consumers that are awaited.
 
     The robot settles first. Then the consumers are awaited, while the robot's time, in lockstep, stands still.
 
@@ -200,17 +210,15 @@ def explore_live(
     motion : str
         Name of a pattern or drawing, or path of a CSV file.
     seed : int
-        Names the start posture.
+        Seed of the start posture.
     schedule : Schedule
         Epochs and phases.
     session, sender : SessionConfig, SenderConfig
         Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch` says.
     teacher, config : TeacherConfig, ExplorationConfig
         Parameters.
-    progress : callable
-        Called with the fraction done, 0 to 1.
-    say : callable
-        Told, a line each, what it loses sight of.
+    progress, say : callable
+        Called with the fraction done, 0 to 1, and with a line for every connection lost.
 
     Raises
     ------
@@ -227,13 +235,7 @@ def explore_live(
         )
         live.settle()
         robot.wait()
-        node = NodeSource(
-            "explorer",
-            node_name(presented.name),
-            state=lambda: "exploring" if live.messages else "waiting",
-            counts=lambda: {"messages": live.messages},
-        )
-        with running_node(opened, node, config=session, namespace=sender.namespace, report=say):
+        with running_node(opened, live.source, config=session, namespace=sender.namespace, report=say):
             transport = ZenohTransport(opened, config=replace(sender, batch=1))
             consumers = transport.deliver(live.offer(), live.stream_from)
     return LiveExploration(

@@ -95,18 +95,18 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
         with path.open(encoding="utf-8-sig", newline="") as file:
             reader = csv.reader(_lines(path, file), strict=True)
             header: list[str] | None = None
-            places: dict[str, int] = {}
+            indices: dict[str, int] = {}
             for row in reader:
                 where = f"motion '{path}', line {reader.line_num}"
                 if not any(cell.strip() for cell in row) or row[0].lstrip().startswith("#"):
                     continue
                 if header is None:
                     header = [cell.strip() for cell in row]
-                    places = _places(path, header, choose)
+                    indices = _indices(path, header, choose)
                 else:
                     _check_length(where, row, len(header))
-                    values = _values(where, row, places, max_coordinate)
-                    yield reader.line_num, Decimal(row[places["t"]]), values
+                    values = _values(where, row, indices, max_coordinate)
+                    yield reader.line_num, Decimal(row[indices["t"]]), values
             if reader.line_num == 0:
                 raise MotionError(f"motion '{path}': expected CSV text, found an empty file")
     except OSError as error:
@@ -129,7 +129,7 @@ def _lines(path: Path, file: TextIO) -> Iterator[str]:
         yield line
 
 
-def _places(path: Path, header: list[str], choose: Choice) -> dict[str, int]:
+def _indices(path: Path, header: list[str], choose: Choice) -> dict[str, int]:
     for mark, name in ((";", "semicolons"), ("\t", "tabs")):
         if len(header) == 1 and mark in header[0]:
             expected = "expected commas between the columns and points in the numbers"
@@ -152,11 +152,11 @@ def _brief(text: str) -> str:
     return f"{' '.join(text.split()):.80}"
 
 
-def _values(where: str, row: list[str], places: dict[str, int], max_coordinate: float) -> list[float]:
+def _values(where: str, row: list[str], indices: dict[str, int], max_coordinate: float) -> list[float]:
     values = []
-    for column, place in places.items():
+    for column, index in indices.items():
         limit, unit = (_MAX_CLOCK_S, "s") if column == "t" else (max_coordinate, "m")
-        values.append(_value(f"{where}, column {column}", row[place], limit, unit))
+        values.append(_value(f"{where}, column {column}", row[index], limit, unit))
     return values
 
 

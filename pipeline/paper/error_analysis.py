@@ -119,9 +119,9 @@ def depths(paper: PaperResults, networks: NetworkEnsemble) -> list[Depth]:
     for name, trials in networks.trials.items():
         targets = trials[0].targets.reshape(-1, 2, 3)
         offsets = np.array([trial.reached - targets for trial in trials])  # (networks, T, 2, 3)
-        for place, (hand, centre) in enumerate((("left", robot.left_centre), ("right", robot.right_centre))):
-            out_m = np.linalg.norm(targets[:, place] - centre, axis=1).max()
-            missed = offsets[:, :, place]  # (networks, T, 3)
+        for index, (hand, centre) in enumerate((("left", robot.left_centre), ("right", robot.right_centre))):
+            out_m = np.linalg.norm(targets[:, index] - centre, axis=1).max()
+            missed = offsets[:, :, index]  # (networks, T, 3)
             parts_m = [np.linalg.norm(missed, axis=2), np.linalg.norm(missed @ axes, axis=2), np.abs(missed @ ahead)]
             found.append(Depth(name, hand, _CM_PER_M * float(out_m), *(_CM_PER_M * float(p.mean()) for p in parts_m)))
     return found

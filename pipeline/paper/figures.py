@@ -195,8 +195,8 @@ def _draw_strip(
     each = max(1, round(1.0 / period_s), -(-len(joints) // _STAGES))
     right, up, _ = _STRIP_VIEW.axes(robot)
     stages = range(0, len(joints), each)
-    for place, stage in enumerate(stages):
-        offset = place * _STRIP_STEP_CM
+    for index, stage in enumerate(stages):
+        offset = index * _STRIP_STEP_CM
         drawing.draw(axes, joints[stage], view=_STRIP_VIEW, offset_cm=(offset, 0.0))
         for colour, target in zip(HAND_COLOURS.values(), targets[stage].reshape(2, 3), strict=True):
             x, y = 100.0 * float(target @ right) + offset, 100.0 * float(target @ up)

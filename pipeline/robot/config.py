@@ -211,8 +211,8 @@ def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     if not isinstance(value, list) or not value:
         raise RobotError(f"joints of the robot config: expected a list of tables, found {shown(value)}")
-    rows = [as_table(row, _JOINT_KEYS, f"joint {place}") for place, row in enumerate(value)]
-    names = tuple(as_name(row["name"], f"name of joint {place}") for place, row in enumerate(rows))
+    rows = [as_table(row, _JOINT_KEYS, f"joint {index}") for index, row in enumerate(value)]
+    names = tuple(as_name(row["name"], f"name of joint {index}") for index, row in enumerate(rows))
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
         raise RobotError(f"joints of the robot config: {names_text(repeated)} given more than once")
     weights = [as_number(row["weight"], f"weight of {row['name']}") for row in rows]

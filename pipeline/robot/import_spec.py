@@ -16,7 +16,7 @@ Vector = tuple[float, float, float]
 
 _KEYS = frozenset({"source"})
 _OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "virtual", "frames"})
-_PLACE_KEYS = frozenset({"xyz", "rpy"})
+_POSE_KEYS = frozenset({"xyz", "rpy"})
 _FRAME_KEYS = frozenset({"name", "parent"})
 _VIRTUAL_KEYS = frozenset({"name", "type", "axis", "lower", "upper", "effort", "velocity"})
 _VIRTUAL_TYPES = ("revolute", "prismatic")
@@ -50,7 +50,7 @@ class AddedFrame:
 
     name: str
     parent: str
-    place: Pose
+    pose: Pose
 
 
 @dataclass(frozen=True)
@@ -101,13 +101,13 @@ def parse_source(toml_text: str) -> RobotSource:
     return RobotSource(
         package=package,
         urdf=urdf,
-        base=_place(as_table(table.get("base", {}), frozenset(), "[base]", or_not=_PLACE_KEYS), "[base]"),
+        base=_pose(as_table(table.get("base", {}), frozenset(), "[base]", or_not=_POSE_KEYS), "[base]"),
         drop=tuple(as_name(name, "drop") for name in as_list(table.get("drop", []), "drop")),
         frozen=tuple(
             (as_name(name, "[frozen]"), as_number(value, f"[frozen] {name}")) for name, value in frozen.items()
         ),
-        virtual=tuple(_virtual(row, place) for place, row in enumerate(as_list(table.get("virtual", []), "virtual"))),
-        frames=tuple(_frame(row, place) for place, row in enumerate(as_list(table.get("frames", []), "frames"))),
+        virtual=tuple(_virtual(row, index) for index, row in enumerate(as_list(table.get("virtual", []), "virtual"))),
+        frames=tuple(_frame(row, index) for index, row in enumerate(as_list(table.get("frames", []), "frames"))),
     )
 
 
@@ -162,15 +162,15 @@ def _model(value: object) -> tuple[str | None, str]:
     return None, urdf
 
 
-def _place(table: Mapping[str, Any], where: str) -> Pose:
+def _pose(table: Mapping[str, Any], where: str) -> Pose:
     return Pose(
         _vector(table.get("xyz", [0, 0, 0]), f"{where} xyz"), _vector(table.get("rpy", [0, 0, 0]), f"{where} rpy")
     )
 
 
-def _virtual(value: object, place: int) -> VirtualJoint:
-    table = as_table(value, _VIRTUAL_KEYS, f"virtual joint {place}")
-    name = as_name(table["name"], f"name of virtual joint {place}")
+def _virtual(value: object, index: int) -> VirtualJoint:
+    table = as_table(value, _VIRTUAL_KEYS, f"virtual joint {index}")
+    name = as_name(table["name"], f"name of virtual joint {index}")
     if table["type"] not in _VIRTUAL_TYPES:
         found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {shown(table['type'])}"
         raise RobotError(f"type of {name} of the robot config: {found}")
@@ -178,10 +178,10 @@ def _virtual(value: object, place: int) -> VirtualJoint:
     return VirtualJoint(name, table["type"], _vector(table["axis"], f"axis of {name}"), **numbers)
 
 
-def _frame(value: object, place: int) -> AddedFrame:
-    table = as_table(value, _FRAME_KEYS, f"frame {place}", or_not=_PLACE_KEYS)
-    name = as_name(table["name"], f"name of frame {place}")
-    return AddedFrame(name, as_name(table["parent"], f"parent of {name}"), _place(table, name))
+def _frame(value: object, index: int) -> AddedFrame:
+    table = as_table(value, _FRAME_KEYS, f"frame {index}", or_not=_POSE_KEYS)
+    name = as_name(table["name"], f"name of frame {index}")
+    return AddedFrame(name, as_name(table["parent"], f"parent of {name}"), _pose(table, name))
 
 
 def _vector(value: object, where: str) -> Vector:

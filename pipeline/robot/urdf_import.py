@@ -67,7 +67,7 @@ def _assembled(model: Element, source: RobotSource, name: str) -> Element:
     _stand(robot, root, source)
     for frame in source.frames:
         check_links(robot, [frame.parent])
-        _add_joint(robot, f"{frame.name}_frame", "fixed", frame.parent, frame.name, frame.place)
+        _add_joint(robot, f"{frame.name}_frame", "fixed", frame.parent, frame.name, frame.pose)
         SubElement(robot, "link", name=frame.name)
     _check_limits(robot)
     whole = parse_urdf(tostring(robot, encoding="unicode"))  # once more: names that were added may exist already
@@ -106,9 +106,9 @@ def _stand(robot: Element, root: str, source: RobotSource) -> None:
     _add_joint(robot, "model_stand", "fixed", parent, root, Pose(xyz, source.base.rpy))
 
 
-def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, place: Pose) -> Element:
+def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, pose: Pose) -> Element:
     joint = SubElement(robot, "joint", name=name, type=kind)
-    SubElement(joint, "origin", xyz=as_numbers(place.xyz), rpy=as_numbers(place.rpy))
+    SubElement(joint, "origin", xyz=as_numbers(pose.xyz), rpy=as_numbers(pose.rpy))
     SubElement(joint, "parent", link=parent)
     SubElement(joint, "child", link=child)
     return joint

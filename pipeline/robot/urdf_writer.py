@@ -89,11 +89,11 @@ def _write_inertia(inertial: Element, inertia: Floats) -> None:
 
 def _write_joint(robot: Element, source: Element, model: Any, links: Mapping[int, Element], *, prefix: str) -> None:
     index = joint_index(model, source.get("name", ""))
-    parent, place = links[model.parents[index]], model.jointPlacements[index]
+    parent, pose = links[model.parents[index]], model.jointPlacements[index]
     joint = SubElement(robot, "joint", name=source.get("name", ""), type=source.get("type", ""))
-    _write_place(joint, place, parent, links[index])
+    _write_origin(joint, pose, parent, links[index])
     joint.extend([*source.findall("axis"), *source.findall("limit")])
-    add_bone(parent, place.translation, prefix=prefix)
+    add_bone(parent, pose.translation, prefix=prefix)
 
 
 def _write_frame(robot: Element, name: str, model: Any, links: Mapping[int, Element], *, prefix: str) -> None:
@@ -102,13 +102,13 @@ def _write_frame(robot: Element, name: str, model: Any, links: Mapping[int, Elem
     frame = model.frames[link_frame(model, name)]
     parent = links[frame.parentJoint]
     joint = SubElement(robot, "joint", name=f"{name}_frame", type="fixed")
-    _write_place(joint, frame.placement, parent, SubElement(robot, "link", name=name))
+    _write_origin(joint, frame.placement, parent, SubElement(robot, "link", name=name))
     add_bone(parent, frame.placement.translation, prefix=prefix)
 
 
-def _write_place(joint: Element, place: Any, parent: Element, child: Element) -> None:
-    rpy = pinocchio.rpy.matrixToRpy(place.rotation)
-    SubElement(joint, "origin", xyz=as_numbers(place.translation), rpy=as_numbers(rpy))
+def _write_origin(joint: Element, pose: Any, parent: Element, child: Element) -> None:
+    rpy = pinocchio.rpy.matrixToRpy(pose.rotation)
+    SubElement(joint, "origin", xyz=as_numbers(pose.translation), rpy=as_numbers(rpy))
     SubElement(joint, "parent", link=parent.get("name", ""))
     SubElement(joint, "child", link=child.get("name", ""))
 

@@ -83,14 +83,14 @@ def unpack_commands(payload: bytes) -> list[bytes]:
         If the payload holds none, or is not what `pack_commands` makes.
     """
     commands: list[bytes] = []
-    place = 0
-    while place < len(payload) or not commands:
-        begin = place + _LENGTH
-        length = int.from_bytes(payload[place:begin], "little")
-        place = begin + length
-        if place > len(payload):
+    offset = 0
+    while offset < len(payload) or not commands:
+        begin = offset + _LENGTH
+        length = int.from_bytes(payload[offset:begin], "little")
+        offset = begin + length
+        if offset > len(payload):
             raise MessageError(f"expected commands behind their lengths, found {len(payload)} bytes that are none")
-        commands.append(payload[begin:place])
+        commands.append(payload[begin:offset])
     return commands
 
 
@@ -123,9 +123,9 @@ class CommandReader:
             strangers = names_text(sorted(set(joints.name) - set(self._robot.joints)))
             raise JointError(f"'{self._robot.name}' has no joint {strangers}; it has {names_text(self._robot.joints)}")
         if not np.isfinite(posture).all():
-            place = int(np.flatnonzero(~np.isfinite(posture))[0])
+            index = int(np.flatnonzero(~np.isfinite(posture))[0])
             raise MessageError(
-                f"expected a finite position for joint {self._robot.joints[place]}, found {posture[place]}"
+                f"expected a finite position for joint {self._robot.joints[index]}, found {posture[index]}"
             )
         return joints.stamp_ns, np.clip(posture, self._robot.lower, self._robot.upper)
 

@@ -132,7 +132,7 @@ class DrakePlant:
         forces: Floats = self.plant.CalcGravityGeneralizedForces(context)[self.v]
         return forces
 
-    def place(self, context: Any, q: Floats, v: Floats) -> None:
+    def set_state(self, context: Any, q: Floats, v: Floats) -> None:
         """Set positions and velocities, both (n,)."""
         state = np.zeros(self.plant.num_multibody_states())
         state[self.x] = np.concatenate([q, v])
@@ -187,7 +187,7 @@ class SaturatedServos:
         desired[self._inputs], desired[self._inputs + n] = demand.positions, demand.velocities
         feed_forward[self._inputs] = demand.feed_forward
         self._context.SetTime(time_ns / 1_000_000_000)
-        joints.place(self._context, q, v)
+        joints.set_state(self._context, q, v)
         joints.plant.get_desired_state_input_port(joints.model).FixValue(self._context, desired)
         joints.plant.get_actuation_input_port().FixValue(self._context, feed_forward)
         self._simulator.Initialize()
@@ -257,11 +257,11 @@ class UnsaturatedServos:
         """Joint velocities [rad/s or m/s], shape (n,)."""
         return self._state[len(self._state) // 2 :].copy()
 
-    def place(self, q: Floats, v: Floats, *, time_ns: int) -> None:
+    def set_state(self, q: Floats, v: Floats, *, time_ns: int) -> None:
         """Set positions and velocities, both (n,), and the time [ns]."""
         self._state, self.time_ns = np.concatenate([q, v]), time_ns
         self._simulator.get_mutable_context().SetTime(time_ns / 1_000_000_000)
-        self.joints.place(self.context, q, v)
+        self.joints.set_state(self.context, q, v)
         self._simulator.Initialize()
 
     def advance(self, demand: Demand, *, until_ns: int) -> bool:

@@ -110,7 +110,7 @@ class Simulation:
         """
         posture = self._checked(q)
         self._set_point = posture
-        self._servos.place(posture, np.zeros(len(posture)), time_ns=time_ns)
+        self._servos.set_state(posture, np.zeros(len(posture)), time_ns=time_ns)
 
     def advance(self, q_command: ArrayLike, duration_ns: int) -> None:
         """Command posture `q_command` (n,) and simulate `duration_ns`, a multiple of the control period.
@@ -170,7 +170,7 @@ class Simulation:
         begin_ns, end_ns = self.time_ns, self.time_ns + self._config.control_ns
         if not self._servos.advance(demand, until_ns=end_ns):
             q, v = self._limited.advance(self.positions, self.velocities, demand, time_ns=begin_ns, until_ns=end_ns)
-            self._servos.place(q, v, time_ns=end_ns)
+            self._servos.set_state(q, v, time_ns=end_ns)
 
 
 def _gains(robot: RobotConfig, bandwidth: float) -> Gains:

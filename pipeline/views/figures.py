@@ -234,9 +234,9 @@ def _label_lines(axes: Axes, values: dict[str, float], *, bold: str) -> None:
     """Name each line at its right end; where two names would overlap, one moves up and a stroke leads to it."""
     above = -np.inf
     for name, value in sorted(values.items(), key=lambda item: item[1]):
-        _, place = axes.transAxes.inverted().transform(axes.transData.transform((1.0, value)))
-        above = max(place, above + _LABEL_GAP)
-        axes.plot([1.006, 1.018], [place, above], color=GREY, linewidth=0.6, transform=axes.transAxes, clip_on=False)
+        _, height = axes.transAxes.inverted().transform(axes.transData.transform((1.0, value)))
+        above = max(height, above + _LABEL_GAP)
+        axes.plot([1.006, 1.018], [height, above], color=GREY, linewidth=0.6, transform=axes.transAxes, clip_on=False)
         weight, colour = ("bold", BLACK) if name == bold else ("normal", GREY)
         label = f"{name}: {value:.2f}"
         axes.text(1.022, above, label, color=colour, fontweight=weight, va="center", transform=axes.transAxes)

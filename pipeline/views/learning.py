@@ -79,7 +79,7 @@ class LearningView:
         self._steps.clear()
         self._rows = 0
 
-    def _show(self, timeline: str, place: int, controller: Controller, hands_cm: tuple[float, float] | None) -> None:
+    def _show(self, timeline: str, index: int, controller: Controller, hands_cm: tuple[float, float] | None) -> None:
         if not self._steps:
             return
         u, outputs = (np.concatenate(parts) for parts in zip(*self._steps, strict=True))
@@ -91,7 +91,7 @@ class LearningView:
         self._scene = self._scene or _LearningScene(
             self._view, controller, self._kinematics, timeline, u, max(hands_cm)
         )
-        self._scene.show(place, controller, u, joints, hands_cm)
+        self._scene.show(index, controller, u, joints, hands_cm)
 
 
 class _LearningScene:
@@ -129,28 +129,28 @@ class _LearningScene:
 
     def show(
         self,
-        place: int,
+        index: int,
         controller: Controller,
         u: Floats,
         joints: Floats,
         hands_cm: tuple[float, float],
     ) -> None:
-        self._recording.set_time(self._timeline, sequence=place)
+        self._recording.set_time(self._timeline, sequence=index)
         log_errors(self._recording, hands_cm)
         log_drift(self._recording, self._network.spread(controller), moved=self._network.moved(controller))
         if self._timeline == TICKS or self._shown % _PICTURE_EVERY == 0:
-            self._show_motion(place, u, joints)
+            self._show_motion(index, u, joints)
         if self._shown % _ACTIVITY_EVERY == 0:
             activity = self._network.activity(controller, u)
             if activity is not None:
                 log_activity(self._recording, activity)
         self._shown += 1
 
-    def _show_motion(self, place: int, u: Floats, joints: Floats) -> None:
+    def _show_motion(self, index: int, u: Floats, joints: Floats) -> None:
         """Show the whole paths, and the robot at one of their points."""
         targets, reached = u.reshape(-1, 2, 3), self._kinematics.hands_along(joints)
-        now = slice(at := place * _STRIDE % len(u), at + 1) if self._timeline == EPOCHS else slice(-1, None)
-        instants = Instants(self._timeline, np.array([place], dtype=np.int64))
+        now = slice(at := index * _STRIDE % len(u), at + 1) if self._timeline == EPOCHS else slice(-1, None)
+        instants = Instants(self._timeline, np.array([index], dtype=np.int64))
         self._model.send(self._recording, instants, joints[now])
         self._hands.send(instants, Track(np.zeros(1, dtype=np.int64), joints[now], targets[now], reached[now]))
         self._hands.log_paths(targets, reached)

@@ -142,9 +142,9 @@ class MotionRows:
             scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in self._hands)
             posture = self._joints.positions(joints)
             if not np.isfinite(posture).all():
-                place = int(np.flatnonzero(~np.isfinite(posture))[0])
+                index = int(np.flatnonzero(~np.isfinite(posture))[0])
                 raise MotionError(
-                    f"{self._topic}: expected a finite position for joint {self._joints.names[place]}, "
-                    f"found {posture[place]}"
+                    f"{self._topic}: expected a finite position for joint {self._joints.names[index]}, "
+                    f"found {posture[index]}"
                 )
             self._rows.append((since_ns, posture, np.stack([left, right]), scored))

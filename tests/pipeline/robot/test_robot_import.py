@@ -290,7 +290,7 @@ def test_flat_bodies_have_in_drake_what_they_have_in_the_model(tmp_path: Path, i
     joints = DrakePlant(robot, step_ns=1_000_000)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
-    joints.place(context, robot.comfort, np.zeros(len(robot.joints)))
+    joints.set_state(context, robot.comfort, np.zeros(len(robot.joints)))
     found = np.diagonal(joints.plant.CalcMassMatrix(context))[joints.v]
     np.testing.assert_allclose(found, Kinematics(robot).inertia_diagonal(robot.comfort), rtol=1e-9)
 

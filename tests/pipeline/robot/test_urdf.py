@@ -159,7 +159,7 @@ def test_an_inertia_at_the_edge_of_what_a_body_has_is_drakes_too(mass: float, mo
     joints = DrakePlant(robot, step_ns=1_000_000)
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
-    joints.place(context, robot.comfort, np.zeros(len(robot.joints)))
+    joints.set_state(context, robot.comfort, np.zeros(len(robot.joints)))
     found = np.diagonal(joints.plant.CalcMassMatrix(context))[joints.v]
     np.testing.assert_allclose(found, Kinematics(robot).inertia_diagonal(robot.comfort), rtol=1e-9)
 

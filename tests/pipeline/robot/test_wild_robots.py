@@ -133,7 +133,7 @@ def check_imported(model: Model, joints: list[str], robot: RobotConfig) -> None:
     joint_space = DrakePlant(robot, step_ns=1_000_000)
     joint_space.finalize()
     context = joint_space.plant.CreateDefaultContext()
-    joint_space.place(context, q, np.zeros(len(q)))
+    joint_space.set_state(context, q, np.zeros(len(q)))
     masses = np.diagonal(joint_space.plant.CalcMassMatrix(context))[joint_space.v]
     np.testing.assert_allclose(masses, kinematics.inertia_diagonal(q), rtol=1e-7, atol=1e-12)
     RobotModel.load(robot.plain_urdf, robot.joints)

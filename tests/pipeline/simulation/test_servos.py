@@ -41,7 +41,7 @@ def demands(count: int, seed: int) -> list[Demand]:
 def solved(joints: DrakePlant, context: Any, q: Floats, v: Floats, demand: Demand) -> tuple[Floats, Floats]:
     """Posture and velocities after a millisecond, from the mass matrix and the forces that Drake names."""
     h = 1e-3
-    joints.place(context, q, v)
+    joints.set_state(context, q, v)
     order = joints.v
     mass = joints.plant.CalcMassMatrixViaInverseDynamics(context)[np.ix_(order, order)]
     rest = joints.gravity(context) - joints.plant.CalcBiasTerm(context)[order]
@@ -57,7 +57,7 @@ def test_free_servos_solve_the_equation_that_they_name() -> None:
     joints.finalize()
     context = joints.plant.CreateDefaultContext()
     q, v = ROBOT.comfort, np.zeros(N)
-    servos.place(q, v, time_ns=0)
+    servos.set_state(q, v, time_ns=0)
     for k, demand in enumerate(demands(40, seed=1), 1):
         assert servos.advance(demand, until_ns=k * PERIOD)
         for _ in range(PERIOD // MS):
@@ -71,7 +71,7 @@ def test_they_agree_with_drakes_own_as_far_as_those_iterate() -> None:
         UnsaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS),
         SaturatedServos(DrakePlant(ROBOT, step_ns=MS), GAINS),
     )
-    free.place(ROBOT.comfort, np.zeros(N), time_ns=0)
+    free.set_state(ROBOT.comfort, np.zeros(N), time_ns=0)
     for k, demand in enumerate(demands(200, seed=2)):
         begin, end = k * PERIOD, (k + 1) * PERIOD
         q, v = limited.advance(free.positions, free.velocities, demand, time_ns=begin, until_ns=end)
@@ -101,12 +101,12 @@ def test_a_motor_beyond_its_limit_is_noticed_at_any_step_and_nothing_has_moved(b
         exerted = np.abs(efforts(joints, context, demand))
         for factor, expected in ((1.0 + 1e-6, True), (1.0 - 1e-6, False)):
             servos.joints.effort_limits = exerted.max(axis=0) * factor
-            servos.place(ROBOT.comfort, np.zeros(N), time_ns=begin)
+            servos.set_state(ROBOT.comfort, np.zeros(N), time_ns=begin)
             assert servos.advance(demand, until_ns=begin + PERIOD) == expected
             assert np.array_equal(servos.positions, ROBOT.comfort) != expected
         for joint in range(N):  # this motor alone
             servos.joints.effort_limits = np.where(np.arange(N) == joint, exerted.max(axis=0) * (1.0 - 1e-6), np.inf)
-            servos.place(ROBOT.comfort, np.zeros(N), time_ns=begin)
+            servos.set_state(ROBOT.comfort, np.zeros(N), time_ns=begin)
             assert not servos.advance(demand, until_ns=begin + PERIOD)
         steps |= set(exerted.argmax(axis=0).tolist())
     assert {0, PERIOD // MS - 1} < steps
@@ -154,7 +154,7 @@ def test_an_arm_whose_motor_is_too_weak_sinks_as_far_as_drake_says() -> None:
     context = joints.plant.CreateDefaultContext()
     q, v = ROBOT.comfort, np.zeros(N)
     for k in range(60):
-        joints.place(context, q, v)
+        joints.set_state(context, q, v)
         hold = Demand(ROBOT.comfort, np.zeros(N), -joints.gravity(context))
         q, v = limited.advance(q, v, hold, time_ns=k * PERIOD, until_ns=(k + 1) * PERIOD)
         simulation.advance(ROBOT.comfort, PERIOD)
