@@ -14,10 +14,9 @@ from pipeline.cli.robot import demonstrate, explore, robot
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
 from pipeline.terminal import console
-from pipeline.terminal.escaping import escape_control
 from pipeline.terminal.signals import end_by_exceptions
 from recorders.errors import ReenactError
-from recorders.text.wording import line_text
+from recorders.text.wording import escape_control, line_text
 
 
 class _Program(TyperGroup):

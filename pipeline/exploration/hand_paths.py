@@ -9,6 +9,7 @@ from typing import Any
 from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from pipeline.motions.csv_file import read_table
 from recorders.errors import LogError, MotionError
+from recorders.files.whole_files import file_sha256
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET
 from recorders.reading.parts import Log, Parts
@@ -65,7 +66,7 @@ def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
     table = read_table(path, choose=choose, max_coordinate=MAX_COORDINATE)
     paths = {side: HandPath(table[:, 0], table[:, 1 + 3 * k : 4 + 3 * k]) for k, side in enumerate(sides)}
     return DemonstratedPaths(
-        path.stem, paths, {"kind": "csv", "name": path.name, "sha256": _file_sha256(path), "hands": sides}
+        path.stem, paths, {"kind": "csv", "name": path.name, "sha256": file_sha256(path), "hands": sides}
     )
 
 
@@ -109,7 +110,8 @@ def read_log_paths(
         poses = [name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE]
         found = names_text(name for name in poses if name not in renames) or "none"
         raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
-    source = {"kind": "log", "name": path.name, "sha256": _file_sha256(path)}
+    files = path.paths if isinstance(path, Parts) else (path,)
+    source = {"kind": "log", "name": path.name, "sha256": file_sha256(*files)}
     return from_tracks(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
 
 
@@ -155,12 +157,3 @@ def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[
             raise MotionError("expected a hand for the columns x,y,z, as with --hand right")
         return {hand: ["x", "y", "z"]}
     raise MotionError("the header lacks columns: expected t and lx,ly,lz, rx,ry,rz, both, or x,y,z with a hand")
-
-
-def _file_sha256(log: Log) -> str:
-    """Return the SHA-256 of a file, or of several one after the other."""
-    digest = hashlib.sha256()
-    for path in log.paths if isinstance(log, Parts) else (log,):
-        with path.open("rb") as file:
-            hashlib.file_digest(file, lambda: digest)
-    return digest.hexdigest()

@@ -24,6 +24,7 @@ from pipeline.learner.rule import OnlineLearner, Settings
 from pipeline.learner.state import FloatArray, check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
 from recorders.files.regular_file import begins_with, require_regular_file
+from recorders.files.whole_files import sync_folder
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
@@ -309,7 +310,7 @@ def _write_atomically(path: Path, data: bytes) -> None:
         file.flush()
         os.fsync(file.fileno())
         Path(file.name).replace(path)
-        _sync_directory(path.parent)
+        sync_folder(path.parent)
 
 
 @contextmanager
@@ -334,11 +335,3 @@ def _may_be_replaced(path: Path) -> bool:
         return stat.S_ISREG(path.stat().st_mode)
     except FileNotFoundError:
         return True
-
-
-def _sync_directory(path: Path) -> None:
-    descriptor = os.open(path, os.O_RDONLY)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

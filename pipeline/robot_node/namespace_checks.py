@@ -7,9 +7,9 @@ from contextlib import contextmanager
 import zenoh
 
 from pipeline.robot_node.protocol import RobotStatus, robot_key
-from pipeline.terminal.escaping import escape_control
 from recorders.errors import JointError, WireError
 from recorders.nodes.keys import controller_key
+from recorders.text.wording import escape_control
 
 _ANSWER_S = 1.0  # who is there already answers within milliseconds
 _LOCKSTEP = (

@@ -13,7 +13,6 @@ from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publish
 from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.telemetry import joints_message
-from pipeline.robot_node.command_queue import MAX_WAITING, Inbox
 from pipeline.robot_node.follower import Follower, FollowerConfig
 from pipeline.robot_node.protocol import MAX_COMMAND, config_key, robot_digest, robot_key, unpack_commands
 from pipeline.simulation.simulation import Simulation
@@ -25,10 +24,14 @@ from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
+from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
+
+MAX_WAITING = 1024
+"""Commands and questions beyond this many are dropped: a flood must not fill the memory."""
 
 _ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
 _QUIET_S = 1.0  # after so much silence a flood is over, and the next one is worth a line again
@@ -91,7 +94,7 @@ class RobotNode:
         self._namespace = namespace
         self._config = config or FollowerConfig()
         self._say = say
-        self._inbox: Inbox[_Event] = Inbox()
+        self._inbox: BoundedQueue[_Event] = BoundedQueue(limit=MAX_WAITING * ITEM_BYTES)
         self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
         self._last_refusal = ""
         self._flooded = False
@@ -269,10 +272,13 @@ class RobotNode:
     # From here on: Zenoh's threads.
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
-        self._inbox.put(_Command(_small(sample.payload)))
+        self._inbox.put(_Command(_small(sample.payload)), 0)
 
     def _on_query(self, verb: str) -> Callable[[zenoh.Query], None]:
-        return lambda query: self._inbox.put(_Question(verb, query))
+        def on_query(query: zenoh.Query) -> None:
+            self._inbox.put(_Question(verb, query), 0)
+
+        return on_query
 
 
 def run_robot(

@@ -21,7 +21,8 @@ from rich.progress import (
 )
 from rich.table import Table
 
-from pipeline.terminal.escaping import escape_control, wrapped
+from pipeline.terminal.escaping import wrapped
+from recorders.text.wording import escape_control
 
 
 class _Lines(Console):

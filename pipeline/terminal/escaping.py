@@ -8,11 +8,6 @@ from rich.cells import cell_len, chop_cells
 _NARROWEST = 20  # columns of text: a terminal of fewer breaks lines by itself
 
 
-def escape_control(text: str) -> str:
-    """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
-    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
-
-
 def wrapped(text: str, width: int, *, indent: str = "", hanging: str | None = None) -> Iterator[str]:
     """Yield a text in lines of at most `width` columns, broken between words.
 

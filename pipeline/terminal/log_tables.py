@@ -5,13 +5,13 @@ from collections.abc import Iterator, Mapping, Sequence
 from itertools import islice
 from typing import Any
 
-from pipeline.terminal.escaping import escape_control, wrapped
+from pipeline.terminal.escaping import wrapped
 from recorders.recovery.log_info import LogSummary
 from recorders.recovery.recover import Recovery
 from recorders.recovery.salvage import Damage
 from recorders.recovery.topic_info import TopicSummary
 from recorders.text.quantities import seconds_text
-from recorders.text.wording import names_text
+from recorders.text.wording import escape_control, names_text
 
 _LONGEST = 100  # characters of a value of the manifest
 _LONGEST_NAME = 300  # characters of a topic or a type

@@ -5,8 +5,8 @@ from collections.abc import Mapping, Sequence
 from rich.table import Table
 from rich.text import Text
 
-from pipeline.terminal.escaping import escape_control
 from recorders.nodes.status import NodeStatus
+from recorders.text.wording import escape_control
 
 _DIGITS = 12  # of a digest, which tell one from another
 _MINUTE_S, _HOUR_S = 60, 3600

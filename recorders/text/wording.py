@@ -75,3 +75,8 @@ def line_text(text: str, *, limit: int = 3000) -> str:
         return line
     end = limit // 4  # what to do comes last
     return f"{line[: limit - end]} … ({len(line) - limit} characters) … {line[-end:]}"
+
+
+def escape_control(text: str) -> str:
+    """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
+    return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)

@@ -7,7 +7,9 @@ from typing import Generic, TypeVar
 
 _Item = TypeVar("_Item")
 
-_KEEPING = 1024  # what Python needs to keep an item, however small it is [bytes]
+ITEM_BYTES = 1024
+"""What every item counts for beside its own size, as Python needs some memory for it [bytes]."""
+
 _LOOK_S = 0.5  # longest single wait
 
 
@@ -23,14 +25,16 @@ class BoundedQueue(Generic[_Item]):
     def __init__(self, *, limit: int) -> None:
         self._limit = limit
         self._waiting = 0  # [bytes]
+        self._dropped = 0
         self._lock = threading.Lock()
         self._items: queue.SimpleQueue[tuple[_Item, int]] = queue.SimpleQueue()
 
     def put(self, item: _Item, size: int) -> bool:
         """Queue an item of so many bytes; False if it finds no room."""
-        size += _KEEPING
+        size += ITEM_BYTES
         with self._lock:
             if self._waiting and self._waiting + size > self._limit:
+                self._dropped += 1
                 return False
             self._waiting += size
             self._items.put((item, size))
@@ -51,3 +55,9 @@ class BoundedQueue(Generic[_Item]):
             with self._lock:
                 self._waiting -= size
             return item
+
+    def take_dropped(self) -> int:
+        """Return how many items found no room since this was last asked."""
+        with self._lock:
+            dropped, self._dropped = self._dropped, 0
+        return dropped

@@ -15,6 +15,7 @@ import zenoh
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
+from recorders.text.wording import escape_control
 from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import ChannelTables
 from recorders.wire.frames import (
@@ -454,7 +455,7 @@ class Receiver:
             self.abandon_stream()  # all of it is here; somebody else who was awaited has failed
             return
         if frame.kind is FrameType.ABORT:
-            self._events.put(frame._replace(reason=_printable(frame.reason)), len(frame.reason))
+            self._events.put(frame._replace(reason=escape_control(frame.reason[:_MAX_LINE])), len(frame.reason))
             return
         in_place = frame.first <= received
         new = frame.end > received or (frame.kind is FrameType.END and frame.first == received)
@@ -471,7 +472,7 @@ class Receiver:
 
     def _report_once(self, line: str) -> None:
         """Report a line once, as anybody may cause it again and again."""
-        line = _printable(line)
+        line = escape_control(line[:_MAX_LINE])
         if line not in self._reported and len(self._reported) < _MAX_REASONS + 1:  # one more: "other topics"
             self._reported.add(line)
             self._say(line)
@@ -534,12 +535,6 @@ class _ReportingFailure:
 def _asker(asked: bytes) -> str:
     """Return the sender that asks, from the bytes that `asking` wrote."""
     return asked.removeprefix(_FAREWELL).decode(errors="replace")
-
-
-def _printable(line: str) -> str:
-    """Return a line that a stranger may have written, without what a terminal obeys."""
-    line = line[:_MAX_LINE]
-    return line if line.isprintable() else ascii(line)[1:-1]
 
 
 def _payload(query: zenoh.Query) -> bytes:

@@ -13,6 +13,7 @@ from typing import BinaryIO
 
 from recorders.errors import LogError, TakenError
 from recorders.files.anonymous_file import AnonymousFile
+from recorders.files.whole_files import sync_folder
 
 _FLAGS = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
 
@@ -130,7 +131,8 @@ class PartFile:
             self.part.replace(self.path)
         else:
             self._take_name()
-        _sync_folder(self.path.parent)
+        with suppress(OSError):  # where the system lets us
+            sync_folder(self.path.parent)
         try:
             self.stream.close()
         except OSError as error:
@@ -173,7 +175,8 @@ class PartFile:
                 except BaseException:
                     os.close(descriptor)
                     raise
-                _sync_folder(self.part.parent)
+                with suppress(OSError):  # where the system lets us
+                    sync_folder(self.part.parent)
                 return descriptor
 
     def _clear(self) -> None:
@@ -320,13 +323,3 @@ def _move(old: Path, new: Path) -> None:
             raise
     else:
         old.unlink()
-
-
-def _sync_folder(folder: Path) -> None:
-    """Have the disk take the names in a folder, where the system lets us."""
-    with suppress(OSError):
-        descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            os.fsync(descriptor)
-        finally:
-            os.close(descriptor)

@@ -9,9 +9,10 @@ from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
+from recorders.files.whole_files import file_sha256
 from recorders.text.wording import json_fault_text, names_text, value_text
 from replay.golden.folder import CASE_FILE
-from replay.golden.log_tier import LogEntry, file_sha256
+from replay.golden.log_tier import LogEntry
 from replay.golden.recipe import CaseSpec
 from replay.sources.schedule import Schedule
 

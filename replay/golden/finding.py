@@ -8,6 +8,7 @@ from typing import Any
 
 from recorders.errors import ReenactError
 from recorders.mcap_format.manifest import environment
+from recorders.text.wording import escape_control
 from replay.diff.divergence import Divergence
 
 CASE, LOG, LEARNING, PHYSICS = "case", "log", "learning", "physics"
@@ -60,7 +61,7 @@ class Finding:
     def __str__(self) -> str:
         where = ", ".join(f"{name} {value}" for name, value in self.place.items())
         line = f"{self.tier}: {where + ': ' if where else ''}{self.field}: expected {self.expected}, found {self.found}"
-        return _printable(line + (f" ({'; '.join(self._remarks())})" if any(self._remarks()) else ""))
+        return escape_control(line + (f" ({'; '.join(self._remarks())})" if any(self._remarks()) else ""))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the finding for JSON: its place beside field and values, and the whole as a `text`."""
@@ -109,8 +110,3 @@ def _flat(values: Mapping[str, Any]) -> Iterator[tuple[str, str]]:
             yield from _flat(value)
         else:
             yield name, str(value)[:80]
-
-
-def _printable(line: str) -> str:
-    """Spell out what a terminal would take for more than text; a case may come from anywhere."""
-    return "".join(sign if sign.isprintable() else ascii(sign)[1:-1] for sign in line)

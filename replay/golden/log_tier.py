@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from recorders.errors import LogError
+from recorders.files.whole_files import file_sha256
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
 from recorders.reading.parts import Log
@@ -105,11 +106,6 @@ def check_index(name: str, indexed: bytes) -> None:
     """Check a file of what `index` returned; raises LogError if it is not whole messages of known topics."""
     if len(indexed) % _KEY.size or any(key.topic >= len(CASE_TOPICS) for key in _keys(indexed)):
         raise LogError(f"{name}: expected entries of {_KEY.size} bytes of known topics, found others")
-
-
-def file_sha256(path: Path) -> str:
-    """Return the SHA-256 of a file."""
-    return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
 def _keys(indexed: bytes) -> list[_Key]:

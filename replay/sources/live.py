@@ -14,6 +14,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
+from recorders.text.wording import escape_control
 from recorders.ticks.joiner import RANKS, Check, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks, RejectionError
 from recorders.wire.stream import Offer
@@ -129,7 +130,7 @@ class LiveStream:
     def refuse(self, topic: str, kind: str, line: str) -> None:
         """Count a message that is not taken, and report it if it is time to."""
         reason = f"{topic}: {kind}"
-        self._first_refusal = self._first_refusal or _printable(line)
+        self._first_refusal = self._first_refusal or escape_control(line)
         self.refused[reason] += 1
         self._report_sometimes(f"refused, {kind}: {line}", self.refused[reason])
 
@@ -174,7 +175,7 @@ class LiveStream:
 
     def _report_sometimes(self, line: str, count: int) -> None:
         if str(count).strip("0") == "1":
-            line = _printable(line)
+            line = escape_control(line)
             self._say(line if count == 1 else f"{line} ({count} times so far)")
 
 
@@ -277,11 +278,6 @@ def live_offer(
         robot=dict(robot),
         messages=messages,
     )
-
-
-def _printable(line: str) -> str:
-    """Return a line that may quote what came from the network as a terminal can take it."""
-    return line if line.isprintable() else ascii(line)[1:-1]
 
 
 def _parse(record: RecordedMessage) -> Phase:

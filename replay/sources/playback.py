@@ -8,6 +8,7 @@ from dataclasses import dataclass, field, replace
 from itertools import count, islice
 
 from recorders.errors import ConfigError, LogError
+from recorders.files.whole_files import file_sha256
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
 from recorders.messages.record import RecordedMessage
@@ -190,5 +191,4 @@ def _content(reader: Reader) -> str:
     recorded = reader.manifest.get("content_sha256")
     if isinstance(recorded, str):
         return recorded
-    with reader.path.open("rb") as file:
-        return hashlib.file_digest(file, "sha256").hexdigest()
+    return file_sha256(reader.path)

@@ -16,8 +16,8 @@ from live import robot, spawn, stop
 
 from pipeline.robot.config import load_robot
 from pipeline.robot_node.client import RemoteRobot
-from pipeline.robot_node.command_queue import MAX_WAITING, Inbox
 from pipeline.robot_node.follower import FollowerConfig
+from pipeline.robot_node.node import MAX_WAITING
 from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, pack_commands, robot_key, unpack_commands
 from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import decode, decode_as, encode
@@ -25,6 +25,7 @@ from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, PoseStamped, String
 from recorders.messages.record import RecordedMessage
+from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
 from recorders.wire.frames import message_key, unpack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -373,9 +374,9 @@ def test_a_flood_is_one_line_and_the_robot_goes_on() -> None:
 
 
 def test_an_inbox_drops_what_it_has_no_room_for_and_counts_it() -> None:
-    inbox: Inbox[int] = Inbox()
+    inbox: BoundedQueue[int] = BoundedQueue(limit=MAX_WAITING * ITEM_BYTES)
     for k in range(MAX_WAITING + 7):
-        inbox.put(k)
+        inbox.put(k, 0)
     assert (inbox.take_dropped(), inbox.take_dropped()) == (7, 0)
     assert [inbox.get(0.0) for _ in range(MAX_WAITING + 1)] == [*range(MAX_WAITING), None]
 
