@@ -1,4 +1,4 @@
-"""A learning run under observation: after every tick, digests of what it took in, said and became."""
+"""A learning run under observation: digests of messages, outputs and state after every tick."""
 
 import hashlib
 from collections.abc import Iterator

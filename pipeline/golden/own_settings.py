@@ -55,7 +55,7 @@ def read_settings(path: Path | None, *, rule: str | None = None) -> dict[str, An
 
 
 class Own:
-    """What a team uses today, to be compared with what a case was made with.
+    """Settings and robot of a team today, to be compared with those of a case.
 
     Parameters
     ----------

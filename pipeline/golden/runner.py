@@ -27,7 +27,7 @@ from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, State, Tick
 from replay.sources.schedule import Schedule
 from replay.sources.session import RecordedSession
 
-_EPOCHS = 2  # of a case, unless told otherwise
+_EPOCHS = 2  # of a case, by default
 
 
 class GoldenRunner:
@@ -72,7 +72,7 @@ class GoldenRunner:
         return simulate(log, ticks=ticks)
 
     def changed_robot(self, log: Path) -> str:
-        """Say how the robot that comes with the program differs from the log's; the empty string if it does not."""
+        """Return how the robot that comes with the program differs from the log's; the empty string if it does not."""
         from pipeline.exploration.reproduce import changed_robot  # noqa: PLC0415
 
         return changed_robot(log)
@@ -137,7 +137,7 @@ def recipe(
     resume_after: int | None = None,
     physics: bool | None = None,
 ) -> CaseSpec:
-    """Return what a case is to run; whatever is not said is as the old recipe has it, so that nothing is lost unsaid.
+    """Return what a case is to run; an option that is None is as the old case has it.
 
     Parameters
     ----------

@@ -1,4 +1,4 @@
-"""States of a learner at the ends of epochs in one .npz: what did not change since the epoch before is kept once."""
+"""States of a learner at the ends of epochs in one .npz: an array that did not change is stored once."""
 
 import re
 from collections.abc import Mapping, Sequence

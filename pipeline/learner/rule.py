@@ -45,7 +45,7 @@ class Settings:
     """Base of a rule's configuration, a frozen dataclass of whole numbers and floats.
 
     A configuration has the fields `inputs`, `outputs`, `epochs` and `seed`, which are set for the robot and the stream,
-    and defaults for all. Where a stream presents an epoch more than once, rates may depend on the epoch alone.
+    and defaults for all.
 
     Raises
     ------

@@ -21,7 +21,7 @@ class Calls(Protocol):
     Attributes
     ----------
     u : ndarray, shape (inputs,)
-        Targets of the last command [m]; to be set before `foresee`.
+        Targets of the last command [m]; to be set before `look_ahead`.
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
     """
@@ -30,9 +30,9 @@ class Calls(Protocol):
     clipped: NDArray[np.int64]
 
     def answer(self, left: bytes, right: bytes, after_ns: int) -> int:
-        """Return the stamp [ns] of two poses (CDR) whose command the encoder now has, or -1 for `foresee` to do it."""
+        """Return the stamp [ns] of two poses (CDR) whose command is encoded, or -1 for `look_ahead` to do it."""
 
-    def foresee(self) -> None:
+    def look_ahead(self) -> None:
         """Write the outputs of a step with `u`, within the joints' limits, to the encoder; the state stays."""
 
     def settle(self, *, advance: bool) -> int:
@@ -56,7 +56,7 @@ class GeneralCalls:
         """Leave all messages to the general path."""
         return _UNUSUAL
 
-    def foresee(self) -> None:
+    def look_ahead(self) -> None:
         """Look one step ahead, and go back."""
         state = self._learner.state()
         try:

@@ -66,13 +66,13 @@ class ServingCalls:
         self._pose_size = len(usual)
         left, left_position = _aligned(usual, position_at)
         right, right_position = _aligned(usual, position_at)
-        sizes, sources, memory, centre, foreseen = learner.arrays
+        sizes, sources, memory, centre, activations = learner.arrays
         self._served = kernels.Served(
             sizes=sizes,
             sources=sources,
             memory=memory,
             centre=centre,
-            activations=foreseen,
+            activations=activations,
             limits=self._limits.reshape(-1),
             u=self.u,
             outputs=self.outputs,
@@ -101,7 +101,7 @@ class ServingCalls:
             return kernels.UNUSUAL
         return self._answer(left, right, after_ns)
 
-    def foresee(self) -> None:
+    def look_ahead(self) -> None:
         """Write the outputs of a step with `u`, within the joints' limits, to the encoder; the state stays as it is.
 
         Raises
@@ -109,7 +109,7 @@ class ServingCalls:
         ConfigError
             If the outputs are not finite.
         """
-        self._learner.foresee(self.u, limits=self._limits, outputs=self.outputs, limited=self._limited)
+        self._learner.look_ahead(self.u, limits=self._limits, outputs=self.outputs, limited=self._limited)
 
     def settle(self, *, advance: bool) -> int:
         """Count the joints that were clipped in the encoder's command, and take its step, without targets, if told to.

@@ -193,7 +193,8 @@ class ServedController:
         self._unsettled = False
         self._accepted += 1
         self._order.note_answer()
-        self._calls.check(self._calls.settle(advance=not self._config.learn))
+        if status := self._calls.settle(advance=not self._config.learn):
+            self._calls.check(status)
 
     def refuse(self, reason: Refusal, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
@@ -284,7 +285,7 @@ class ServedController:
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         self._calls.u[:] = self._robot.input_centre
-        self._calls.foresee()
+        self._calls.look_ahead()
         pose = encode(PoseStamped(0, np.zeros(3)))
         self._calls.answer(pose, pose, -1)
         self._controller.learner().predict([self._calls.u])
@@ -366,7 +367,7 @@ class ServedController:
     def _command(self, stamp: int, position: Position, records: tuple[RecordedMessage, ...]) -> Command:
         """Command what the next step's outputs will be."""
         _TARGETS.pack_into(self._u_bytes, 0, *position)
-        self._calls.foresee()
+        self._calls.look_ahead()
         self._unsettled = True
         self._order.last_ns = stamp
         return Command(stamp, self._encoder.encode(stamp), records)

@@ -99,7 +99,7 @@ def exp_off_by_a_bit(patch: Patch, folder: Path) -> None:
 
 
 def sum_reordered(patch: Patch, folder: Path) -> None:
-    rewrite(patch, kernels, "listen", "range(weights.shape[1])", "range(weights.shape[1] - 1, -1, -1)")
+    rewrite(patch, kernels, "sum_sources", "range(weights.shape[1])", "range(weights.shape[1] - 1, -1, -1)")
 
 
 def plasticity_on_outputs(patch: Patch, folder: Path) -> None:
@@ -117,7 +117,9 @@ def plasticity_on_outputs(patch: Patch, folder: Path) -> None:
 
 def score_after_update(patch: Patch, folder: Path) -> None:
     old = "teach(d[k], inputs, feedback_slot, output_sources, constants, state)"
-    rewrite(patch, kernels, "run", old, f"{old}; listen(state.output_weights, output_sources, state.z, predicted[k])")
+    rewrite(
+        patch, kernels, "run", old, f"{old}; sum_sources(state.output_weights, output_sources, state.z, predicted[k])"
+    )
 
 
 # In the learner and what feeds it.

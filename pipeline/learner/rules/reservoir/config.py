@@ -15,7 +15,7 @@ MAX_FILE_NEURONS = 50_000
 
 @dataclasses.dataclass(frozen=True)
 class ConnectionConfig:
-    """One type of connection: who speaks, who listens, how densely, and from which range it starts."""
+    """One type of connection: sources, targets, density and initial range."""
 
     source: str  # "input", "reservoir" or "output"
     target: str  # "reservoir" or "output"

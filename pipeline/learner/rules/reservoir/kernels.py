@@ -35,10 +35,10 @@ _SECOND = 10**9
 
 
 def _compiled(function: _Function) -> _Function:
-    return cast(_Function, _kept(numba.njit, function))
+    return cast(_Function, _cached(numba.njit, function))
 
 
-def _kept(compiler: Callable[..., Callable[..., Any]], function: Callable[..., Any], *signature: str) -> Any:
+def _cached(compiler: Callable[..., Callable[..., Any]], function: Callable[..., Any], *signature: str) -> Any:
     """Compile, and keep the result for the next process. It is found by this file alone: all kernels live here."""
     try:
         return compiler(*signature, cache=True, error_model="numpy")(function)
@@ -61,8 +61,8 @@ class Sizes(NamedTuple):
 class Views(NamedTuple):
     """What a step reads and changes, as views into one block of memory, and its scratch space.
 
-    All that a neuron can hear stands in one vector z = (u, y of the outputs, y of the reservoir, zeros); a slot without
-    a connection hears the last zero.
+    All sources of neurons stand in one vector z = (u, y of the outputs, y of the reservoir, zeros); a slot without
+    a connection has the last zero as its source.
     """
 
     reservoir_weights: FloatArray  # (reservoir, reservoir_slots), fixed
@@ -72,7 +72,7 @@ class Views(NamedTuple):
     x: FloatArray  # (outputs + reservoir,), in the order of eq. (4)
     z: FloatArray  # (sources,)
     error: FloatArray  # (outputs,), e(k-1) of eq. (7)
-    heard: FloatArray  # (outputs, output_slots), scratch: what the outputs heard in this step
+    gathered: FloatArray  # (outputs, output_slots), scratch: sources of the outputs in this step
     gamma: FloatArray  # (outputs,), scratch
     slope_error: FloatArray  # (sources,), scratch: f'(x_s) e_s at the outputs s, zero elsewhere
 
@@ -128,27 +128,27 @@ def log(x: float) -> float:
 def views(sizes: SizeArray, memory: FloatArray) -> Views:
     """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
     _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
-    heard = outputs * output_slots
-    weights_end = reservoir * reservoir_slots + heard
+    gathered = outputs * output_slots
+    weights_end = reservoir * reservoir_slots + gathered
     b_end = weights_end + 2 * reservoir
     z_end = b_end + outputs + reservoir + sources
-    heard_end = z_end + outputs + heard
+    gathered_end = z_end + outputs + gathered
     return Views(
-        memory[: weights_end - heard].reshape(reservoir, reservoir_slots),
-        memory[weights_end - heard : weights_end].reshape(outputs, output_slots),
+        memory[: weights_end - gathered].reshape(reservoir, reservoir_slots),
+        memory[weights_end - gathered : weights_end].reshape(outputs, output_slots),
         memory[weights_end : weights_end + reservoir],
         memory[weights_end + reservoir : b_end],
         memory[b_end : z_end - sources],
         memory[z_end - sources : z_end],
         memory[z_end : z_end + outputs],
-        memory[z_end + outputs : heard_end].reshape(outputs, output_slots),
-        memory[heard_end : heard_end + outputs],
-        memory[heard_end + outputs :],
+        memory[z_end + outputs : gathered_end].reshape(outputs, output_slots),
+        memory[gathered_end : gathered_end + outputs],
+        memory[gathered_end + outputs :],
     )
 
 
 @_compiled
-def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
+def sum_sources(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
     """Activations of the reservoir, eq. (1)."""
     for i in range(x.size):
         total = 0.0
@@ -158,13 +158,15 @@ def listen(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArra
 
 
 @_compiled
-def listen_and_keep(weights: FloatArray, sources: IndexArray, z: FloatArray, heard: FloatArray, x: FloatArray) -> None:
-    """Activations of the outputs, eq. (1), keeping what each slot heard for the update."""
+def sum_and_gather(
+    weights: FloatArray, sources: IndexArray, z: FloatArray, gathered: FloatArray, x: FloatArray
+) -> None:
+    """Activations of the outputs, eq. (1), with the source of each slot gathered for the update."""
     for i in range(x.size):
         total = 0.0
         for slot in range(weights.shape[1]):
             value = z[sources[i, slot]]
-            heard[i, slot] = value
+            gathered[i, slot] = value
             total += weights[i, slot] * value
         x[i] = total
 
@@ -207,12 +209,12 @@ def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, 
 
 
 @_compiled
-def decorrelate(weights: FloatArray, heard: FloatArray, gamma: FloatArray, rate: float) -> None:
-    """BPDC, eqs. (5) and (6): u and f(x) are both what a slot heard; an empty slot heard zero and stays zero."""
+def decorrelate(weights: FloatArray, gathered: FloatArray, gamma: FloatArray, rate: float) -> None:
+    """BPDC, eqs. (5) and (6): u and f(x) are both sources of slots; an empty slot has zero and stays zero."""
     for i in range(gamma.size):
         step = rate * gamma[i]
         for slot in range(weights.shape[1]):
-            weights[i, slot] += step * heard[i, slot]
+            weights[i, slot] += step * gathered[i, slot]
 
 
 @_compiled
@@ -227,7 +229,7 @@ def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatAr
 
 @_compiled
 def all_finite(values: FloatArray) -> bool:
-    """Say whether there is neither NaN nor infinity."""
+    """Return whether there is neither NaN nor infinity."""
     wrong = 0
     flat = values.reshape(-1)
     for i in range(flat.size):
@@ -237,7 +239,7 @@ def all_finite(values: FloatArray) -> bool:
 
 @_compiled
 def is_finite(views: Views) -> bool:
-    """Say whether all that a step changes is free of NaN and infinity."""
+    """Return whether all that a step changes is free of NaN and infinity."""
     adapted = all_finite(views.output_weights) and all_finite(views.a) and all_finite(views.b)
     return adapted and all_finite(views.x)
 
@@ -251,7 +253,7 @@ def teach(
         views.gamma[i] = -(views.x[i] - d[i])
     add_feedback_error(sources, feedback_slot, first_output, views)
     rate = rates.eta / (sum_of_squares(views.z) + rates.epsilon)
-    decorrelate(views.output_weights, views.heard, views.gamma, rate)
+    decorrelate(views.output_weights, views.gathered, views.gamma, rate)
 
 
 @_compiled
@@ -289,7 +291,7 @@ def run(
     sizes : ndarray of int64
         The values of a `Sizes`.
     sources : ndarray of uint32
-        For each slot of each reservoir neuron, then of each output, the index of what it hears in z.
+        For each slot of each reservoir neuron, then of each output, the index of its source in z.
     memory : ndarray
         The block that `views` divides.
     rates : ndarray, shape (4,)
@@ -318,8 +320,8 @@ def run(
     for k in range(u.shape[0]):
         for r in range(inputs):
             state.z[r] = u[k, r]
-        listen(state.reservoir_weights, reservoir_sources, state.z, x_reservoir)
-        listen_and_keep(state.output_weights, output_sources, state.z, state.heard, x_output)
+        sum_sources(state.reservoir_weights, reservoir_sources, state.z, x_reservoir)
+        sum_and_gather(state.output_weights, output_sources, state.z, state.gathered, x_output)
         for i in range(outputs):
             predicted[k, i] = x_output[i]
         if learning:
@@ -334,7 +336,7 @@ def run(
 
 
 @_compiled
-def foresee(
+def look_ahead(
     u: FloatArray,
     centre: FloatArray,
     limits: FloatArray,
@@ -345,7 +347,7 @@ def foresee(
     predicted: FloatArray,
     limited: FloatArray,
 ) -> int:
-    """Say what the next step's outputs would be, to the bit, and leave the state as it is.
+    """Compute the next step's outputs, to the bit, without changing the state.
 
     The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
     waits for them has been answered, by `proceed`. One call does it all, limits included, for a call costs as much as
@@ -383,7 +385,7 @@ def foresee(
     for r in range(inputs):
         state.z[r] = u[r] - centre[r]
     output_sources = sources[state.reservoir_weights.size :].reshape(state.output_weights.shape)
-    listen(state.output_weights, output_sources, state.z, activations)
+    sum_sources(state.output_weights, output_sources, state.z, activations)
     for i in range(outputs):
         predicted[i] = activations[i] + centre[inputs + i]
     for j in range(limited.size):
@@ -393,16 +395,16 @@ def foresee(
 
 @_compiled
 def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
-    """Take the step that `foresee` looked ahead to, to the bit as `run` takes one without targets.
+    """Take the step whose outputs `look_ahead` computed, to the bit as `run` takes one without targets.
 
     Nothing may have come between; this is not looked at.
 
     Parameters
     ----------
     sizes, sources, memory : ndarray
-        As `foresee` left them.
+        As `look_ahead` left them.
     activations : ndarray, shape (outputs,)
-        As `foresee` filled it.
+        As `look_ahead` filled it.
 
     Returns
     -------
@@ -412,7 +414,7 @@ def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activatio
     outputs = sizes[1]
     state = views(sizes, memory)
     reservoir_sources = sources[: state.reservoir_weights.size].reshape(state.reservoir_weights.shape)
-    listen(state.reservoir_weights, reservoir_sources, state.z, state.x[outputs:])
+    sum_sources(state.reservoir_weights, reservoir_sources, state.z, state.x[outputs:])
     for i in range(outputs):
         state.x[i] = activations[i]
         state.error[i] = 0.0
@@ -429,8 +431,8 @@ class Served(NamedTuple):
     sizes: SizeArray  # (7,), as `run` takes it, as are the next two
     sources: IndexArray
     memory: FloatArray
-    centre: FloatArray  # (inputs + outputs,), as `foresee` takes it
-    activations: FloatArray  # (outputs,), as `foresee` fills it and `proceed` takes it
+    centre: FloatArray  # (inputs + outputs,), as `look_ahead` takes it
+    activations: FloatArray  # (outputs,), as `look_ahead` fills it and `proceed` takes it
     limits: FloatArray  # (2 n,), lower, then upper limits of the joints
     u: FloatArray  # (6,), filled with the targets [m]
     outputs: FloatArray  # (outputs,), filled with the next step's outputs
@@ -465,8 +467,8 @@ def addresses(served: Served) -> NDArray[np.int64]:
 def served_calls() -> tuple[Any, Any]:
     """Return `_answer_pair` and `_settle` as C has them, each with an `address`; compiled when first asked for."""
     table = "CPointer(voidptr), CPointer(int64)"
-    answer = _kept(numba.cfunc, _answer_pair, f"int64({table}, CPointer(uint8), CPointer(uint8), int64)")
-    return answer, _kept(numba.cfunc, _settle, f"int64({table}, int64)")
+    answer = _cached(numba.cfunc, _answer_pair, f"int64({table}, CPointer(uint8), CPointer(uint8), int64)")
+    return answer, _cached(numba.cfunc, _settle, f"int64({table}, int64)")
 
 
 @_compiled
@@ -532,7 +534,7 @@ def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int
             return UNUSUAL
     limits = served.limits.reshape(2, limited.size)
     network = served.sizes, served.sources, served.memory
-    if foresee(u, served.centre, limits, *network, served.activations, served.outputs, limited) != OK:
+    if look_ahead(u, served.centre, limits, *network, served.activations, served.outputs, limited) != OK:
         return UNUSUAL
     for k in range(served.stamp.size):
         served.stamp[k] = served.left[STAMP_AT + k]

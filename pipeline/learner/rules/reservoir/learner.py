@@ -52,7 +52,7 @@ class Learner:
         self.output_centre = centre_of("output_centre", output_centre, config.outputs)
         self._network = Network(config)
         self._centre = np.concatenate([self.input_centre, self.output_centre])
-        self._foreseen = np.empty(config.outputs)
+        self._next_outputs = np.empty(config.outputs)
         self._no_target = np.empty((0, config.outputs))
         self.begin_epoch(0)
 
@@ -121,7 +121,7 @@ class Learner:
         """
         return self._run(rows_of("u", u, self.config.inputs), self._no_target, False)
 
-    def foresee(self, u: FloatArray, *, limits: FloatArray, outputs: FloatArray, limited: FloatArray) -> None:
+    def look_ahead(self, u: FloatArray, *, limits: FloatArray, outputs: FloatArray, limited: FloatArray) -> None:
         """Write what `predict` would return of one u, to the bit, in a fraction of the time; the state stays as it is.
 
         Parameters
@@ -144,10 +144,10 @@ class Learner:
         """
         net = self._network
         network = net.sizes, net.sources, net.memory
-        self.check(kernels.foresee(u, self._centre, limits, *network, self._foreseen, outputs, limited))
+        self.check(kernels.look_ahead(u, self._centre, limits, *network, self._next_outputs, outputs, limited))
 
     def check(self, status: int) -> None:
-        """Raise what a kernel's status says of a step that it took or foresaw, unless it is `kernels.OK`.
+        """Raise what a kernel's status says of a step that it took or looked ahead to, unless it is `kernels.OK`.
 
         Raises
         ------
@@ -163,11 +163,11 @@ class Learner:
     def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray, FloatArray]:
         """What kernels take of a learner, for one that takes its steps by itself.
 
-        These are sizes, sources, memory, centre, and the activations that were foreseen last. They are this learner's
+        These are sizes, sources, memory, centre, and the activations of the last look ahead. They are this learner's
         own, changed in place and never replaced.
         """
         net = self._network
-        return net.sizes, net.sources, net.memory, self._centre, self._foreseen
+        return net.sizes, net.sources, net.memory, self._centre, self._next_outputs
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.

@@ -52,9 +52,9 @@ def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) ->
 class _Layout:
     """Where connections lie in a table of the kernel: a row for each target, a slot for each of its sources."""
 
-    def __init__(self, targets: int, *, silent: int) -> None:
+    def __init__(self, targets: int, *, no_source: int) -> None:
         self._parts: list[NDArray[np.uint32]] = []
-        self._targets, self._silent = targets, silent
+        self._targets, self._no_source = targets, no_source
         self.slots = 0
 
     def add(self, connections: Connections, *, first_source: int) -> tuple[_Places, _Places]:
@@ -62,14 +62,14 @@ class _Layout:
         degrees = np.bincount(connections.targets, minlength=self._targets)
         first_of_target = np.cumsum(degrees) - degrees
         slots = np.arange(len(connections.targets)) - first_of_target[connections.targets]
-        part = np.full((self._targets, int(degrees.max())), self._silent, dtype=np.uint32)
+        part = np.full((self._targets, int(degrees.max())), self._no_source, dtype=np.uint32)
         part[connections.targets, slots] = first_source + connections.sources
         self._parts.append(part)
         self.slots += part.shape[1]
         return connections.targets, self.slots - part.shape[1] + slots
 
     def flat(self) -> NDArray[np.uint32]:
-        """Return what each slot hears, as an index into z, row after row."""
+        """Return the source of each slot, as an index into z, row after row."""
         return np.concatenate(self._parts, axis=1).reshape(-1)
 
 
@@ -125,8 +125,8 @@ class Network:
         first_source = {"input": 0, "output": config.inputs, "reservoir": config.inputs + config.outputs}
         sources = -(-(self._activities.stop + 1) // _LANES) * _LANES  # at least one constant zero
         layouts = {
-            "reservoir": _Layout(config.reservoir, silent=sources - 1),
-            "output": _Layout(config.outputs, silent=sources - 1),
+            "reservoir": _Layout(config.reservoir, no_source=sources - 1),
+            "output": _Layout(config.outputs, no_source=sources - 1),
         }
         self._places: dict[str, tuple[_Places, _Places]] = {}
         for part in config.connections():

@@ -63,8 +63,8 @@ def machine_code(kernel, *arguments):
 
 V, M = np.zeros(8), np.zeros((8, 8))
 KERNELS = {
-    "listen": (M, M.astype(np.uint32), V, V),
-    "listen_and_keep": (M, M.astype(np.uint32), V, M, V),
+    "sum_sources": (M, M.astype(np.uint32), V, V),
+    "sum_and_gather": (M, M.astype(np.uint32), V, M, V),
     "sum_of_squares": (V,),
     "fermi": (V, V, V, V),
     "fermi_outputs": (V, V),

@@ -307,20 +307,20 @@ def test_the_digest_frames_names_and_shapes():
 # foresight
 
 
-def foresee(learner, u, *, margin=np.inf):
-    """Outputs and limited outputs that the learner foresees, the last 15 kept within a margin about the centre."""
+def look_ahead(learner, u, *, margin=np.inf):
+    """Outputs and limited outputs that the learner predicts, the last 15 kept within a margin about the centre."""
     centre = learner.output_centre[6:]
     outputs, limited = np.empty(21), np.empty(15)
-    learner.foresee(u, limits=np.array([centre - margin, centre + margin]), outputs=outputs, limited=limited)
+    learner.look_ahead(u, limits=np.array([centre - margin, centre + margin]), outputs=outputs, limited=limited)
     return outputs, limited
 
 
 @pytest.mark.parametrize("output_output_density", [0.0, 0.5])
-def test_what_is_foreseen_is_what_comes_to_the_bit_and_changes_nothing(output_output_density):
+def test_a_look_ahead_is_what_comes_to_the_bit_and_changes_nothing(output_output_density):
     learner, (u, d) = make(output_output_density=output_output_density), motion(64)
     for k in range(64):
         digest = state_digest(learner.state())
-        outputs, limited = foresee(learner, u[k])
+        outputs, limited = look_ahead(learner, u[k])
         assert state_digest(learner.state()) == digest
         assert limited.tobytes() == outputs[6:].tobytes()
         assert outputs.tobytes() == learner.step(u[k : k + 1], d[k : k + 1], learning=True).tobytes()
@@ -329,15 +329,15 @@ def test_what_is_foreseen_is_what_comes_to_the_bit_and_changes_nothing(output_ou
 def test_a_look_ahead_does_not_enter_what_is_learned_next():
     looking, plain, (u, d) = make(), make(), motion(32)
     for k in range(32):
-        foresee(looking, u[(k + 7) % 32])
+        look_ahead(looking, u[(k + 7) % 32])
         looking.step(u[k : k + 1], d[k : k + 1], learning=True)
     plain.step(u, d, learning=True)
     assert state_digest(looking.state()) == state_digest(plain.state())
 
 
-def test_what_is_foreseen_is_kept_within_limits():
+def test_a_look_ahead_is_kept_within_limits():
     learner, (u, _) = make(), motion(1)
-    outputs, limited = foresee(learner, u[0], margin=0.01)
+    outputs, limited = look_ahead(learner, u[0], margin=0.01)
     centre = learner.output_centre[6:]
     assert np.array_equal(limited, np.clip(outputs[6:], centre - 0.01, centre + 0.01))
     assert (limited != outputs[6:]).any()
@@ -349,7 +349,7 @@ def test_what_is_foreseen_is_kept_within_limits():
 def test_arrays_of_wrong_size_are_refused_by_foresight(wrong):
     right = {"u": np.zeros(6), "limits": np.zeros((2, 15)), "outputs": np.zeros(21), "limited": np.zeros(15)}
     with pytest.raises(MessageError, match="sizes of the network"):
-        make().foresee(**{**right, **wrong})
+        make().look_ahead(**{**right, **wrong})
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])
@@ -357,7 +357,7 @@ def test_foresight_of_what_is_not_finite_is_refused(value):
     u = motion(1)[0][0]
     u[4] = value
     with pytest.raises(MessageError, match="finite numbers in u"):
-        foresee(make(), u)
+        look_ahead(make(), u)
 
 
 def test_foresight_that_overflows_is_one_clear_error():
@@ -366,7 +366,7 @@ def test_foresight_that_overflows_is_one_clear_error():
     state["input_output_weights"][:] = 1e300
     learner.load_state(state)
     with pytest.raises(ConfigError, match="no longer finite"):
-        foresee(learner, np.full(6, 1e10))
+        look_ahead(learner, np.full(6, 1e10))
 
 
 def test_its_arrays_stay_the_learners_own():

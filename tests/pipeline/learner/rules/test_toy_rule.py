@@ -13,6 +13,7 @@ import pytest
 import toy_rule
 from episodes import write_plain_episode
 from processes import complaint, reenact, start, wait_for_line
+from rerun_server import rerun_server
 
 from pipeline.evaluation.errors import predicted_joints
 from pipeline.learner.contract import LearningRuleContract
@@ -20,11 +21,16 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.registry import config_from_dict, find_rule, rule_names
 from pipeline.samples.pairs import read_samples
 from pipeline.serving.served_controller import ServedController, ServingConfig
+from pipeline.training.trainer import train_on
+from pipeline.views.learning import LearningView, ViewedTrainer
+from pipeline.views.live import LiveView
 from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, ControllerError
 from recorders.messages.message_types import JointState
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
 
 SAMPLES = 8
 EPOCHS = 2
@@ -116,6 +122,17 @@ def test_it_is_evaluated_and_shown(folder: Path) -> None:
     assert run("evaluate", "trained.npz", "log.mcap", cwd=folder)["mean_cm"] > 0.0
     run("view", "trained.npz", "--save", "trained.rrd", cwd=folder)
     assert (folder / "trained.rrd").stat().st_size > 0
+
+
+def test_its_learning_is_shown_epoch_by_epoch(folder: Path, tmp_path: Path) -> None:
+    said: list[str] = []
+    with rerun_server(tmp_path) as server:
+        view = LiveView(server.url, said.append)
+        trainer = ViewedTrainer(toy_rule.ToyConfig(), view=LearningView(view))
+        train_on(Replay([folder / "log.mcap"], Schedule(epochs=EPOCHS)), trainer)
+        view.close()
+    assert said == []  # a view that fails says so, and is no reason for learning to fail
+    assert trainer.result()["digest"] == json.loads((folder / "trained.json").read_text())["digest"]
 
 
 def test_serve_answers_a_replay_of_its_targets(folder: Path) -> None:
