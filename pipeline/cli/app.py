@@ -105,5 +105,5 @@ def main(arguments: list[str] | None = None) -> None:
 
 
 def _fail(line: str, status: int) -> NoReturn:
-    console.say(f"reenact: {escape_control(line_text(line))}")
+    console.notice(f"reenact: {escape_control(line_text(line))}")
     sys.exit(status)

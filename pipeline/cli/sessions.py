@@ -106,5 +106,5 @@ def session_config(
     default = (DEFAULT_ENDPOINT,)
     resolved = config.resolved(listen=default) if listens else config.resolved(connect=default)
     if exposed := beyond_loopback(resolved.listen):
-        console.say(_EXPOSED.format(", ".join(exposed)))
+        console.notice(_EXPOSED.format(", ".join(exposed)))
     return resolved

@@ -46,7 +46,7 @@ class ViewOptions:
             return
         from pipeline.views.live import viewer
 
-        with viewer(self.view, self.viewer, console.say) as view:
+        with viewer(self.view, self.viewer, console.notice) as view:
             yield view
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""How far the hands are from their targets: eq. (10) of the paper, for a learner, the teacher and a linear baseline."""
+"""Distances of the hands from their targets (eq. 10 of the paper), for a learner, the teacher and a linear baseline."""
 
 from dataclasses import dataclass
 from typing import Protocol

@@ -1,4 +1,4 @@
-"""Demonstrations: what a person showed, placed before the robot, and followed by it like any other motion."""
+"""Demonstrations: paths of a person's hands, placed before the robot and followed by it like any other motion."""
 
 import math
 from collections.abc import Callable
@@ -32,7 +32,7 @@ _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 @dataclass(frozen=True)
 class DemonstrationConfig:
-    """How what was shown becomes targets.
+    """Conversion of demonstrated paths to targets.
 
     Parameters
     ----------
@@ -145,10 +145,8 @@ def demonstrate(
 
     Raises
     ------
-    MotionError
-        The paths do not make a motion, or leave the robot's reach.
-    ConfigError, RobotError, LogError
-        As `explore` does.
+    MotionError, ConfigError, RobotError, LogError
+        If the paths do not make a motion or leave the robot's reach; and as `explore` does.
     """
     placed = to_motion(robot, shown, config=config)
     check_targets(placed, robot)

@@ -1,4 +1,4 @@
-"""An episode: the teacher leads a robot, in this process or across a network, through a motion, tick by tick."""
+"""Episode: the teacher drives a robot, in this process or across a network, through a motion, tick by tick."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ Floats = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class ExplorationConfig:
-    """How a robot is explored.
+    """Settings of an exploration.
 
     Attributes
     ----------

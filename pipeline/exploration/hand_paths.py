@@ -1,4 +1,4 @@
-"""Paths of hands as somebody showed them: from a CSV file, from poses in a log, or pose by pose as they come in."""
+"""Paths of demonstrated hands: from a CSV file, from poses in a log, or pose by pose as they come in."""
 
 import hashlib
 from collections.abc import Mapping, Sequence

@@ -1,4 +1,4 @@
-"""Paths of hands from a live pose topic: whoever publishes PoseStamped shows the motion, until it is over."""
+"""Paths of hands from a live pose topic: a publisher of PoseStamped demonstrates the motion, until it is over."""
 
 import time
 from collections.abc import Callable, Mapping
@@ -25,7 +25,7 @@ _POLL_S = 0.05
 
 @dataclass(frozen=True)
 class ListenConfig:
-    """How long a live pose topic is listened to.
+    """Start and end of a subscription to a live pose topic.
 
     Parameters
     ----------
@@ -67,7 +67,7 @@ def subscribe_paths(
     stopped: Callable[[], bool] = lambda: False,
     say: Callable[[str], None] = lambda line: None,
 ) -> DemonstratedPaths:
-    """Listen to pose topics until the demonstration is over, or somebody stops it.
+    """Subscribe to pose topics until the demonstration is over, or somebody stops it.
 
     Poses may come with an attachment of ours or with none. What is no pose is left out with a line, what is a useless
     one (no number, stamped before the last) is left out and counted.

@@ -117,7 +117,7 @@ class PoseTrack:
             )
 
     def _ahead_s(self, pose: PoseStamped) -> float:
-        """How far a pose is stamped after the last [s]; 0 for the first."""
+        """Return the time between the last pose and this one [s]; 0 for the first."""
         return (pose.stamp_ns - self._poses[-1].stamp_ns) / 1e9 if self._poses else 0.0
 
     def _objection(self, pose: PoseStamped) -> str:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.evaluation.errors import hand_errors
-from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
@@ -35,7 +35,7 @@ _STOPPED = "the learner was stopped"
 
 @dataclass(frozen=True)
 class LiveConfig:
-    """How long a learner learns live, and what it keeps.
+    """End of live learning, and the log that it writes.
 
     Parameters
     ----------
@@ -66,7 +66,7 @@ class LiveConfig:
 
 
 class LiveLearner:
-    """A trainer between what is heard and what is said.
+    """Trainer between a subscription and a publisher.
 
     Parameters
     ----------
@@ -78,7 +78,7 @@ class LiveLearner:
         When it ends.
     receiver : Receiver
         One that hears live messages too.
-    voice : LearnerVoice
+    publisher : LearnerPublisher
         Says what comes of it.
     say : callable
         Told, in one line, of what is refused.
@@ -90,19 +90,19 @@ class LiveLearner:
         robot: RobotConfig,
         config: LiveConfig,
         receiver: Receiver,
-        voice: LearnerVoice,
+        publisher: LearnerPublisher,
         *,
         say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
-        self._receiver, self._voice, self._say = receiver, voice, say
+        self._receiver, self._publisher, self._say = receiver, publisher, say
         self._stream = LiveStream(epochs=config.epochs, check=range_check(robot), phase=trainer.kept_phase, say=say)
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0
 
     def run(self, stopped: Callable[[], bool], *, keep: Callable[[RecordedMessage], None]) -> dict[str, Any]:
-        """Learn until it is `stopped`, has enough, or a stream that awaits this ends; return what is to be said of it.
+        """Learn until it is `stopped`, has enough, or a stream that awaits this ends; return the result.
 
         `keep` is given every message that is learned from, and every marker that is followed.
 
@@ -111,15 +111,15 @@ class LiveLearner:
         ReenactError
             As `Trainer.hello`, `Trainer.consume` and `keep` do.
         """
-        self._trainer.report_to(lambda report: self._voice.report(report, **self._counts()))
+        self._trainer.report_to(lambda report: self._publisher.report(report, **self._counts()))
         self._trainer.show_steps_to(self._show)
-        heard = self._heard(stopped, keep)
-        first = list(islice(heard, 1))  # a marker, which names the run
+        received = self._received(stopped, keep)
+        first = list(islice(received, 1))  # a marker, which names the run
         texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
         try:
             with self._receiver.reporting_failure():
                 self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts))
-                self._trainer.take(chain(first, heard))
+                self._trainer.take(chain(first, received))
                 self._trainer.check_learned(self._stream.losses)
         finally:
             self._trainer.save_checkpoint()
@@ -128,7 +128,7 @@ class LiveLearner:
         return result
 
     def source(self, name: str) -> NodeSource:
-        """Return what this learner says of itself to whoever watches."""
+        """Return the status of this learner."""
         return NodeSource(
             "learner",
             name,
@@ -139,10 +139,12 @@ class LiveLearner:
                 "gaps": self._stream.gaps,
                 "refused": sum(tuple(self._stream.refused.values())) + sum(tuple(self._receiver.refused.values())),
             },
-            digests=lambda: self._voice.digests,
+            digests=lambda: self._publisher.digests,
         )
 
-    def _heard(self, stopped: Callable[[], bool], keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
+    def _received(
+        self, stopped: Callable[[], bool], keep: Callable[[RecordedMessage], None]
+    ) -> Iterator[RecordedMessage]:
         """Yield the stream that a learner can take, until it is over; in a pause, what came before it is learned."""
         quiet = False
         while not (self._ended or self._has_enough() or stopped()):
@@ -229,10 +231,10 @@ class LiveLearner:
         self._reported = self._stream.ticks
         report = self._trainer.so_far()
         if report is not None:
-            self._voice.report(self._scores.put_into(report), **self._counts())
+            self._publisher.report(self._scores.put_into(report), **self._counts())
 
     def _show(self, steps: Steps) -> None:
-        self._voice.show(steps)
+        self._publisher.show(steps)
         self._scores.add(steps)
 
     def _counts(self) -> dict[str, Any]:

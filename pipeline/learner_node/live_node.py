@@ -1,4 +1,4 @@
-"""The node `learn --live`: learns from whoever publishes hand targets and joints, a robot or a replay."""
+"""The node `learn --live`: learns from published hand targets and joints, of a robot or a replay."""
 
 from collections.abc import Callable
 from typing import Any
@@ -6,7 +6,7 @@ from typing import Any
 import zenoh
 
 from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
-from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.robot_node.client import RemoteRobot
 from pipeline.robot_node.namespace_checks import RobotCheck
@@ -42,29 +42,22 @@ def learn_live(
     robot : RobotConfig, optional
         The robot; if left out, the one that answers in the namespace.
     session, receiver : SessionConfig, ReceiverConfig
-        Where it listens or connects; its name and namespace.
+        Endpoints; name and namespace.
     config : LiveConfig
-        When it ends, and what it keeps.
-    metrics_port : int, optional
-        Port on 127.0.0.1 for Prometheus.
-    say : callable
-        Told, a line each, that the learner is ready, of what it refuses, and of what it loses sight of.
+        End of learning, and the log to write.
+    metrics_port, say : int and callable, optional
+        Port on 127.0.0.1 for Prometheus; called with a line when the learner is ready, and for refusals and losses.
 
     Returns
     -------
     dict
-        What `Trainer.result` says, and counts of what was refused and missing, as JSON has it.
+        `Trainer.result`, and counts of what was refused and missing, as JSON has it.
 
     Raises
     ------
-    ConfigError
-        If no robot is named and none answers, or learning diverged.
-    ControllerError
-        If there is a checkpoint, and it cannot be gone on from.
-    LogError
-        If the log cannot be written.
-    WireError
-        If no session can be opened.
+    ConfigError, ControllerError, LogError, WireError
+        If no robot is named and none answers, learning diverged, a checkpoint cannot be gone on from, the log cannot
+        be written, or no session can be opened.
     """
     config = config or LiveConfig()
     with open_session(session) as opened:
@@ -74,23 +67,15 @@ def learn_live(
             RobotCheck(opened, robot.joints, namespace=receiver.namespace, say=say, learner=True).warn()
         with (
             _Recording(config, robot, say) as recording,
-            LearnerVoice(opened, namespace=receiver.namespace) as voice,
+            LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
             Receiver(opened, config=receiver, say=say) as receiving,
             until_stopped() as stopped,
         ):
-            learner = LiveLearner(trainer, robot, config, receiving, voice, say=say)
-            with running_node(
-                opened,
-                learner.source(receiver.name),
-                config=session,
-                namespace=receiver.namespace,
-                metrics_port=metrics_port,
-                report=say,
-            ):
-                say(
-                    f"{receiver.name} learns {robot.name} from {receiver.namespace}/** "
-                    f"at {', '.join(session.listen or session.connect)}; Ctrl-C ends it"
-                )
+            learner = LiveLearner(trainer, robot, config, receiving, publisher, say=say)
+            node, namespace = learner.source(receiver.name), receiver.namespace
+            with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port, report=say):
+                where = f"{receiver.namespace}/** at {', '.join(session.listen or session.connect)}"
+                say(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
                 return learner.run(stopped, keep=recording.keep)
 
 
@@ -102,7 +87,7 @@ def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
 
 
 class _Recording:
-    """The log of what is learned from, if there is to be one; kept as far as it came if learning fails."""
+    """Log of the messages that are learned from, if one is wanted; it stays as far as it came if learning fails."""
 
     def __init__(self, config: LiveConfig, robot: RobotConfig, say: Callable[[str], None]) -> None:
         self._writer: LogWriter | None = None

@@ -3,7 +3,7 @@
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
-from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.training.trainer import Trainer
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
@@ -33,7 +33,7 @@ def learn(
     metrics_port: int | None = None,
     say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
-    """Wait for a stream over Zenoh, learn from all of it, and return what is to be said of it.
+    """Wait for a stream over Zenoh, learn from all of it, and return the result.
 
     `say` is told, a line each, when the learner is ready, what it refuses, and what it loses sight of. A checkpoint, if
     there is to be one, is also kept when the learner is stopped. With a `metrics_port`, its status is there for
@@ -48,19 +48,19 @@ def learn(
     """
     with (
         open_session(session) as opened,
-        LearnerVoice(opened, namespace=receiver.namespace) as voice,
+        LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
         Receiver(opened, config=receiver, say=say) as receiving,
         running_node(
             opened,
-            _learner(trainer, receiving, voice, name=receiver.name),
+            _learner(trainer, receiving, publisher, name=receiver.name),
             config=session,
             namespace=receiver.namespace,
             metrics_port=metrics_port,
             report=say,
         ),
     ):
-        trainer.report_to(voice.report)
-        trainer.show_steps_to(voice.show)
+        trainer.report_to(publisher.report)
+        trainer.show_steps_to(publisher.show)
         say(
             f"{receiver.name} waits for a replay or a live session that awaits it by this name, "
             f"at {', '.join(session.listen or session.connect)}"
@@ -72,8 +72,8 @@ def learn(
             raise
 
 
-def _learner(trainer: Trainer, receiver: Receiver, voice: LearnerVoice, *, name: str) -> NodeSource:
-    """Return what a learner that waits for a stream says of itself to whoever watches."""
+def _learner(trainer: Trainer, receiver: Receiver, publisher: LearnerPublisher, *, name: str) -> NodeSource:
+    """Return the status of a learner that waits for a stream."""
 
     def state() -> str:
         return "waiting" if receiver.offer is None else "learning"
@@ -85,7 +85,7 @@ def _learner(trainer: Trainer, receiver: Receiver, voice: LearnerVoice, *, name:
             "refused": sum(tuple(receiver.refused.values())),
         }
 
-    return NodeSource("learner", name, state=state, counts=counts, digests=lambda: voice.digests)
+    return NodeSource("learner", name, state=state, counts=counts, digests=lambda: publisher.digests)
 
 
 def replay(

@@ -1,4 +1,4 @@
-"""What a learner says on the network while it learns: digests, status, errors, and its outputs to whoever listens."""
+"""Publisher of a learner: digests, status, errors, and its outputs while anyone subscribes."""
 
 import json
 from collections.abc import Callable
@@ -21,11 +21,11 @@ from recorders.wire.session import publishing
 _M_PER_CM = 0.01
 
 
-class LearnerVoice:
-    """The publishing end of a learner.
+class LearnerPublisher:
+    """Publisher of a learner on Zenoh.
 
-    Outputs are many: they are said to whoever listens, and dropped where the way out is blocked, for a listener that
-    stalls must not hold up the learner.
+    Outputs are many: they are published while anyone subscribes, and dropped where the network is blocked, as a
+    subscriber that stalls must not hold up the learner.
 
     Parameters
     ----------
@@ -44,7 +44,7 @@ class LearnerVoice:
         self._session = session
         self._namespace = namespace
         self._producer = TopicPublisher(session, namespace=namespace)
-        self._said = 0
+        self._outputs_sent = 0
         self._stack = ExitStack()
         self.digests: dict[str, str] = {}
 
@@ -56,7 +56,7 @@ class LearnerVoice:
                 message_key(self._namespace, LEARNER_OUTPUT),
                 encoding=f"application/cdr;{Float64MultiArray.TYPE}",
                 congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,  # our own receiver hears everything
+                allowed_destination=zenoh.Locality.REMOTE,  # our own receiver takes everything
             )
         )
         return self
@@ -67,25 +67,25 @@ class LearnerVoice:
         self._stack.close()
 
     def report(self, report: CycleReport, **counts: Any) -> None:
-        """Say what a cycle has come to, with further counts in its status."""
+        """Publish the result of a cycle, with further counts in its status."""
         where = {"epoch": report.epoch, "cycle": report.cycle, "phase": report.phase}
         digests = self.digests = {"state": report.digest, "stream": report.stream_digest}
-        say: Callable[..., RecordedMessage] = self._producer.publish
-        say(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
+        publish: Callable[..., RecordedMessage] = self._producer.publish
+        publish(LEARNER_DIGEST, String(json.dumps(where | digests)), log_time_ns=report.time_ns)
         status = where | {"ticks": report.ticks} | counts
-        say(LEARNER_STATUS, String(json.dumps(status)), log_time_ns=report.time_ns)
+        publish(LEARNER_STATUS, String(json.dumps(status)), log_time_ns=report.time_ns)
         if report.hands_cm is not None:
             errors = Float64MultiArray(np.array(report.hands_cm) * _M_PER_CM)
-            say(LEARNER_ERROR, errors, log_time_ns=report.time_ns)
+            publish(LEARNER_ERROR, errors, log_time_ns=report.time_ns)
 
     def show(self, steps: Steps) -> None:
-        """Say the outputs of some steps, one message each, in the network's order and with the stamp of its target."""
+        """Publish the outputs of some steps, one message each, in the network's order and stamped as its target."""
         status: Any = self._outputs.matching_status  # typed as a bool, which it is not
         if not status.matching:
             return
         for stamp_ns, outputs in zip(steps.stamps_ns, steps.outputs, strict=True):
             data = encode(Float64MultiArray(outputs))
-            record = RecordedMessage(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._said, stamp_ns)
-            payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self._said, (record,)))
+            record = RecordedMessage(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._outputs_sent, stamp_ns)
+            payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self._outputs_sent, (record,)))
             self._outputs.put(payload, attachment=attachment)
-            self._said += 1
+            self._outputs_sent += 1

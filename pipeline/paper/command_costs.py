@@ -24,7 +24,7 @@ _Step = Callable[[Floats], Floats]
 
 @dataclass(frozen=True)
 class CommandCost:
-    """How well and at what price a controller answers a target, by kinematics alone.
+    """Error and cost of a controller's answer to a target, by kinematics alone.
 
     Attributes
     ----------

@@ -19,7 +19,7 @@ _CM_PER_M = 100.0
 
 @dataclass(frozen=True)
 class Direction:
-    """How far hands move, and miss, in one direction of the plane, both hands together [cm, root mean square].
+    """Motion and error of the hands in one direction of the plane, both hands together [cm, root mean square].
 
     Attributes
     ----------
@@ -88,7 +88,7 @@ def _mean(values: Iterable[float]) -> float:
 
 @dataclass(frozen=True)
 class Depth:
-    """How far hands miss a motion within the plane of the pictures, and ahead of or behind it [cm, mean].
+    """Error of the hands within the plane of the pictures, and ahead of or behind it [cm, mean].
 
     Attributes
     ----------

@@ -37,7 +37,7 @@ _COARSE_NS = 20_000_000  # period of teacher and simulation in a short run
 
 @dataclass(frozen=True)
 class PaperConfig:
-    """How much of the paper is rerun.
+    """Extent of a rerun of the paper.
 
     Attributes
     ----------
@@ -171,7 +171,7 @@ def _explore(
         teacher=config.teacher,
         simulation=config.simulation,
         overwrite=True,
-        say=console.say,
+        say=console.notice,
         progress=progress,
     )
 

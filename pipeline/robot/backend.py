@@ -32,7 +32,7 @@ class LinkPose:
 
 
 class RobotBackend(Protocol):
-    """A robot that takes joint commands and tells where it is. Postures are in the order of ``robot.joints``."""
+    """Robot that takes joint commands and measures its joints. Postures are in the order of ``robot.joints``."""
 
     @property
     def robot(self) -> RobotConfig:
@@ -76,7 +76,7 @@ class ResettableRobot(RobotBackend, Protocol):
 
 
 class LinkPoseSource(RobotBackend, Protocol):
-    """A robot that also tells where its links are, for viewers."""
+    """Robot that also measures the poses of its links, for viewers."""
 
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link."""

@@ -27,7 +27,7 @@ _FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they ar
 
 
 class OutOfRange(MessageError):
-    """A number cannot be the robot's; `finite` says whether it is one at all."""
+    """Number that cannot be the robot's; `finite` is False if it is NaN or infinite."""
 
     def __init__(self, line: str, *, finite: bool = True) -> None:
         super().__init__(line)

@@ -1,4 +1,4 @@
-"""How large a robot is, and what its joints are: from its URDF alone."""
+"""Size of a robot and types of its joints, from its URDF alone."""
 
 import math
 from xml.etree import ElementTree

@@ -1,4 +1,4 @@
-"""Checked values out of a robot's TOML files: each wrong one is a line that says what was expected and found."""
+"""Checked values of a robot's TOML files: an error names what was expected and what was found."""
 
 import math
 from collections.abc import Mapping

@@ -1,4 +1,4 @@
-"""A model of others becomes a URDF of ours: fewer joints, no meshes, a place in the world, a motor for every joint.
+"""Import of a model as URDF: fewer joints, no meshes, a pose in the world, a motor for every joint.
 
 The text that comes out stands for itself: logs and controllers carry it, and nothing later needs the model.
 Pinocchio does the geometry: it fixes the joints that are not wanted and joins the masses of what is then one body.

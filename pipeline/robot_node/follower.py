@@ -1,4 +1,4 @@
-"""A robot that follows commands: checks them, moves by them, and says its state when that is due. No Zenoh."""
+"""Robot that follows commands: checks them, moves by them, and publishes its state when that is due. No Zenoh."""
 
 from collections import deque
 from collections.abc import Callable
@@ -20,7 +20,7 @@ _REMEMBERED = 2048  # commands; twice what a sender by default has under way, an
 
 @dataclass(frozen=True)
 class FollowerConfig:
-    """How a robot follows.
+    """Settings of a robot that follows commands.
 
     Parameters
     ----------
@@ -51,7 +51,7 @@ class FollowerConfig:
 
 
 class Follower:
-    """A robot under the commands of whoever sends them.
+    """Robot under the commands of any sender.
 
     Parameters
     ----------

@@ -55,7 +55,7 @@ _Event: TypeAlias = _Command | _Question
 
 
 class RobotNode:
-    """Wires a robot to Zenoh; `pipeline.robot_node.protocol` says what travels.
+    """Connects a robot to Zenoh; `pipeline.robot_node.protocol` defines the messages.
 
     Zenoh calls back on threads of its own, which only queue. The robot moves on the caller's thread, in `run`.
 
@@ -134,7 +134,7 @@ class RobotNode:
             self._handle_next(timeout_s=_QUIET_S)
 
     def source(self) -> NodeSource:
-        """Return what this node says of itself to whoever watches."""
+        """Return the status of this node."""
         robot = self._backend.robot
         return NodeSource(
             "robot",
@@ -183,7 +183,7 @@ class RobotNode:
                 )
 
     def _describe(self, stack: ExitStack) -> None:
-        """Answer whoever asks for URDF or TOML, and publish the URDF for subscribers, those that come late as well."""
+        """Answer queries for URDF and TOML, and publish the URDF for subscribers, late ones as well."""
         robot = self._backend.robot
         topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
         for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):

@@ -95,7 +95,7 @@ def unpack_commands(payload: bytes) -> list[bytes]:
 
 
 class CommandReader:
-    """Reads commands for one robot, from whoever sends them.
+    """Reads commands for one robot, from any sender.
 
     Parameters
     ----------
@@ -132,7 +132,7 @@ class CommandReader:
 
 @dataclass(frozen=True)
 class RobotStatus:
-    """How a robot node works and what it has done.
+    """Settings and counts of a robot node.
 
     Attributes
     ----------

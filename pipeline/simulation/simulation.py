@@ -23,7 +23,7 @@ _XYZW = [1, 2, 3, 0]  # Drake's quaternions begin with w, those of ROS end with 
 
 @dataclass(frozen=True)
 class SimulationConfig:
-    """How the robot is simulated.
+    """Settings of the simulation.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""Reach: which samples of a motion the robot cannot reach, and what becomes of them."""
+"""Reach: samples of a motion that the robot cannot reach, and their treatment."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass

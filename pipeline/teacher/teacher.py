@@ -19,7 +19,7 @@ _REACH_STEPS = 200  # within reach about 5 suffice
 
 @dataclass(frozen=True)
 class TeacherConfig:
-    """How the teacher moves.
+    """Settings of the teacher.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Teacher:
         return self.step_for(q, targets, self.config.period_ns * 1e-9)
 
     def step_for(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
-        """As `step`, with a period of one's own [s]."""
+        """Return the posture as `step` does, with a given period [s]."""
         posture, goal = self._within(np.asarray(q, dtype=np.float64)), np.asarray(targets, dtype=np.float64)
         gradient, hessian = self._cost(posture, self._comfort(posture, goal))
         hands, jacobian = self.kinematics.hands_and_jacobian(posture)

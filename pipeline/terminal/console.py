@@ -83,7 +83,7 @@ def take_any_text() -> None:
             stream.reconfigure(errors="backslashreplace")
 
 
-def say(text: str) -> None:
+def notice(text: str) -> None:
     """Print one line for the reader, on standard error, so that standard output holds the result alone.
 
     A reader who has gone, or a terminal that was closed, ends no work.

@@ -1,4 +1,4 @@
-"""Texts that come from anyone, on their way to a terminal: whatever it might obey is spelt out, and lines fit it."""
+"""Escaping of texts that come from anyone: control characters are spelt out, and lines fit the terminal."""
 
 import re
 from collections.abc import Iterator

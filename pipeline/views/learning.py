@@ -1,4 +1,4 @@
-"""A learner at work, as a viewer shows it: once for each evaluated cycle, without touching what is learned."""
+"""View of a learner, once for each evaluated cycle, without touching what is learned."""
 
 from collections.abc import Callable
 

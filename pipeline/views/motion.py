@@ -1,4 +1,4 @@
-"""A robot at work, as a viewer shows it while it moves: from the messages of the session, without holding it up."""
+"""View of a moving robot, from the messages of its session, without holding it up."""
 
 import queue
 import threading

@@ -25,7 +25,7 @@ _SHADE = 0.55  # brightness of a face that the light does not reach
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """From where a robot is looked at, from far away.
+    """Direction from which a robot is looked at, from far away.
 
     Attributes
     ----------

@@ -1,4 +1,4 @@
-"""From the messages of a session to the rows that a viewer draws: posture, targets in force, hands reached."""
+"""Rows that a viewer draws of the messages of a session: posture, targets in force, hands reached."""
 
 from dataclasses import replace
 

@@ -51,7 +51,7 @@ def run_robot_node(*, listen: list[str], **config: Any) -> NoReturn:
         load_robot("asimo"),
         session=SessionConfig(listen=tuple(listen)),
         config=FollowerConfig(**config),
-        say=console.say,
+        say=console.notice,
     )
 
 

@@ -46,7 +46,7 @@ def evaluate(
     if deploy:
         result = _deployed(loaded, motion)
     else:
-        result = evaluate_motion(loaded, motion, linear_from=linear_from, say=console.say).summary()
+        result = evaluate_motion(loaded, motion, linear_from=linear_from, say=console.notice).summary()
     console.show(result, as_json=as_json)
 
 

@@ -17,7 +17,7 @@ def info(
     ],
     as_json: Json = False,
 ) -> None:
-    """Say what is in a log, and whether it is whole.
+    """Show what is in a log, and whether it is whole.
 
     Exit status 1 if it is damaged or cut off.
     """
@@ -25,7 +25,7 @@ def info(
     from recorders.reading.parts import Parts, one_session
     from recorders.recovery.session_info import summarise_log
 
-    log = one_session(logs, console.say)
+    log = one_session(logs, console.notice)
     with console.progress("info") as advance:
         summary = summarise_log(log, on_progress=advance)
     parts = {"parts": [str(path) for path in log.paths]} if isinstance(log, Parts) else {}

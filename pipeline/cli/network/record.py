@@ -81,25 +81,25 @@ def record(
             config=config,
             overwrite=overwrite,
             on_progress=lambda so_far: show(so_far.messages, so_far.size),
-            say=console.say,
+            say=console.notice,
         ) as recorder,  # first, as it refuses a name that is taken
         open_session(session) as opened,
-        Receiver(opened, config=receiving, say=console.say) as receiver,
+        Receiver(opened, config=receiving, say=console.notice) as receiver,
         running_node(
             opened,
             recorder.source(name),
             config=session,
             namespace=node.namespace,
             metrics_port=node.prometheus,
-            report=console.say,
+            report=console.notice,
         ),
         until_stopped() as stopped,
     ):
         where = ", ".join(session.listen or session.connect)
-        console.say(f"{name} records {node.namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
+        console.notice(f"{name} records {node.namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, until_end=until_end)
     console.show(recorder.recording.to_dict(), as_json=as_json)
-    console.say(_outcome(recorder.recording, f"{node.namespace}/**"))
+    console.notice(_outcome(recorder.recording, f"{node.namespace}/**"))
 
 
 def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverConfig":

@@ -116,10 +116,10 @@ def replay(
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
     batch = sending.batch or min(64 if rate is None and consumers else 1, sending.window)
     sender = SenderConfig(consumers, namespace=node.namespace, window=sending.window, batch=batch, wait_s=wait)
-    pace = Unpaced() if rate is None else Paced(rate, say=console.say)
+    pace = Unpaced() if rate is None else Paced(rate, say=console.notice)
     session = node.config(wait_s=wait)
     if not consumers:
-        console.say(_SPECTATORS)
+        console.notice(_SPECTATORS)
     clock = Pausable(pace)
     with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None):
         result = run(
@@ -130,7 +130,7 @@ def replay(
             metrics_port=node.prometheus,
             channels=channels,
             on_progress=advance,
-            say=console.say,
+            say=console.notice,
         )
     if isinstance(pace, Paced):
         result["slipped_s"] = round(pace.slipped_s, 3)
@@ -152,7 +152,7 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
         end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
         loops=playing.loop,
     )
-    return Playback(recordings(logs, console.say), config)
+    return Playback(recordings(logs, console.notice), config)
 
 
 def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
@@ -165,5 +165,5 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
-        return RecordedSession(one_session(logs, console.say), epochs=schedule.epochs, renames=names)
-    return Replay(recordings(logs, console.say), Schedule(epochs=schedule.epochs or 150), renames=names)
+        return RecordedSession(one_session(logs, console.notice), epochs=schedule.epochs, renames=names)
+    return Replay(recordings(logs, console.notice), Schedule(epochs=schedule.epochs or 150), renames=names)

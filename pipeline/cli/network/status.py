@@ -56,7 +56,7 @@ def status(
     except UnreachedError as error:
         if as_json:
             _print_json([])
-        console.say(f"no node runs: {error}")
+        console.notice(f"no node runs: {error}")
         raise typer.Exit(1) from None
     _show(found, nobody, as_json=as_json)
     if not found:
@@ -92,7 +92,7 @@ def _show(found: "list[NodeStatus]", nobody: str, *, as_json: bool) -> bool:
     elif found:
         read = console.table(status_table(found))
     if not found:
-        console.say(nobody)
+        console.notice(nobody)
     return read
 
 

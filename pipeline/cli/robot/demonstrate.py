@@ -148,7 +148,7 @@ def demonstrate(
     if pose.hand not in (None, "left", "right"):
         raise ConfigError(f"--hand: expected left or right, found {pose.hand!r:.40}")
     if pose.topic is not None and pose.hand is None:
-        console.say(f"--topic: {pose.topic} is taken for the right hand; --hand left for the other")
+        console.notice(f"--topic: {pose.topic} is taken for the right hand; --hand left for the other")
     config = path.config()
     follower = load_robot(robot)
     check_place(out, overwrite=overwrite)
@@ -162,7 +162,7 @@ def demonstrate(
             out=out,
             overwrite=overwrite,
             progress=advance,
-            say=console.say,
+            say=console.notice,
         )
     console.show(result.to_dict(), as_json=as_json)
 
@@ -179,7 +179,7 @@ def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningS
     path = drawings().get(source, Path(source))
     if is_log(path):
         topics = pose_topics(pose.topic, hand=pose.hand)
-        return read_log_paths(one_session([path], console.say), topics, renames=renames(pose.map_))
+        return read_log_paths(one_session([path], console.notice), topics, renames=renames(pose.map_))
     if pose.topic or pose.map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
     return read_csv_paths(path, hand=pose.hand)
@@ -199,5 +199,5 @@ def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) 
             session=where,
             config=config,
             stopped=stopped,
-            say=console.say,
+            say=console.notice,
         )

@@ -38,5 +38,5 @@ def robot(
         namespace=node.namespace,
         config=following,
         metrics_port=node.prometheus,
-        say=console.say,
+        say=console.notice,
     )

@@ -22,7 +22,7 @@ from waiting import wait_until
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
-from pipeline.learner_node.publisher import LearnerVoice
+from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import load_robot
 from pipeline.robot.range_check import range_check
 from pipeline.training.trainer import Trainer, train_on
@@ -205,7 +205,7 @@ def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Recorde
     endpoint, arrived = free_endpoint(), threading.Event()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
-        LearnerVoice(session, namespace="reenact") as voice,
+        LearnerPublisher(session, namespace="reenact") as voice,
     ):
         with Receiver(session, config=ReceiverConfig(live=True)) as receiver, publisher(endpoint) as robot:
             session.declare_subscriber("after", lambda sample: arrived.set())

@@ -9,7 +9,7 @@ from pipeline.terminal import console
 
 with console.progress("work") as advance:
     for number in range(3):
-        console.say(f"line {number}")
+        console.notice(f"line {number}")
         advance(number / 3)
 print("done")
 """
