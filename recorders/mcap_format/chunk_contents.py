@@ -20,7 +20,7 @@ def body_at(data: bytes, place: int, offset: int) -> tuple[int, int, int]:
     Raises
     ------
     DamagedLog
-        If it is not whole, or a message too short to be one.
+        If it is not whole, a message too short to be one, or of a kind that has no place in a chunk.
     """
     start = place + HEAD.size
     if start > len(data):
@@ -30,16 +30,15 @@ def body_at(data: bytes, place: int, offset: int) -> tuple[int, int, int]:
         raise damaged(offset, "a record is longer than the chunk that holds it")
     if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
         raise damaged(offset, "a message is too short")
+    if opcode < FIRST_RESERVED and opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS:
+        raise damaged(offset, f"a record of kind {opcode} in a chunk")
     return opcode, start, start + length
 
 
 def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, beginning and end of the body of each record in the data of the chunk at `offset`.
 
-    Raises
-    ------
-    DamagedLog
-        If one is not whole, or a message too short to be one.
+    Raises as `body_at` does.
     """
     place, size = 0, len(data)
     while place < size:
@@ -50,9 +49,8 @@ def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
 def checked(chunk: RawRecord) -> bytes:
     """Return the data of a chunk; raises DamagedLog if the chunk or a record in it is damaged, or does not belong."""
     data = chunk_data(chunk)
-    for opcode, _, _ in split(data, chunk.offset):
-        if opcode != _MESSAGE_OPCODE and opcode not in _DECLARATIONS and opcode < FIRST_RESERVED:
-            raise damaged(chunk.offset, f"a record of kind {opcode} in a chunk")
+    for _ in split(data, chunk.offset):
+        pass
     return data
 
 

@@ -7,6 +7,7 @@ import pytest
 from every_record import packed
 from mcap.records import Channel, Chunk, DataEnd, Footer, Header, Message
 
+from recorders.errors import LogError
 from recorders.mcap_format.records import MAGIC
 from recorders.reading.reader import LogReader
 from recorders.recovery.log_info import summarise
@@ -44,3 +45,15 @@ def test_they_are_passed_over(tmp_path, kind):
     recovery = recover(path, out)
     assert (recovery.complete, recovery.damage, recovery.kept) == (True, (), {"/x": 6})
     assert list(LogReader(out)) == list(LogReader(path))
+
+
+@pytest.mark.parametrize("kind", [0x00, 0x01, 0x09, 0x0F], ids=hex)
+def test_a_kind_that_has_no_place_in_a_chunk_is_damage_to_readers_too(tmp_path, kind):
+    path, other = tmp_path / "log.mcap", unknown(kind, 0)
+    data = packed(CHANNEL) + MESSAGES[0] + other + MESSAGES[1]
+    chunk = packed(Chunk("", data, 10, 0, zlib.crc32(data), len(data)))
+    path.write_bytes(MAGIC + packed(Header("", "other")) + chunk + packed(DataEnd(0)) + packed(Footer(0, 0, 0)) + MAGIC)
+    read = []
+    with pytest.raises(LogError, match=f"a record of kind {kind} in a chunk"):
+        read.extend(record.sequence for record in LogReader(path))
+    assert not summarise(path).sound
