@@ -20,7 +20,7 @@ Templated: TypeAlias = JointState | PoseStamped
 Layout: TypeAlias = tuple[object, ...]
 
 _Key = TypeVar("_Key")
-_Kept = TypeVar("_Kept", bound="JointTemplate | PoseTemplate")
+_Cached = TypeVar("_Cached", bound="JointTemplate | PoseTemplate")
 
 _PREFIX = struct.Struct("<4siI")  # encapsulation, stamp in s and ns
 _FLOAT64 = np.dtype("<f8")
@@ -188,7 +188,7 @@ def _pose_template(message: PoseStamped) -> PoseTemplate:
     return _poses.get(layout) or _keep(_poses, layout, PoseTemplate(message))
 
 
-def _keep(templates: dict[_Key, _Kept], key: _Key, template: _Kept) -> _Kept:
+def _keep(templates: dict[_Key, _Cached], key: _Key, template: _Cached) -> _Cached:
     if len(templates) >= _MAX_TEMPLATES:
         templates.clear()
     templates[key] = template

@@ -24,7 +24,7 @@ class DeclaredChannel:
     encoding : str
         How its messages are encoded; `cdr` in our logs.
     metadata : tuple of pairs of str
-        What else its writer said of it.
+        Other metadata that its writer gave.
     schema : tuple of str, str and bytes, optional
         Name, encoding and text of its schema; None for a channel that was declared without one.
     """
@@ -54,7 +54,7 @@ class ChannelRegistry:
     def register(self, record: RawRecord) -> Schema | Channel | None:
         """Take in a schema or channel record and return it parsed, pass over any other.
 
-        A channel whose schema was not met is passed over too: nobody can tell what its messages are.
+        A channel whose schema was not met is passed over too: the type of its messages is unknown.
 
         Raises
         ------
@@ -67,10 +67,10 @@ class ChannelRegistry:
         """
         if record.opcode == Opcode.SCHEMA:
             schema: Schema = parse(Schema, record)
-            said = schema.name, schema.encoding, schema.data
-            if self.schemas.get(schema.id) != said:
+            stated = schema.name, schema.encoding, schema.data
+            if self.schemas.get(schema.id) != stated:
                 self._take(record)
-                self.schemas[schema.id] = said
+                self.schemas[schema.id] = stated
             return schema
         if record.opcode == Opcode.CHANNEL:
             if len(record.body) > MAX_CHANNEL:

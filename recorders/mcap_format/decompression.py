@@ -14,15 +14,15 @@ DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, EOFError, zstandar
 _LZ4_RATIO = 255  # bytes out for a byte in, at the very most: a longer match takes one more byte for every 255
 _LZ4_FRAME = 32  # bytes, more than the ends of a frame take
 _PIECE = 2**20  # bytes
-_AT_ONCE = 2**23  # bytes: as much may be taken for what a length field says, which is faster than piece by piece
-_UNKNOWN = -1  # what zstd says of a frame whose writer did not know the size
+_AT_ONCE = 2**23  # bytes: as much may be taken on the claim of a length field, which is faster than piece by piece
+_UNKNOWN = -1  # zstd's size of a frame whose writer did not know the size
 _WINDOW = 2**26  # bytes that one of several frames may look back, which takes memory beside what comes out
 
 
 def check_claim(data: bytes | memoryview, compression: str, size: int) -> int:
     """Return how much is to be expected of data that claim to hold `size` bytes, without decompressing them.
 
-    That is `size`, or less if nothing but the claim says so: a damaged one may say anything.
+    That is `size`, or less if nothing but the claim supports it: a damaged one may claim anything.
 
     Raises
     ------

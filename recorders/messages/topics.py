@@ -18,7 +18,7 @@ class Topic:
     rank : int
         Place in the canonical order: messages are ordered by stamp, then by rank.
     description : str
-        What its messages say, with units.
+        Content of its messages, with units.
     """
 
     name: str

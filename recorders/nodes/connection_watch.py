@@ -14,7 +14,7 @@ from recorders.nodes.keys import NodeId, node_key, node_of
 from recorders.wire.session import SessionConfig, endpoint_of
 
 LASTING = ("robot", "controller")
-"""Nodes that end only when they are told to; all others also end by themselves, and are not missed."""
+"""Nodes that end only on request; all others also end by themselves, and are not missed."""
 
 _GRACE_S = 0.5
 _PACE_S = 0.1  # between two lines, whoever declares and undeclares tokens how often
@@ -74,7 +74,7 @@ def watching_connections(
     """Report in one line, with the time, what goes and what comes back while the block runs.
 
     These are the connections to the endpoints that a session connects to, and all other robots and controllers of the
-    namespace, wherever they are connected. Zenoh tells of both as it happens; a cut that neither end notices, such as
+    namespace, wherever they are connected. Zenoh reports both as it happens; a cut that neither end notices, such as
     a pulled cable, takes as long as its lease, 10 s. To be entered after the session's own tokens are declared.
 
     Parameters

@@ -63,7 +63,7 @@ class NodeStatus:
     state : str
         What it does at the moment.
     since_s : float or None
-        How long it has been there, by its own monotonic clock [s]; None if it does not say.
+        How long it has been there, by its own monotonic clock [s]; None if it is not stated.
     counts : mapping of str to int
         What it has counted since then, by name.
     rates_hz : mapping of str to float

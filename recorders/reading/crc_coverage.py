@@ -18,7 +18,7 @@ def is_protected(file: BinaryIO) -> bool:
     """Return whether CRCs cover every message, and the summary if there is one.
 
     Either one covers the whole data section, or each chunk has its own, nothing that a message needs stands beside the
-    chunks, and a summary says where they are. Of a file that is cut off, what there is of it counts.
+    chunks, and a summary states where they are. Of a file that is cut off, what there is of it counts.
 
     Raises
     ------

@@ -26,7 +26,7 @@ class LogOrder(NamedTuple):
     by_file : bool
         Whether the log is one of our writer's: it goes by the order of the file, whatever its times.
     risen : bool
-        Whether its chunks, and the messages beside them, follow one another in time, as their heads say.
+        Whether its chunks, and the messages beside them, follow one another in time, by their heads.
     """
 
     by_file: bool
@@ -43,7 +43,7 @@ def find_order(file: BinaryIO, size: int, index: Contents) -> LogOrder:
     size : int
         Its size [bytes].
     index : Contents
-        What a sound summary says; nothing if there is none.
+        Contents of a verified summary; empty if there is none.
     """
     if any(_is_ours(file, place.offset) for place in index.metadata if place.name == METADATA_NAME):
         return LogOrder(by_file=True, risen=False)

@@ -13,7 +13,7 @@ from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
 
 PART = "part"
-"""The entry of the manifest that says which part of which session a log is: `session`, `number`, `more`."""
+"""The entry of the manifest that states which part of which session a log is: `session`, `number`, `more`."""
 
 MAX_PARTS = 10**6
 
@@ -183,14 +183,14 @@ def _whole(parts: Sequence[Path]) -> Parts:
                 f"{path}: a part of {name.name} that is still recorded, or was cut off: "
                 f"`reenact recover {path} --out {mended} && mv {mended} {finished}` brings back what is whole"
             )
-    told = [_part(path) for path in parts]  # a damaged one says nothing, and whoever reads it will say so
-    if len({part.session for part in told if part}) > 1:
+    stated = [_part(path) for path in parts]  # a damaged one states nothing, and its reader reports it
+    if len({part.session for part in stated if part}) > 1:
         raise LogError(f"{name}: expected the parts of one session, found those of several; name those you mean")
-    named = [part.number if part else _number(path) for path, part in zip(parts, told, strict=True)]
-    order = sorted(range(len(parts)), key=named.__getitem__)  # what a part says of itself, whatever it is called now
-    parts, told, numbers = [parts[row] for row in order], [told[row] for row in order], sorted(named)
-    first = 0 if any(told) else numbers[0]
-    end = numbers[-1] + (2 if told[-1] and told[-1].more else 1)
+    named = [part.number if part else _number(path) for path, part in zip(parts, stated, strict=True)]
+    order = sorted(range(len(parts)), key=named.__getitem__)  # by the parts' own numbers, whatever they are called now
+    parts, stated, numbers = [parts[row] for row in order], [stated[row] for row in order], sorted(named)
+    first = 0 if any(stated) else numbers[0]
+    end = numbers[-1] + (2 if stated[-1] and stated[-1].more else 1)
     if len(numbers) != end - first or numbers != list(range(first, end)):
         there = set(numbers)
         missing = next((number for number in range(first, end) if number not in there), None)

@@ -68,14 +68,14 @@ class MessageScanner:
         offset : int
             Where the chunk stands [bytes].
         states_order : callable
-            Tells whether its message indexes say that its messages, so many at most, are in order of log time.
+            Whether its message indexes state that its messages, so many at most, are in order of log time.
 
         Raises
         ------
         DamagedLog
             If a record in it is not whole, or of an undeclared channel, after yielding every message before that.
         LogError
-            If the messages are to be in order and the indexes say wrongly that they are.
+            If the messages are to be in order and the indexes state wrongly that they are.
         """
         if not self.ordered:
             return self._batches(data, offset)

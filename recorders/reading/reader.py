@@ -69,7 +69,7 @@ class LogReader:
         A log of our own writer goes by the order of the file, whatever its times. Of a log in order one chunk is held
         at a time; where chunks overlap in time they are merged, and those that overlap are held.
 
-        With a time, chunks of a log of our own writer that hold none of it, as a sound summary says, are not read, and
+        With a time, chunks of a log of our own writer that hold none of it by a verified summary are not read, and
         damage in them is not noticed then. What others state of times is not relied upon: such a log is looked through.
 
         Parameters

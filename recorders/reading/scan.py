@@ -53,7 +53,7 @@ class LogScan:
     walk : ScanVisitor
         Makes the messages, and knows which are asked for.
     chunks : ChunkTable
-        The chunks that must be met; empty if no sound summary tells.
+        The chunks that must be met; empty without a verified summary.
     skip_ranges : mapping of int to int
         Where to go on, by the offsets of the chunks to leave out.
     """

@@ -1,6 +1,6 @@
 """Messages in order of log time out of a log whose chunks overlap in time: those that do are merged.
 
-One look at the whole log notes of which times the messages of each piece really are, whatever heads and indexes say. A
+One look at the whole log notes of which times the messages of each piece really are, whatever the heads state. A
 piece is a chunk, or up to 1 MiB of messages in a row that stand beside the chunks. A piece is in memory from its first
 message to its last, so that memory grows with what overlaps, and not with the log.
 """

@@ -53,7 +53,7 @@ class RecordingStats:
     gaps : counter of str
         Messages that producers numbered and that did not arrive, by topic.
     opaque : counter of str
-        Messages that are not of a known ROS 2 type, or do not decode as what they are said to be, by topic.
+        Messages that are not of a known ROS 2 type, or do not decode as their declared type, by topic.
     refused : counter of str
         Messages that were not taken at all, by topic and reason: too large, or more than could be kept waiting.
     broken : deque of str

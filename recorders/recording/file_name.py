@@ -21,7 +21,7 @@ def recording_names(
     Parameters
     ----------
     out : Path, optional
-        As it is told; without it the name is `session_DATE_TIME.mcap` in the working directory.
+        As given; without it the name is `session_DATE_TIME.mcap` in the working directory.
     splits : bool
         Whether it goes to several files. Those that a crash cut short stay as they are: the name of the new ones
         has date and time in it.

@@ -101,13 +101,13 @@ class LiveRecorder:
     ) -> RecordingStats:
         """Record until it is stopped, or to the end of a stream, and finish the file.
 
-        What had arrived when it was stopped is recorded too, and the sender of a stream under way is told. The end of
-        a stream is when all whom its sender awaits are through, so that what they say of its end is recorded.
+        What had arrived when it was stopped is recorded too, and the sender of a stream under way informed. The end of
+        a stream is when every awaited consumer has reported, so that what they publish at its end is recorded.
 
         Parameters
         ----------
         receiver : Receiver
-            One that hears live messages too.
+            One that receives live messages too.
         stopped : callable
             Whether to stop; asked a few times a second.
         until_end : bool
@@ -253,7 +253,7 @@ class LiveRecorder:
     def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:
         """Return the type of a message, an empty string if it is unknown, and the channel of another log to take over.
 
-        Messages on our topics are of the topics' types if they decode so, whatever a sender says of them.
+        Messages on our topics are of the topics' types if they decode so, whatever a sender declares.
         """
         expected = type_of(record.topic)
         if expected and _decodes(expected, record.data):

@@ -38,7 +38,7 @@ class CopyWriter:
 
     def __init__(self, file: BinaryIO, profile: str) -> None:
         self._file = file
-        # Any: the library says that it is typed, and annotates but half of its methods
+        # Any: the library claims to be typed, and annotates but half of its methods
         self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=_CHUNK_SIZE, enable_data_crcs=True)
         self._mcap.start(profile=profile, library="reenact")
         self._schemas: dict[int, Schema] = {}

@@ -61,7 +61,7 @@ class LogSummary:
     topics : dict
         What is on each topic.
     sessions : dict
-        What the phase markers of each run say; the first few runs.
+        The phase markers of each run; the first few runs.
     undeclared : int
         Messages on channels whose declaration is lost.
     unprotected : int
@@ -71,7 +71,7 @@ class LogSummary:
     wrong_totals : list of str
         What the log's summary counts otherwise than they were found, such as "12 messages, found 11".
     counts_hold : bool or None
-        Whether everything is there as often as the log's summary says; None if it does not say.
+        Whether everything is there as often as the log's summary states; None if it does not.
     """
 
     survey: LogSurvey
@@ -89,8 +89,8 @@ class LogSummary:
     @property
     def sound(self) -> bool:
         """Whether the log is whole and undamaged."""
-        said = (self.content_holds, self.counts_hold)
-        return not (self.survey.damage or self.undeclared or False in said)
+        checks = (self.content_holds, self.counts_hold)
+        return not (self.survey.damage or self.undeclared or False in checks)
 
     @property
     def protected(self) -> bool:
@@ -157,27 +157,27 @@ class LogSummary:
         totals |= {f"messages on {topic}": (by_topic[topic], counts[topic]) for topic in by_topic}
         if by_topic:
             totals |= {f"messages on {topic}": (0, counts[topic]) for topic in counts if topic not in by_topic}
-        return (f"{said} {what}, found {there}" for what, (said, there) in totals.items() if said != there)
+        return (f"{count} {what}, found {there}" for what, (count, there) in totals.items() if count != there)
 
     def _time_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
         """Return stated and found times of the first and the last message; some writers state none, which is 0."""
-        said = stated.message_start_time, stated.message_end_time
-        if self.times_ns is None or self.undeclared or not any(said):
+        times = stated.message_start_time, stated.message_end_time
+        if self.times_ns is None or self.undeclared or not any(times):
             return {}
-        first, last = zip(said, self.times_ns, strict=True)
+        first, last = zip(times, self.times_ns, strict=True)
         return {"ns as the time of the first message": first, "ns as that of the last": last}
 
     def _declared_totals(self, stated: Statistics) -> dict[str, tuple[int, int]]:
         """Return stated and found numbers of channels and schemas; some writers count those that they left out."""
         repeated = self.survey.summary.declarations if self.survey.summary else ChannelRegistry()
         met, totals = self.survey.met, {}
-        for what, said, ids, listed in (
+        for what, count, ids, listed in (
             ("channels", stated.channel_count, met.channels, repeated.channels),
             ("schemas", stated.schema_count, met.schemas, repeated.schemas),
         ):
             there = len(ids.keys() | listed.keys())
-            if said < there or listed:
-                totals[what] = said, there
+            if count < there or listed:
+                totals[what] = count, there
         return totals
 
     def _add_phase(self, data: bytes) -> None:

@@ -18,7 +18,7 @@ from recorders.recovery.survey import survey
 from recorders.recovery.tally import Tally
 from recorders.writing.part_file import PartFile, check_place, part_of
 
-_OUTCOME = ("complete", "messages", "counts", "content_sha256")  # what the manifest at the end says beside
+_OUTCOME = ("complete", "messages", "counts", "content_sha256")  # entries of the manifest at the end beside
 _MOST_CHANNELS = 2**16 - 1
 _MOST_NOTED = 100  # places of damage that the manifest names
 
@@ -34,7 +34,7 @@ class Recovery:
     kept : Counter
         Number of messages kept, by topic.
     lost : Counter or None
-        Number of messages lost, by topic; None if nothing tells.
+        Number of messages lost, by topic; None if unknown.
     exact : bool
         Whether these are all that were lost; otherwise they are those whose numbers are missing at the damage, and
         there may be more.
@@ -43,7 +43,7 @@ class Recovery:
     undeclared : int
         How many of those lost are there, on channels whose declaration is lost.
     attachments, lost_attachments : tuple of str
-        Names of the attachments kept, and of those lost as far as the log's summary tells.
+        Names of the attachments kept, and of those lost as far as the log's summary states.
     damage : tuple of Damage
         Where the log was damaged.
     complete : bool

@@ -84,7 +84,7 @@ class LogSurvey:
     path, size
         The file, and its size [bytes].
     profile, library : str or None
-        What the log says of its writer, if that can be believed.
+        The log's own manifest, if that can be believed.
     spans : list of Span
         Its sound parts, in order.
     damage : list of Damage

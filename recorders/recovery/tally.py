@@ -20,7 +20,7 @@ class Tally:
     unprotected : int
         How many of them stand in no chunk with a CRC.
     undeclared : int
-        Messages that cannot be kept, as nobody can tell what channel they are on.
+        Messages that cannot be saved, as their channel is unknown.
     missing : Counter
         Messages by topic whose numbers are missing at damage.
     """
@@ -47,7 +47,7 @@ class Tally:
     def lost(self, found: LogSurvey) -> tuple[Counter[str] | None, bool]:
         """Return how many messages of each topic are lost, and whether these are all.
 
-        The log's own counts tell, of its summary or manifest; without them the numbers that are missing at damage, and
+        The log's own counts, of its summary or manifest, are used; without them the numbers missing at damage, and
         what cannot be kept; and without those nothing does.
         """
         counts = found.stated_counts

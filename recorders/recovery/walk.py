@@ -74,7 +74,7 @@ class ResilientScan:
     end : int
         Where to stop [bytes].
     summary : VerifiedSummary, optional
-        Where its summary says that records begin.
+        Offset at which its summary states that records begin.
     on_progress : callable
         Called with the place reached [bytes].
 

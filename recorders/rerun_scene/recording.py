@@ -199,7 +199,7 @@ def _complaint(destination: Destination, reason: str) -> str:
     try:
         with destination.path.open("ab") as file:
             file.write(bytes(_PROBE_BYTES))
-    except OSError as met:  # Rerun itself does not say what its writer met
+    except OSError as met:  # Rerun itself does not report what its writer met
         reason = met.strerror or reason
     return f"cannot write the recording '{destination.path}': {reason}"
 

@@ -47,7 +47,7 @@ _APART = 4  # two counters that one tick raises by less than this in all are not
 class _Numbers:
     """The producers' numbers of the latest tick, by which whole ticks that never came are seen.
 
-    Numbers count the messages of one topic, or those of several: then they jump between any two ticks, and say nothing
+    Numbers count the messages of one topic, or those of several: then they jump between any two ticks, and mean nothing
     of what is missing. Two topics share a counter if their numbers lie side by side, tick after tick, and never were
     too near for that, or the same.
     """

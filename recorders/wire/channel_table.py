@@ -76,7 +76,7 @@ def from_json(data: bytes) -> list[DeclaredChannel]:
 
 
 @contextmanager
-def telling(
+def published_channels(
     session: zenoh.Session,
     namespace: str,
     sender: str,
@@ -85,7 +85,7 @@ def telling(
 ) -> Iterator[None]:
     """Publish the channels of a stream, and answer whoever asks for them, while the block runs.
 
-    If they are too many, none travels, and `say` is told.
+    If they are too many, none travels, and that is reported.
     """
     table, key = to_json(channels), table_key(namespace, sender)
     if len(table) > MAX_TABLE:
@@ -103,7 +103,7 @@ def telling(
         yield
 
 
-class ChannelTables:
+class SenderChannels:
     """The channels of the known senders: as they were published, or else as a sender answers when asked once.
 
     A context manager: it subscribes for as long as the block runs.

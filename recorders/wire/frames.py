@@ -32,7 +32,7 @@ class FrameType(IntEnum):
     MESSAGE = 0  # one message; the payload is its CDR bytes, the key its topic
     BATCH = 1  # several messages, packed
     END = 2  # the stream ends at this index
-    ABORT = 3  # the sender failed; the payload says why
+    ABORT = 3  # the sender failed; the payload is the reason
 
 
 _LIVE_HEAD = bytes([PROTOCOL_VERSION, FrameType.MESSAGE, 0, 0])

@@ -11,14 +11,14 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 _Source: TypeAlias = tuple[str, int]  # session and publisher
 
-_MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what is heard as it is said
+_MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what arrives as it is published
 
 
 class HistorySubscriber:
     """Queries the last samples published on some keys before this came, beside a subscriber of all keys.
 
-    Only publishers with a cache keep anything, and they number what they say. Of each, one kept message is taken, and
-    none if it was heard already; the subscriber's own samples all pass, but for the one that was taken before.
+    Only publishers with a cache keep anything, and they number their samples. Of each, one cached sample is taken, and
+    none if it was received already; the subscriber's own samples all pass, but for the one that was taken before.
 
     Parameters
     ----------
@@ -36,7 +36,7 @@ class HistorySubscriber:
         self._hand_over = hand_over
         self._lock = threading.Lock()
         self._sources: set[_Source] = set()
-        self._taken: set[tuple[_Source, int]] = set()  # and not heard yet by the subscriber
+        self._taken: set[tuple[_Source, int]] = set()  # and not received yet by the subscriber
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:

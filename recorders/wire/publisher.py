@@ -57,7 +57,7 @@ class TopicPublisher:
         topic : str
             ROS topic name.
         message : Message
-            What to say.
+            The message.
         log_time_ns : int
             The producer's time [ns], for whoever records.
         """

@@ -17,7 +17,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.text.wording import escape_control
 from recorders.wire.bounded_queue import BoundedQueue
-from recorders.wire.channel_table import ChannelTables
+from recorders.wire.channel_table import SenderChannels
 from recorders.wire.frames import (
     DEFAULT_NAMESPACE,
     NO_RUN,
@@ -35,7 +35,7 @@ from recorders.wire.session import publishing
 from recorders.wire.stream import MAX_MESSAGE, WINDOW_BYTES, Consumer, Offer, Progress
 
 MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
-"""Larger payloads are refused unread [bytes]: a message, and what a batch says of it."""
+"""Larger payloads are refused unread [bytes]: a message, and its entry in a batch."""
 
 _MAX_CONTROL = 16 << 20  # bytes; an offer with a robot's description takes some 30 KB
 
@@ -45,9 +45,9 @@ _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within millisecon
 _ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
 _POLL_S = 1.0
 _TAKEN = "{} is already fed by another replay"
-_MAX_REASONS = 1000  # anyone may publish on any key: what is said of it must not fill the memory
+_MAX_REASONS = 1000  # anyone may publish on any key: the reports must not fill the memory
 _MAX_LINE = 1000  # nor may a single line of it [characters]
-_MAX_LEFT = 100  # streams that are over, of which a sender that comes back late is told so
+_MAX_LEFT = 100  # streams that are over, of which a sender that comes back late is informed
 _NAMESAKE_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
 _POLL_NAMESAKE_S = 0.1
 _ANSWER_S = 1.0
@@ -68,7 +68,7 @@ class ReceiverConfig:
     extra_topics : frozenset of str
         Topics on which such a message is worth a word when it is not.
     silence_s : float
-        A sender that says nothing at all for this long in the middle of a stream is gone [s].
+        A sender that publishes nothing at all for this long in the middle of a stream is gone [s].
     waiting_bytes : int
         How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
@@ -100,7 +100,7 @@ class ReceivedOffer(NamedTuple):
 class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
-    A replay that does not await this consumer is heard so, too: then `sender` tells it from others.
+    A replay that does not await this consumer is received so, too: then `sender` identifies it.
     """
 
     record: RecordedMessage
@@ -130,8 +130,8 @@ class Receiver:
     ----------
     refused : counter of str
         How many messages were refused, by topic and reason.
-    channels : ChannelTables
-        What the senders of streams tell of the channels that they play.
+    channels : SenderChannels
+        The channels that the senders of streams declare.
     """
 
     def __init__(
@@ -148,7 +148,7 @@ class Receiver:
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
         self._released = threading.Event()  # no sender waits for word from here
         self._released.set()
-        self._all_received = threading.Event()  # whatever had arrived when hearing was stopped is queued
+        self._all_received = threading.Event()  # whatever had arrived before unsubscribing is queued
         self._offer: Offer | None = None  # the one accepted
         self._progress = Progress()
         self._left: dict[str, Progress] = {}  # how streams ended that are over, by sender
@@ -158,7 +158,7 @@ class Receiver:
         self._stack = ExitStack()
         self._reported: set[str] = set()
         self.refused: Counter[str] = Counter()
-        self.channels = ChannelTables(session, self._config.namespace, say=self._report_once)
+        self.channels = SenderChannels(session, self._config.namespace, say=self._report_once)
 
     def __enter__(self) -> Self:
         """Declare the subscriber first: whoever gets an answer to hello can rely on it.
@@ -166,7 +166,7 @@ class Receiver:
         Raises
         ------
         WireError
-            If a consumer of this name is there already: a sender could not tell the two apart.
+            If a consumer of this name is there already: a sender could not distinguish the two.
         """
         name, namespace = self._config.name, self._config.namespace
         self._refuse_namesake()
@@ -217,7 +217,7 @@ class Receiver:
         WireError
             If no offer came, or the sender failed or fell silent.
         ReenactError
-            Whatever the consumer raised; the sender is told.
+            Whatever the consumer raised; the sender is informed.
         """
         self._await_offer(consumer, wait_s)
         with self.reporting_failure():
@@ -285,7 +285,7 @@ class Receiver:
         """Whether no sender waits for word from here, now or within the time [s].
 
         Once the result is reported, that is when the sender has the results of all whom it awaits, so that they have
-        said all that they had to say of the stream; or when it has gone, or was silent for too long.
+        reported all that they had to report of the stream; or when it has gone, or was silent for too long.
         """
         if not self._released.wait(timeout_s) and time.monotonic() - self._last_received_s > _FAREWELL_WAIT_S:
             self.abandon_stream()
@@ -304,7 +304,7 @@ class Receiver:
     def abandon_stream(self, reason: str = "the stream was given up") -> None:
         """Leave the stream under way to itself, as its sender has; the next offer is welcome.
 
-        A sender that comes back nevertheless is told the reason, and nothing more of its stream is taken.
+        A sender that comes back nevertheless gets the reason, and nothing more of its stream is taken.
         """
         with self._lock:
             if self._offer is not None:

@@ -19,7 +19,7 @@ from recorders.files.descriptors import need_descriptors
 from recorders.wire.zenoh_config import endpoints, explicit_setting, read_config, reason
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
-"""Where a consumer listens and a sender connects when neither is told otherwise."""
+"""The default endpoint: a consumer listens there and a sender connects to it."""
 
 _READING_AS_IT_COMES = "(rx: (handover: app), acc: (handover: app), net: (handover: app), app: (worker_threads: 2))"
 _DESCRIPTORS = 48  # a session takes 10, each connection one more, and its log, its files and questions some others
@@ -58,7 +58,7 @@ class SessionConfig:
     config_file : Path, optional
         A Zenoh configuration (JSON5), for credentials, certificates and access control; files that it names are
         looked up beside it. Its endpoints count only if neither `connect` nor `listen` is given, its mode never.
-        Scouting stays off unless it says otherwise, shared memory whatever it says.
+        Scouting stays off unless it is set there, shared memory even if it is set.
     wait_s : float
         How long to wait for somebody to listen where this session connects [s]: either end may be started first.
     """
@@ -187,7 +187,7 @@ def _closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
     try:
         yield session
     finally:
-        with suppress(zenoh.ZError):  # it may take too long: what the block ended with must be told all the same
+        with suppress(zenoh.ZError):  # it may take too long: what the block ended with must be reported all the same
             _insist(session.close)
 
 

@@ -56,7 +56,7 @@ class Offer:
     messages : int, optional
         How many messages the stream has; unknown of a live one.
     sender : str
-        32 hexadecimal digits that tell this sender from others that offer the same run; the transport fills them in.
+        32 hexadecimal digits of this sender among others that offer the same run; the transport fills them in.
     window : int
         How many messages the transport lets be under way; consumers acknowledge at least every half of it.
     """

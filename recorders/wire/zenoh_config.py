@@ -20,7 +20,7 @@ _FILES = (
     "transport/link/tls/connect_certificate",
 )
 _SOURCE_LINE = re.compile(r"\s+at \S+\.rs:\d+\.?")  # where in Zenoh's own sources an error was raised
-_INVALID = "correctly deserialized, but it is invalid"  # all that Zenoh says
+_INVALID = "correctly deserialized, but it is invalid"  # Zenoh's whole message
 _SYNTAX_ERROR = re.compile(r"--> (\d+):(\d+)\n.*= (.+)", re.DOTALL)
 
 

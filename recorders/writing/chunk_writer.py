@@ -42,7 +42,7 @@ class ChunkWriter:
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        # Any: the library says that it is typed, and annotates but half of its methods
+        # Any: the library claims to be typed, and annotates but half of its methods
         self._mcap: Any = Writer(file, compression=CompressionType.LZ4, enable_data_crcs=True)
         self._index = ChunkIndexFile(path)
         vars(self._mcap)["_Writer__chunk_indices"] = self._index  # in place of a list that grows with the log

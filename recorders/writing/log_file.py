@@ -28,7 +28,7 @@ class LogFile:
     path : Path
         Where the log goes in the end.
     end : callable
-        Writes the last records to the chunks; told whether the log is complete.
+        Writes the last records to the chunks, given whether the log is complete.
     overwrite : bool
         Whether files of this name may be replaced.
     rechunk : bool
@@ -70,7 +70,8 @@ class LogFile:
         self._lock = threading.Lock()
         self._sound = True  # the file ends with a whole record, and more may follow
         self._closed = False
-        self._untold: LogError | None = self._unwritable("an earlier write was interrupted")  # until there is another
+        # Until there is another:
+        self._unreported: LogError | None = self._unwritable("an earlier write was interrupted")
         self._oldest_s = 0.0  # when the first of the pending messages came
         self._threads = (
             PeriodicThread(self._flush_late, name="log flush", first_s=FLUSH_AFTER_S),
@@ -93,7 +94,7 @@ class LogFile:
             try:
                 write()
             except OSError as error:
-                self._untold = None
+                self._unreported = None
                 raise self._file.error(error) from error
             self._sound = True
 
@@ -105,8 +106,8 @@ class LogFile:
     def _check(self) -> None:
         if self._sound:
             return
-        untold, self._untold = self._untold, None
-        raise untold or self._unwritable("the log was closed, or an earlier write failed")
+        unreported, self._unreported = self._unreported, None
+        raise unreported or self._unwritable("the log was closed, or an earlier write failed")
 
     def close(self) -> None:
         """Finish the log and give it its name; raises LogError if that fails or a thread has failed."""
@@ -117,10 +118,10 @@ class LogFile:
             if self._sound:
                 self._complete()
                 return
-        untold = self._untold
+        unreported = self._unreported
         self.abort()
-        if untold is not None:
-            raise untold
+        if unreported is not None:
+            raise unreported
 
     def abort(self) -> None:
         """Finish the log as incomplete, as well as the disk allows, and leave it as `.part`; raises nothing."""
@@ -129,7 +130,7 @@ class LogFile:
         self._stop()
         with self._lock:
             self._closed = True
-            self._untold = None
+            self._unreported = None
             if self._sound:
                 self._finish(complete=False)
             self.chunks.close()
@@ -138,7 +139,7 @@ class LogFile:
     def _complete(self) -> None:
         self._closed = True
         self._sound = False
-        self._untold = None
+        self._unreported = None
         try:
             self._end(self.chunks, True)
             self.chunks.finish()
@@ -172,7 +173,7 @@ class LogFile:
                 self.chunks.flush()
                 self._sound = True
             except OSError as error:
-                self._untold = self._file.error(error)
+                self._unreported = self._file.error(error)
         return FLUSH_AFTER_S
 
     def _sync(self) -> float:
@@ -187,7 +188,7 @@ class LogFile:
         with self._lock:
             if self._sound:
                 self._finish(complete=False)
-                self._untold = self._file.put_back() if error is None else self._file.error(error)
+                self._unreported = self._file.put_back() if error is None else self._file.error(error)
         return SYNC_EVERY_S
 
     def _stop(self) -> None:

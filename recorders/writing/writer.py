@@ -33,7 +33,7 @@ RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256"
 _Channel: TypeAlias = tuple[str, str, bool, DeclaredChannel | None]
 
 MAX_CHANNELS = 2**16 - 1
-"""As many as MCAP's numbers of channels tell apart."""
+"""As many as MCAP's numbers of channels distinguish."""
 
 _MAX_SEQUENCE = 2**32 - 1
 _MAX_TIME_NS = 2**64 - 1
@@ -59,7 +59,7 @@ class LogWriter:
         Where the log goes, usually `NAME.mcap`.
     manifest : mapping
         What made the log (robot, motion, seeds, parameters): JSON values by name. The writer adds `format_version`
-        and `environment`, and what it says at the end.
+        and `environment`, and the entries of its end.
     attachments : mapping of bytes by name
         Files that belong to the log, such as the URDF and the robot's configuration.
     overwrite : bool

@@ -12,7 +12,7 @@ from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
 from replay.diff.rules import EXACT, Rules
 
 LOOKAHEAD = 4096
-"""Messages that are read of each log beyond the first that differ, to tell a dropped one from two swapped."""
+"""Messages that are read of each log beyond the first that differ, to distinguish a dropped one from two swapped."""
 
 MAX_SKEW = 65536
 """A message of a channel is missing if so many later ones have come from the other log: memory is bounded."""

@@ -62,7 +62,7 @@ def strip_topics(source: Log, target: Path, *, physics: bool, file_order: bool =
     target : Path
         Where the copy goes.
     physics : bool
-        Whether the hands as measured are needed, which no learner hears.
+        Whether the hands as measured are needed, which no learner takes.
     file_order : bool
         Whether the order of the file counts, and not that of the log times.
 

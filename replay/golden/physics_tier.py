@@ -64,7 +64,7 @@ def first_beyond(
     ticks : int
         Of the log's first ticks, as many must have been made, if it has so many.
     note : str
-        What to say with a finding.
+        A remark for the finding.
     """
     logged = _Logged(path)
     for topic, message in simulated:

@@ -33,7 +33,7 @@ class LiveStream:
     """Passes on what a learner can take, and refuses the rest with a line; a refused message changes nothing.
 
     Ticks that come before any marker are for learning, in epoch 0. Markers are followed: the first names the run, and
-    those of other runs are followed under that name. Where a tick is missing, the marker is said again before the next
+    those of other runs are followed under that name. Where a tick is missing, the marker is repeated before the next
     one: no tick is ever paired with one that is not its successor.
 
     Parameters

@@ -27,7 +27,7 @@ class RecordedSession:
     path : Path or Parts
         A log or a session in parts, with phase markers.
     epochs : int, optional
-        How many epochs the session had; needed if the log does not say, as the rates fall over them.
+        How many epochs the session had; needed if the log does not state it, as the rates fall over them.
     renames : mapping of str to str
         Our topic names for those that the log uses.
 
@@ -39,7 +39,7 @@ class RecordedSession:
     Raises
     ------
     LogError
-        If the log cannot be read, has no markers or those of several runs, or nobody says how many epochs there were.
+        If the log cannot be read, has no markers or those of several runs, or the number of epochs is unknown.
     """
 
     def __init__(self, path: Log, *, epochs: int | None = None, renames: Mapping[str, str] = _NO_RENAMES) -> None:

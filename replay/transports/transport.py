@@ -31,7 +31,7 @@ class Transport(Protocol):
         WireError
             If a consumer is not there, refuses the offer or stops answering.
         ReenactError
-            If the stream itself fails; the consumers are told.
+            If the stream itself fails; the consumers are informed.
         """
 
 

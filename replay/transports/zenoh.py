@@ -14,7 +14,7 @@ import zenoh
 from recorders.errors import ReenactError, WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.wire.channel_table import telling
+from recorders.wire.channel_table import published_channels
 from recorders.wire.frames import (
     Frame,
     FrameType,
@@ -36,14 +36,14 @@ _VERBS = {"learner": "learn", "recorder": "record", "controller": "serve"}  # by
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
 _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
-_ALIVE_S = 1.0  # how often the consumers hear that a sender which has nothing to say still lives
+_ALIVE_S = 1.0  # how often a sender that has nothing to send shows the consumers that it still lives
 
 
 class ZenohTransport:
     """Delivers a stream to consumers in other processes.
 
     Zenoh alone loses messages without a word when a consumer stalls, so this keeps what is not acknowledged and goes
-    back to the first message that did not arrive. A consumer that was killed and started anew says where it wants to
+    back to the first message that did not arrive. A consumer that was killed and started anew states where it wants to
     go on, and the stream is taken up there.
 
     Parameters
@@ -57,7 +57,7 @@ class ZenohTransport:
     say : callable
         Told, in one line, if no consumer is awaited and nobody listens.
     channels : sequence of DeclaredChannel
-        The channels of what is sent, of which recorders are told: by the names that it is sent under.
+        The channels of what is sent, published for recorders: by the names that it is sent under.
     """
 
     def __init__(
@@ -81,7 +81,7 @@ class ZenohTransport:
             self._say(f"nobody listens in namespace '{self._config.namespace}' yet; the stream begins all the same")
         offer = replace(offer, sender=uuid4().hex, window=self._config.window)
         with (
-            telling(self._session, self._config.namespace, offer.sender, self._channels, self._say),
+            published_channels(self._session, self._config.namespace, offer.sender, self._channels, self._say),
             _Delivery(self._session, self._config, offer, self._on_progress, self._channels) as delivery,
         ):
             return delivery.run(stream_from)

@@ -13,7 +13,7 @@ from mcap.writer import Writer
 from recorders.errors import WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.wire.channel_table import MAX_TABLE, ChannelTables, from_json, table_key, telling, to_json
+from recorders.wire.channel_table import MAX_TABLE, SenderChannels, from_json, published_channels, table_key, to_json
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -105,9 +105,9 @@ def test_who_comes_late_asks() -> None:
     endpoint = free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as playing,
-        telling(playing, "reenact", SENDER, CHANNELS),
+        published_channels(playing, "reenact", SENDER, CHANNELS),
         open_session(SessionConfig(connect=(endpoint,))) as hearing,
-        ChannelTables(hearing, "reenact") as tables,
+        SenderChannels(hearing, "reenact") as tables,
     ):
         sender = bytes.fromhex(SENDER)
         assert tables.find(sender, "/gauge", "") == CHANNELS[0]
@@ -124,7 +124,7 @@ def test_a_table_reads_back() -> None:
 def test_a_table_that_is_too_large_is_said_not_sent() -> None:
     said: list[str] = []
     large = [DeclaredChannel("/t", "json", (), ("T", "jsonschema", bytes(MAX_TABLE)))]
-    with open_session(SessionConfig()) as session, telling(session, "reenact", SENDER, large, said.append):
+    with open_session(SessionConfig()) as session, published_channels(session, "reenact", SENDER, large, said.append):
         pass
     assert len(said) == 1
     assert said[0].startswith("types and schemas take ")
@@ -166,7 +166,7 @@ def test_an_answer_that_is_no_table_is_said_once() -> None:
         open_session(SessionConfig(listen=(endpoint,))) as playing,
         playing.declare_queryable(key, lambda query: query.reply(query.key_expr, b"{}")),
         open_session(SessionConfig(connect=(endpoint,))) as hearing,
-        ChannelTables(hearing, "reenact", said.append) as tables,
+        SenderChannels(hearing, "reenact", said.append) as tables,
     ):
         assert tables.find(bytes.fromhex(SENDER), "/t", "") is None
         assert tables.find(bytes.fromhex(SENDER), "/t", "") is None
