@@ -233,6 +233,7 @@ def _beside(*arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
     ) as process:
 
         def result() -> dict[str, Any]:
+            """Return the result that the process printed."""
             printed, complaints = process.communicate()
             if process.returncode != 0:
                 line = (complaints.strip().splitlines() or [f"ended with status {process.returncode}"])[-1]

@@ -26,6 +26,7 @@ def grouped(verb: Callable[..., Result]) -> Callable[..., Result]:
 
     @wraps(verb)
     def flattened(*args: object, **options: object) -> Result:
+        """Call the verb with its groups put together."""
         bound = flat_signature.bind(*args, **options)
         bound.apply_defaults()
         values = dict(bound.arguments)

@@ -40,6 +40,7 @@ def note_partial_log(out: Path) -> Iterator[None]:
     before = _identity(part)
 
     def note() -> str | None:
+        """Return where the unfinished log is."""
         if _identity(part) in (None, before):
             return None
         example = out.with_name(f"recovered_{out.name}")

@@ -274,6 +274,7 @@ class _Progress:
         self._progress, self._total, self._done = progress, total, 0
 
     def step(self) -> None:
+        """Count one hold."""
         self._done += 1
         self._progress(self._done / self._total)
 

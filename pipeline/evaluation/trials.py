@@ -143,6 +143,7 @@ def _try(
     joints = predicted_joints(controller.learner(), targets, len(controller.joints))
 
     def errors(postures: Floats) -> HandErrors:
+        """Return the errors of postures."""
         return HandErrors.of(hand_errors(kinematics, postures, targets))
 
     return Trial(

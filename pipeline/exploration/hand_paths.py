@@ -59,6 +59,7 @@ def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
     sides: list[str] = []
 
     def choose(header: Sequence[str]) -> Sequence[str]:
+        """Choose the columns of the hands."""
         columns = _columns_by_hand(header, hand)
         sides.extend(columns)
         return ["t", *(column for triple in columns.values() for column in triple)]

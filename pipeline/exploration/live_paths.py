@@ -128,6 +128,7 @@ class _Subscription:
         self._refused: set[str] = set()
 
     def run(self, receiver: Receiver, stopped: Callable[[], bool]) -> None:
+        """Take poses until the demonstration is over."""
         while not (stopped() or self._is_over()):
             self._take_event(receiver, receiver.next_event(_POLL_S))
         receiver.unsubscribe()

@@ -253,9 +253,11 @@ class _Scores:
         self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_REPORT_TICKS)  # u (6,) and joints (n,)
 
     def add(self, steps: Steps) -> None:
+        """Add the errors of steps."""
         self._recent.extend(zip(steps.u.copy(), steps.outputs[:, 6:], strict=True))
 
     def put_into(self, report: CycleReport) -> CycleReport:
+        """Return the report with the mean errors of recent steps."""
         if not self._recent:
             return report
         targets, postures = (np.array(column) for column in zip(*self._recent, strict=True))

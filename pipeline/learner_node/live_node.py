@@ -110,5 +110,6 @@ class _Recording:
             self._writer.close()
 
     def keep(self, record: RecordedMessage) -> None:
+        """Write a message that is learned from."""
         if self._writer is not None:
             self._writer.copy(record)

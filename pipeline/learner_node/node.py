@@ -76,9 +76,11 @@ def _learner(trainer: Trainer, receiver: Receiver, publisher: LearnerPublisher, 
     """Return the status of a learner that waits for a stream."""
 
     def state() -> str:
+        """Return the state of the learner."""
         return "waiting" if receiver.offer is None else "learning"
 
     def counts() -> dict[str, int]:
+        """Return the counts of the learner."""
         return {
             "ticks": trainer.ticks,
             "messages": receiver.progress.next,
@@ -116,11 +118,13 @@ def replay(
     sent = 0
 
     def counted(start: int) -> Iterator[RecordedMessage]:
+        """Yield the messages at the pace of the clock, and count them."""
         nonlocal sent
         for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # told at the end
             yield message
 
     def advanced(consumed: int) -> None:
+        """Report progress."""
         if offer.messages:
             on_progress(consumed / offer.messages)
 

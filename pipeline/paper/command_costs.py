@@ -86,6 +86,7 @@ def _taught(kinematics: Kinematics, period_s: float) -> _Step:
     teacher, posture = Teacher(kinematics), [kinematics.robot.comfort]
 
     def step(target: Floats) -> Floats:
+        """Return the next posture."""
         posture[0] = teacher.step_for(posture[0], target.reshape(2, 3), period_s)
         return posture[0]
 

@@ -276,6 +276,7 @@ class RobotNode:
 
     def _on_query(self, verb: str) -> Callable[[zenoh.Query], None]:
         def on_query(query: zenoh.Query) -> None:
+            """Queue a query."""
             self._inbox.put(_Question(verb, query), 0)
 
         return on_query
@@ -323,6 +324,7 @@ def _whole(data: bytes | None) -> bytes:
 
 def _replier(payload: bytes) -> Callable[[zenoh.Query], None]:
     def reply(query: zenoh.Query) -> None:
+        """Reply to a query."""
         with query:
             query.reply(query.key_expr, payload)
 

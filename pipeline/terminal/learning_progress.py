@@ -25,6 +25,7 @@ def learning_progress(description: str) -> Iterator[Callable[[int, float | None]
         task = shown.add_task(description, total=None, ticks=0)
 
         def show(ticks: int, share: float | None) -> None:
+            """Show ticks and share."""
             if share is None:
                 shown.update(task, ticks=ticks)
             else:

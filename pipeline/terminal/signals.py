@@ -40,6 +40,7 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
     stopped = False
 
     def note(signum: int, frame: FrameType | None) -> None:
+        """Note a signal."""
         nonlocal stopped
         stopped = True
 

@@ -202,6 +202,7 @@ class _Builder(ElementTree.TreeBuilder):
         self._elements = self._depth = 0
 
     def start(self, tag: str, attributes: dict[str, str], /) -> ElementTree.Element:
+        """Open an element."""
         self._elements += 1
         self._depth += 1
         if self._depth > MAX_DEPTH:
@@ -213,6 +214,7 @@ class _Builder(ElementTree.TreeBuilder):
         return super().start(tag, attributes)
 
     def end(self, tag: str, /) -> ElementTree.Element:
+        """Close an element."""
         self._depth -= 1
         return super().end(tag)
 

@@ -135,6 +135,7 @@ class _LearningScene:
         joints: Floats,
         hands_cm: tuple[float, float],
     ) -> None:
+        """Show the learner at an instant."""
         self._recording.set_time(self._timeline, sequence=index)
         log_errors(self._recording, hands_cm)
         log_drift(self._recording, self._network.spread(controller), moved=self._network.moved(controller))
@@ -178,6 +179,7 @@ class ViewedTrainer(Trainer):
         on_progress: Callable[[int, float | None], None] = lambda ticks, share: None,
     ) -> None:
         def progress(ticks: int, share: float | None) -> None:
+            """Show progress, after the caller's own."""
             on_progress(ticks, share)
             view.progress(ticks, self.controller)
 
@@ -190,6 +192,7 @@ class ViewedTrainer(Trainer):
         """Show the steps to a listener too."""
 
         def both(steps: Steps) -> None:
+            """Pass the steps to both listeners."""
             self._viewed.take(steps)
             listener(steps)
 

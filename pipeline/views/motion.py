@@ -96,6 +96,7 @@ def answers_shown(
     waiting: queue.Queue[RecordedMessage | None] = queue.Queue(_WAITING)
 
     def show() -> None:
+        """Show commands until the block ends."""
         shown = MotionView(view, robot, joints_topic=JOINT_COMMANDS, title=title)
         while (record := waiting.get()) is not None:
             view.attempt(lambda: shown.feed(record.topic, decode(record.type, record.data), record.log_time_ns))
@@ -105,6 +106,7 @@ def answers_shown(
         shown.flush()
 
     def answered(command: bytes, messages: tuple[RecordedMessage, ...]) -> None:
+        """Queue a command and the messages that it answers."""
         now_ns = time.monotonic_ns()
         for record in (*messages, RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, 0, now_ns)):
             if not waiting.full():

@@ -45,6 +45,7 @@ class _Target:
         self._latest: Floats | None = None
 
     def take(self, pose: PoseStamped) -> None:
+        """Take a new target."""
         self._before, self._latest, self._stamp_ns = self._latest, pose.position, pose.stamp_ns
 
     def aimed_at(self, stamp_ns: int, *, commanded: bool) -> Floats | None:

@@ -120,6 +120,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     errors_cm = _published_errors(controller)
 
     def send(recording: rr.RecordingStream) -> None:
+        """Send to a recording."""
         changes = np.concatenate([*network.moved(controller).values(), np.empty(0)])
         send_network(recording, network.spread(controller) | {"weights": changes}, errors_cm=errors_cm)
         activity = network.activity(controller, trial.targets)
@@ -183,6 +184,7 @@ def _errors_of(rows: MotionRows) -> Callable[[rr.RecordingStream], None]:
     """Return a callable that adds the errors that a learner published, if one did."""
 
     def send(recording: rr.RecordingStream) -> None:
+        """Send to a recording."""
         if not rows.errors:
             return
         send_learning_styles(recording, [])

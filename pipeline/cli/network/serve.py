@@ -76,6 +76,7 @@ def serve(
     last: dict[str, Any] = {}
 
     def end(status: dict[str, Any], served: "Learned") -> None:
+        """Save the controller and print the last status."""
         if options.out is not None and (status["learned_steps"] or not options.learn):
             served.save(options.out)
         console.show(status, as_json=as_json)

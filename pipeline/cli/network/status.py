@@ -72,6 +72,7 @@ def _finding(session: "SessionConfig", namespace: str, stack: ExitStack) -> "Cal
     opened: zenoh.Session | None = None
 
     def find() -> "list[NodeStatus]":
+        """Find the nodes once."""
         nonlocal opened
         try:
             opened = opened or stack.enter_context(open_session(session))
