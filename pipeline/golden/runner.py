@@ -107,13 +107,13 @@ def _trained(recipe: CaseSpec, *, on_cycle: Callable[[CycleReport], None]) -> Tr
         checkpoint = CheckpointConfig(Path(folder, "checkpoint.npz"), recipe.resume_after)
         stopped = Trainer(_config(recipe), checkpoint=checkpoint)
         stopped.hello(source.offer())
-        stopped.take(_until_kept(source.stream(), checkpoint.path))
+        stopped.take(_until_checkpoint(source.stream(), checkpoint.path))
         trainer = Trainer(_config(recipe), checkpoint=checkpoint, on_cycle=on_cycle)
         trainer.consume(source.stream(trainer.hello(source.offer())))
     return trainer
 
 
-def _until_kept(messages: Iterator[RecordedMessage], path: Path) -> Iterator[RecordedMessage]:
+def _until_checkpoint(messages: Iterator[RecordedMessage], path: Path) -> Iterator[RecordedMessage]:
     """Yield messages until there is a checkpoint."""
     for message in messages:
         yield message

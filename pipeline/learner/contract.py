@@ -17,7 +17,7 @@ _PERIOD = 64
 
 
 class LearningRuleContract:
-    """What nodes, verbs and files rely on in a rule; its tests run in a class that inherits this.
+    """Tests of a rule, for a class that inherits them: all that nodes, verbs and files rely on.
 
     Attributes
     ----------
@@ -104,7 +104,7 @@ class LearningRuleContract:
         assert np.abs(learner.step(u, d, learning=False) - d).mean() < before
 
     def test_outputs_come_before_the_update(self) -> None:
-        """What is scored is what was predicted."""
+        """A prediction is scored from before its update."""
         u, d = self.motion(1)
         assert np.array_equal(self.trained(64).step(u, d, learning=True), self.trained(64).predict(u))
 
@@ -126,7 +126,7 @@ class LearningRuleContract:
         assert np.array_equal(learner.predict(u), outputs)
 
     def test_a_state_is_a_copy(self) -> None:
-        """Whoever has it may write to it."""
+        """Writing to it does not change the learner."""
         learner = self.learner()
         digest = state_digest(learner.state())
         for values in learner.state().values():
@@ -159,7 +159,7 @@ class LearningRuleContract:
     @pytest.mark.parametrize("value", [np.nan, np.inf, -np.inf])
     @pytest.mark.parametrize("name", ["u", "d"])
     def test_what_is_not_finite_is_refused_and_changes_nothing(self, name: str, value: float) -> None:
-        """Wherever it comes from, no step of the call is taken."""
+        """No step of the call is taken, wherever the row stands."""
         learner, rows = self.trained(_STEPS), dict(zip("ud", self.motion(5), strict=True))
         digest = state_digest(learner.state())
         rows[name][3, 2] = value

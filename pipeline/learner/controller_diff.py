@@ -14,7 +14,7 @@ from replay.diff.fields import ABSENT, format_pair
 
 @dataclass(frozen=True, slots=True)
 class ControllerDifference:
-    """What is not the same in two controllers A and B.
+    """The first thing that differs in two controllers A and B.
 
     Parameters
     ----------

@@ -76,7 +76,7 @@ class Settings:
         return Shown(drift={name: name for name in self.state_shapes() if name != "epoch"})
 
     def check_size(self) -> None:
-        """Check that a state is small enough to be kept in a file, which may come from anyone.
+        """Check that a state is small enough for a file, which may come from anyone.
 
         Raises
         ------
@@ -111,7 +111,7 @@ class Settings:
 
 
 class OnlineLearner(Protocol):
-    """What nodes and verbs need of a learner; positions in metres, joints in radians, nothing centred.
+    """A learner as nodes and verbs use it; positions in metres, joints in radians, nothing centred.
 
     It is made as `Rule.learner(config, input_centre=..., output_centre=...)` and then stands at the beginning of epoch
     0. Steps are complete: step k forms the outputs from u(k), then compares them with d(k), then learns. How a

@@ -96,7 +96,9 @@ class LiveLearner:
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
         self._receiver, self._publisher, self._say = receiver, publisher, say
-        self._stream = LiveStream(epochs=config.epochs, check=range_check(robot), phase=trainer.kept_phase, say=say)
+        self._stream = LiveStream(
+            epochs=config.epochs, check=range_check(robot), phase=trainer.checkpoint_phase, say=say
+        )
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0

@@ -1,4 +1,4 @@
-"""Checkpoints: where a learner keeps itself on the way, and what is kept there already."""
+"""Checkpoints of a learner: file, period, and the one that is there already."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,7 +9,7 @@ from recorders.errors import ConfigError, ControllerError
 
 @dataclass(frozen=True)
 class CheckpointConfig:
-    """Where the learner keeps itself, so that a new process can go on.
+    """File and period of checkpoints, from which a new process can go on.
 
     Parameters
     ----------
@@ -29,7 +29,7 @@ class CheckpointConfig:
 
 
 def find_checkpoint(path: Path, *, of: str = "a learner") -> Controller | None:
-    """Return the checkpoint of a learner that is kept in a file; None if there is no file, or an empty one.
+    """Return the checkpoint of a learner in a file; None if there is no file, or an empty one.
 
     Raises
     ------

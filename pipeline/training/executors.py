@@ -1,4 +1,4 @@
-"""Where many runs are computed: processes of this machine, or a Dask cluster, as one `concurrent.futures` executor."""
+"""Executors for many runs: processes of this machine, or a Dask cluster, as one `concurrent.futures` executor."""
 
 import multiprocessing
 import os

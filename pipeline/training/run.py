@@ -34,7 +34,7 @@ _CM_PER_M = 100.0
 
 @dataclass(frozen=True)
 class CycleReport:
-    """What one cycle came to, over all the logs that it presented.
+    """The result of one cycle, over all the logs that it presented.
 
     Attributes
     ----------
@@ -87,7 +87,7 @@ class Steps(NamedTuple):
 
 @dataclass
 class _Counts:
-    """What has been taken in so far, all of it plain JSON."""
+    """Counts and errors of the run so far, all of it plain JSON."""
 
     ticks: int = 0
     steps: int = 0

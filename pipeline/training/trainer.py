@@ -64,7 +64,7 @@ class Trainer:
         self._on_cycle = on_cycle
         self._on_progress = on_progress
         self._on_steps: Callable[[Steps], None] | None = None
-        self._told_ticks = 0
+        self._reported_ticks = 0
         self._run: LearningRun | None = None
         self._offer: Offer | None = None
         self._next = 0  # stream index of the next message
@@ -92,7 +92,7 @@ class Trainer:
         return self._next
 
     def report_to(self, listener: Callable[[CycleReport], None]) -> None:
-        """Tell one more listener of every finished cycle."""
+        """Call one more listener with every finished cycle."""
         earlier = self._on_cycle
 
         def both(report: CycleReport) -> None:
@@ -106,8 +106,8 @@ class Trainer:
         self._on_steps = listener
 
     @property
-    def kept_phase(self) -> Phase | None:
-        """Where the checkpoint that is there already stands; None without one.
+    def checkpoint_phase(self) -> Phase | None:
+        """The phase of the checkpoint that is there already; None without one.
 
         Raises
         ------
@@ -128,7 +128,7 @@ class Trainer:
         if run is None:
             return
         run.settle()
-        self._tell(run)
+        self._report_progress(run)
         if keep and run.counts.ticks > self._saved_ticks:
             self.save_checkpoint()
 
@@ -226,7 +226,7 @@ class Trainer:
         for marker, episode in replay.presentations():
             self._report(run.present(marker, presentations[episode]))
             self._next += 1 + episode.count
-            self._tell(run)
+            self._report_progress(run)
         self._report(run.end())
         self._check_steps()
         return self.result()
@@ -237,7 +237,7 @@ class Trainer:
         return self._checkpoint is not None
 
     def result(self) -> dict[str, Any]:
-        """Return what is to be said of the run so far, as JSON has it."""
+        """Return digests, counts and the last error of the run so far, as JSON has it."""
         run = self._running()
         return {
             "digest": run.digest(),
@@ -252,7 +252,7 @@ class Trainer:
         return self._running().controller(self._provenance())
 
     def save_checkpoint(self) -> None:
-        """Keep the learner as of its last complete tick, if it had one, is to be kept, and can be gone on from there.
+        """Save the learner as of its last complete tick, if it had one, has a checkpoint, and can be resumed there.
 
         It cannot while messages of several ticks are interleaved, nor after it was interrupted in the middle of one.
 
@@ -295,8 +295,8 @@ class Trainer:
         return start
 
     def _keep(self, run: LearningRun) -> None:
-        if run.counts.ticks - self._told_ticks >= _PROGRESS_TICKS:
-            self._tell(run)
+        if run.counts.ticks - self._reported_ticks >= _PROGRESS_TICKS:
+            self._report_progress(run)
         due = self._checkpoint is not None and run.counts.ticks - self._saved_ticks >= self._checkpoint.every_ticks
         if due and run.between_ticks:
             self.save_checkpoint()
@@ -310,8 +310,8 @@ class Trainer:
         if run.between_ticks:
             self._whole = _Whole(self._next, run.counts.ticks)
 
-    def _tell(self, run: LearningRun) -> None:
-        self._told_ticks = run.counts.ticks
+    def _report_progress(self, run: LearningRun) -> None:
+        self._reported_ticks = run.counts.ticks
         messages = self._offer.messages if self._offer else None
         self._on_progress(run.counts.ticks, self._next / messages if messages else None)
 

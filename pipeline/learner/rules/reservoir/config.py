@@ -88,7 +88,7 @@ class LearnerConfig(Settings):
             )
 
     def connections(self) -> tuple[ConnectionConfig, ...]:
-        """All types of connection, in the fixed order in which weights are kept and digested."""
+        """All types of connection, in the fixed order of weights in state and digest."""
         sizes = {"input": self.inputs, "reservoir": self.reservoir, "output": self.outputs}
         return tuple(
             ConnectionConfig(
@@ -131,7 +131,7 @@ class LearnerConfig(Settings):
         )
 
     def check_size(self) -> None:
-        """Check that a network is small enough to be kept in a file, which may come from anyone.
+        """Check that a network is small enough for a file, which may come from anyone.
 
         Raises
         ------

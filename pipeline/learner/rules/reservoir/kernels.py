@@ -59,7 +59,7 @@ class Sizes(NamedTuple):
 
 
 class Views(NamedTuple):
-    """What a step reads and changes, as views into one block of memory, and its scratch space.
+    """Views into one block of memory: all that a step reads and changes, and its scratch space.
 
     All sources of neurons stand in one vector z = (u, y of the outputs, y of the reservoir, zeros); a slot without
     a connection has the last zero as its source.
@@ -423,7 +423,7 @@ def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activatio
 
 
 class Served(NamedTuple):
-    """What the calls of a served controller read and change: arrays that stay where they are in memory.
+    """Arrays of a served controller that its calls read and change; they stay where they are in memory.
 
     The calls believe types and sizes, for they see addresses alone; `pipeline.serving.compiled_calls` sees to both.
     """
@@ -542,7 +542,7 @@ def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int
 
 
 def _settle(places: Any, lengths: Any, advance: int) -> int:
-    """Do what a command that was sent did not wait for: count clipped joints; if told to, take the step that follows.
+    """Count the joints clipped in the command that was sent and, if `advance` is set, take the step that follows.
 
     Parameters
     ----------

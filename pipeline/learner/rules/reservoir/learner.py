@@ -19,7 +19,7 @@ from recorders.errors import ConfigError, ControllerError, MessageError, Reenact
 
 
 class Learner:
-    """The paper's network with its rules; it stands at the beginning of epoch 0 when made.
+    """The paper's network with its rules; a new one stands at the beginning of epoch 0.
 
     Step k: x(k+1) = W y(k) + W_in u(k), eq. (1); the outputs are compared with d(k); BPDC, eqs. (5) to (7), changes the
     connections to the outputs with the u(k) and y(k) that made them; y(k+1) = f(x(k+1)), eqs. (2) and (3); IP,
@@ -161,7 +161,7 @@ class Learner:
 
     @property
     def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray, FloatArray]:
-        """What kernels take of a learner, for one that takes its steps by itself.
+        """Arrays of the learner that kernels take, for compiled calls that take its steps.
 
         These are sizes, sources, memory, centre, and the activations of the last look ahead. They are this learner's
         own, changed in place and never replaced.

@@ -50,7 +50,7 @@ def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) ->
 
 
 class _Layout:
-    """Where connections lie in a table of the kernel: a row for each target, a slot for each of its sources."""
+    """Places of connections in a table of the kernel: a row for each target, a slot for each of its sources."""
 
     def __init__(self, targets: int, *, no_source: int) -> None:
         self._parts: list[NDArray[np.uint32]] = []
