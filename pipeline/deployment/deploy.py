@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import zenoh
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.deployment.processes import served_robot
 from pipeline.evaluation.errors import HandErrors, hand_errors
 from pipeline.exploration.episode import MotionPlan, TargetHold, TeacherRun
@@ -25,8 +25,6 @@ from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET,
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
-
-Floats = NDArray[np.float64]
 
 _ANSWER_S = 10.0  # a served controller answers within a millisecond; a machine may be very busy
 

@@ -4,12 +4,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.kinematics import Kinematics
 from recorders.errors import ConfigError
-
-Floats = NDArray[np.float64]
 
 WASHOUT_STEPS = 10
 """The first target is held this long before a test; ten steps bring the network as far as a full cycle does."""

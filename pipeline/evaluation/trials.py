@@ -5,9 +5,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints, predicted_joints
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import is_recorded, load_motion
@@ -17,8 +15,6 @@ from pipeline.samples.pairs import HANDS, Samples, read_samples
 from recorders.errors import ControllerError
 from recorders.reading.parts import one_session
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

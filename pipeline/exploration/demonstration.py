@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.exploration.explore import explore
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
@@ -19,8 +19,6 @@ from pipeline.robot.range_check import range_check
 from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
 from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MessageError, MotionError
-
-Floats = NDArray[np.float64]
 
 MAX_SAMPLES = 100_000
 """Most samples of a demonstration, close to three hours at 10 Hz: a wrong stamp must not fill the memory."""

@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
@@ -14,8 +14,6 @@ from pipeline.robot.telemetry import TopicMessage, command_message, tick_message
 from pipeline.seeding import uniforms
 from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MotionError
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True)

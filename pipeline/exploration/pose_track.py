@@ -5,15 +5,13 @@ from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.csv_file import MAX_GAP_S
 from recorders.cdr.codec import decode_as
 from recorders.errors import MessageError, MotionError
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
-
-Floats = NDArray[np.float64]
 
 MAX_COORDINATE = 1e6
 """Largest coordinate taken, in whatever unit: a scale brings it to metres."""

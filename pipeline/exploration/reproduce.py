@@ -7,7 +7,6 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from pipeline.exploration.episode import ExplorationConfig, MotionPlan, TargetHold, TeacherRun, start_posture
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
@@ -22,8 +21,6 @@ from recorders.text.wording import value_text
 from recorders.ticks.joiner import join_ticks
 from replay.diff.fields import format_pair
 from replay.sources.scheduled import naming, read_robot
-
-Floats = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import hand_errors
 from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import RobotConfig
@@ -23,8 +23,6 @@ from recorders.nodes.status import NodeSource
 from recorders.wire.frames import Frame, FrameType
 from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver
 from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
-
-Floats = NDArray[np.float64]
 
 _QUIET_S = 0.02  # after this, what has come so far is learned at once, rather than with what comes next
 _POLL_S = 0.5

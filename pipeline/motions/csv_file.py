@@ -11,12 +11,10 @@ from pathlib import Path
 from typing import TextIO, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from recorders.errors import MotionError
 from recorders.files.regular_file import require_regular_file
-
-Floats = NDArray[np.float64]
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart

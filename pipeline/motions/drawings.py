@@ -11,13 +11,11 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.motion import CSV_COLUMNS, Motion
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.seeding import uniforms
-
-Floats = NDArray[np.float64]
 
 EXTENT_M = 0.18  # of the scribble: farthest from the centre, in each direction of the plane
 WIDE_M = 0.20  # of house and spiral

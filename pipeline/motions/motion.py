@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.csv_file import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.motions.names import PATTERNS, drawings, motion_names
 from pipeline.robot.config import RobotConfig
@@ -17,8 +17,6 @@ from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 CSV_COLUMNS = ("t", "lx", "ly", "lz", "rx", "ry", "rz")
 RADIUS_M = 0.10

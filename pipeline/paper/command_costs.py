@@ -6,15 +6,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import WASHOUT_STEPS, HandErrors, hand_errors
 from pipeline.evaluation.trials import Trial, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher
-
-Floats = NDArray[np.float64]
 
 _REPETITIONS = 7  # the median of them counts
 

@@ -4,13 +4,11 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.names import PATTERNS
 from pipeline.paper.results import PATTERN_1, NetworkEnsemble, PaperResults
 from pipeline.robot.config import RobotConfig
-
-Floats = NDArray[np.float64]
 
 ALIKE, APART, UPRIGHT = "sideways, both hands alike", "sideways, hands apart and together", "up and down, each hand"
 

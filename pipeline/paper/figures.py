@@ -8,8 +8,8 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.demo import PAPER_CM
 from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults, drawing_title
 from pipeline.robot.config import RobotConfig
@@ -27,8 +27,6 @@ from pipeline.views.figures import (
     write_key,
 )
 from pipeline.views.robot_drawing import RobotDrawing, View
-
-Floats = NDArray[np.float64]
 
 MOTION_TITLES = {PATTERN_1: "Pattern 1, circles", PATTERN_2: "Pattern 2, eight and circle"}
 

@@ -3,16 +3,14 @@
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints
 from pipeline.evaluation.trials import Trial, evaluate_samples
 from pipeline.paper.results import NetworkEnsemble
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import Samples
 from pipeline.training.batch import Outcome
-
-Floats = NDArray[np.float64]
 
 
 def try_networks(

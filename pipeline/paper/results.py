@@ -5,8 +5,8 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.deployment.deploy import Deployment
 from pipeline.evaluation.errors import HandErrors
 from pipeline.evaluation.trials import Trial
@@ -14,8 +14,6 @@ from pipeline.learner.controller import Controller
 from pipeline.motions.names import PATTERNS
 from pipeline.paper.command_costs import CommandCost
 from pipeline.robot.config import RobotConfig
-
-Floats = NDArray[np.float64]
 
 REPORT, SUMMARY, CONTROLLERS = "report.html", "summary.json", "controllers"  # in the folder of a run
 

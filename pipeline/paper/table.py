@@ -3,10 +3,9 @@
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-import numpy as np
-from numpy.typing import NDArray
 from rich.table import Table
 
+from pipeline.arrays import Floats
 from pipeline.demo import PAPER_CM
 from pipeline.paper.results import (
     CONTROLLERS,
@@ -18,8 +17,6 @@ from pipeline.paper.results import (
     drawing_title,
     spread,
 )
-
-Floats = NDArray[np.float64]
 
 NONE = "–"
 _FAILS, _ACCURATE = "fails", "accurate"  # where it gives no number

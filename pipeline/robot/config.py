@@ -9,8 +9,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.resources import data_path
 from pipeline.robot.import_spec import parse_source, read_source, read_text
 from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
@@ -20,8 +20,6 @@ from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named,
 from pipeline.urdf.joints import joint_limits, moved_links
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pinocchio
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.pinocchio_model import build_model, joint_index, link_frame
 from pipeline.urdf.description import canonical
 from recorders.errors import JointError, RobotError
-
-Floats = NDArray[np.float64]
 
 _ALIGNED = pinocchio.ReferenceFrame.LOCAL_WORLD_ALIGNED
 

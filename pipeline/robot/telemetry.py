@@ -3,14 +3,11 @@
 from collections.abc import Iterator
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
-
+from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource, RobotBackend
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, Message, PoseStamped, TFMessage, TransformStamped
 
-Floats = NDArray[np.float64]
 TopicMessage: TypeAlias = tuple[str, Message]  # topic, message
 
 

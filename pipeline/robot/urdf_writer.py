@@ -6,14 +6,12 @@ from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
 import numpy as np
 import pinocchio
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.pinocchio_model import joint_index, link_frame
 from pipeline.robot.visuals import Body, add_body, add_bone, add_hand, add_materials
 from pipeline.urdf.bodies import inertia_attributes, possible, principal_moments, read_inertia
 from pipeline.urdf.description import as_numbers, named
-
-Floats = NDArray[np.float64]
 
 _ROUNDING = 1e-11  # of moments of inertia as they are written [kg m^2], or of the largest: more than it can be
 

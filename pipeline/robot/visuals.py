@@ -9,11 +9,10 @@ from dataclasses import dataclass
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.urdf.description import as_numbers
-
-Floats = NDArray[np.float64]
 
 MATERIALS = {
     "body": (0.93, 0.94, 0.95, 1.0),

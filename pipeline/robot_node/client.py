@@ -4,8 +4,9 @@ import time
 
 import numpy as np
 import zenoh
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, config_key, pack_commands, robot_key
@@ -15,8 +16,6 @@ from recorders.messages.message_types import JointState, String
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
-
-Floats = NDArray[np.float64]
 
 _ANSWER_S = 2.0  # how long one answer may take before the question is asked again
 

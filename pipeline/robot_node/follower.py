@@ -5,15 +5,13 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.telemetry import hand_messages, state_messages
 from pipeline.robot_node.protocol import CommandReader, RobotStatus
 from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import Message
-
-Floats = NDArray[np.float64]
 
 _REMEMBERED = 2048  # commands; twice what a sender by default has under way, and so may send again
 

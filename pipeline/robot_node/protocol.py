@@ -27,16 +27,14 @@ from dataclasses import asdict, dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from recorders.cdr.codec import decode_as
 from recorders.errors import JointError, MessageError, WireError
 from recorders.messages.message_types import JointState
 from recorders.text.wording import names_text, value_text
 from recorders.ticks.joiner import JointMap
-
-Floats = NDArray[np.float64]
 
 MAX_COMMAND = 1 << 16
 """Larger commands, or more than fit in so much together, are refused unread [bytes]; one of 15 joints takes 404."""

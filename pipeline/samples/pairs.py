@@ -4,8 +4,8 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.range_check import range_check
 from recorders.errors import LogError
@@ -16,8 +16,6 @@ from recorders.reading.session_reader import Reader, open_log
 from recorders.ticks.joiner import RANKS, JointMap, Tick, join_ticks
 from replay.sources.scheduled import naming, read_robot, renamed
 from replay.sources.stream_digest import digest_link
-
-Floats = NDArray[np.float64]
 
 HANDS = 6
 """Inputs of the network: two hand positions."""

@@ -7,7 +7,6 @@ from typing import Any, NamedTuple
 from xml.etree.ElementTree import tostring
 
 import numpy as np
-from numpy.typing import NDArray
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import DiscreteContactApproximation, MultibodyPlant
 from pydrake.multibody.tree import PdControllerGains
@@ -15,13 +14,12 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, TriggerType
 from pydrake.systems.primitives import Adder, LogVectorOutput, MatrixGain
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.urdf.description import WORLD, canonical, one_line, root_link
 from pipeline.urdf.model_names import for_libraries, joint_name, link_name
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 
 class Gains(NamedTuple):

@@ -5,18 +5,17 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import RigidBody
 
+from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPose
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.urdf.description import joint_links
 from recorders.errors import ConfigError, JointError, RobotError
-
-Floats = NDArray[np.float64]
 
 _XYZW = [1, 2, 3, 0]  # Drake's quaternions begin with w, those of ROS end with it
 

@@ -7,12 +7,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_reach
 from recorders.errors import MotionError
-
-Floats = NDArray[np.float64]
 
 HANDS = ("left", "right")
 CHOICES = ("refuse", "clip", "skip", "keep")

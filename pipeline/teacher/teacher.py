@@ -4,13 +4,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.kinematics import Kinematics
 from recorders.errors import ConfigError, MotionError
-
-Floats = NDArray[np.float64]
 
 REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
 _REACH_PERIOD_S = 0.05  # the hands come 30 % nearer in a step; longer ones make the null-space motion overshoot

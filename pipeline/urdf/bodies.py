@@ -7,11 +7,9 @@ from collections.abc import Collection
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from recorders.errors import RobotError
-
-Floats = NDArray[np.float64]
 
 MAX_MASS_KG = 1e5  # of a link: beyond it are other units, or no number at all
 MAX_MOMENT_KGM2 = 1e7  # likewise

@@ -5,13 +5,11 @@ from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.urdf.description import named, shown
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 MIN_RANGE = 1e-6  # [rad or m], between the limits of a joint: what moves less does not move
 MAX_POSITION = 25.0  # [rad or m], of a limit: four turns; beyond it are no limits, or another unit

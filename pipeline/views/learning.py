@@ -3,8 +3,8 @@
 from collections.abc import Callable
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import hand_errors
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
@@ -22,8 +22,6 @@ from recorders.rerun_scene.hands import FrontalPlane, HandScene
 from recorders.rerun_scene.learning import log_activity, log_drift, log_errors, send_learning_styles
 from recorders.rerun_scene.robot import RobotModel
 from recorders.rerun_scene.track import Instants, Track
-
-Floats = NDArray[np.float64]
 
 TICKS = "tick"
 """Timeline of a learner that learns live, without epochs."""

@@ -1,13 +1,11 @@
 """The parts of a learner's state that a viewer shows: how far what learns has moved, how active its neurons are."""
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import make_learner
-
-Floats = NDArray[np.float64]
 
 MAX_TICKS = 128
 """Ticks of a motion over which the activity is shown."""

@@ -8,13 +8,12 @@ import numpy as np
 import pinocchio
 from matplotlib.axes import Axes
 from matplotlib.collections import PolyCollection
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.pinocchio_model import build_model, build_shapes, joint_index
 from pipeline.urdf.description import canonical
-
-Floats = NDArray[np.float64]
 
 _ROUND = 18  # corners of a circle
 _RINGS = 8  # of a sphere

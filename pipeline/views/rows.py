@@ -3,8 +3,8 @@
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from recorders.errors import MotionError
@@ -19,8 +19,6 @@ from recorders.messages.topics import (
 )
 from recorders.rerun_scene.track import MAX_TIME_NS, Track
 from recorders.ticks.joiner import JointMap
-
-Floats = NDArray[np.float64]
 
 JOINT_TOPICS = (JOINT_STATES, SAMPLE_JOINTS, JOINT_COMMANDS)
 """Where postures are taken from: the first of these that there is."""
