@@ -264,7 +264,7 @@ def _draw(path: Path, robot: RobotConfig, trials: tuple[Trial, Trial, Trial], er
         teacher_cm=trained.teacher.mean_cm if trained.teacher else float("nan"),
         linear_cm=trained.linear.mean_cm if trained.linear else float("nan"),
         paper_cm=PAPER_CM["circles"],
-        title=f"Learned from one pattern of {len(trained.targets)} samples, both hands follow motions never seen",
+        title=f"Learned from one pattern of {len(trained.targets)} samples: both hands on it and on motions never seen",
     )
 
 

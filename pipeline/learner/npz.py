@@ -128,7 +128,7 @@ def _check_directory(data: bytes) -> None:
     """Check that a directory stands at the end, and how large it is: the zip reader takes it in whole."""
     end = data[-_END.size :]
     if len(end) < _END.size or not end.startswith(_END_MAGIC):
-        raise ControllerError("expected an undamaged .npz: File is not a zip file")
+        raise ControllerError("expected an undamaged .npz, found one that is cut off or not a zip file")
     _, _, _, _, count, size, _, _ = _END.unpack(end)
     if count > MAX_MEMBERS or size > _MAX_DIRECTORY:
         raise ControllerError(f"expected at most {MAX_MEMBERS} members, found a directory of {count} in {size} bytes")

@@ -65,9 +65,10 @@ class Intervals:
             seen += count
             if seen > middle:
                 usual = total // count
-                near = sum(count for count, _, _ in self._near(usual))
+                near, near_ns, _ = (sum(column) for column in zip(*self._near(usual), strict=True))
                 regular = self.count >= _REGULAR_STEPS and near * _REGULAR_SHARE >= self.count * (_REGULAR_SHARE - 1)
-                return usual if usual and regular else None
+                bursts = near_ns * _REGULAR_SHARE < self.total_ns  # most of the time passes between them
+                return usual if usual and regular and not bursts else None
         return None
 
     @property

@@ -21,9 +21,7 @@ def view(
     ],
     save: Annotated[
         Path | None,
-        typer.Option(
-            help="Recording to write, in place of opening a window; another one there is replaced.", metavar="FILE.rrd"
-        ),
+        typer.Option(help="Recording to write, in place of opening a window.", metavar="FILE.rrd"),
     ] = None,
     viewer: Annotated[
         str | None, typer.Option(help="Viewer that runs: rerun+http://127.0.0.1:9876/proxy.", metavar="URL")

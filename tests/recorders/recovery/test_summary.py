@@ -116,6 +116,13 @@ def test_samples_that_are_dropped_before_they_are_numbered_are_found_by_their_ti
     assert (topic.longest_gap_ns, topic.log_times.longest_after_ns) == (3 * TICK_NS, start_ns + 39 * TICK_NS)
 
 
+def test_messages_in_bursts_miss_none(tmp_path):
+    """A learner's outputs: 64 at a time, and then nothing for a while."""
+    times = [burst * 20 * TICK_NS + place * 2000 for burst in range(7) for place in range(64)]
+    (topic,) = summarise(written(tmp_path / "x.mcap", range(len(times)), stamps=times, log_times=times)).topics.values()
+    assert (topic.missing, topic.dropped, topic.log_times.jitter_ns) == (0, None, None)
+
+
 @given(st.lists(st.integers(-(10**6), 10**6), min_size=30, max_size=60))
 def test_jitter_is_the_deviation_of_the_usual_steps_to_the_nanosecond(noise):
     steps = [TICK_NS + each for each in noise]
