@@ -31,13 +31,13 @@ def encode(message: Message) -> bytes:
     >>> decode("std_msgs/msg/String", encode(String("here")))
     String(data='here')
     """
-    kind = type(message)
-    if kind is JointState:
+    message_class = type(message)
+    if message_class is JointState:
         return encode_joints(message)  # type: ignore[arg-type]  # mypy does not narrow on a stored type
-    if kind is PoseStamped:
+    if message_class is PoseStamped:
         return encode_pose(message)  # type: ignore[arg-type]
     if not isinstance(message, Message):
-        raise MessageError(f"expected a message of recorders.messages.message_types, found {kind.__name__}")
+        raise MessageError(f"expected a message of recorders.messages.message_types, found {message_class.__name__}")
     return write_message(message).payload()
 
 
@@ -65,9 +65,9 @@ def decode(type_name: str, data: bytes) -> Message:
     return message
 
 
-def decode_as(kind: type[AnyMessage], data: bytes) -> AnyMessage:
+def decode_as(message_class: type[AnyMessage], data: bytes) -> AnyMessage:
     """Return the message of a given class that CDR bytes hold; raises MessageError as `decode` does."""
-    return cast(AnyMessage, decode(kind.TYPE, data))
+    return cast(AnyMessage, decode(message_class.TYPE, data))
 
 
 def stamp_ns(type_name: str, data: bytes) -> int | None:

@@ -44,12 +44,12 @@ def attachment_head(record: RawRecord) -> AttachmentHead:
     body = record.body
     try:
         log_time_ns, create_time_ns = _TIMES.unpack_from(body)
-        name, place = _text(body, _TIMES.size)
-        media_type, place = _text(body, place)
-        (size,) = _DATA.unpack_from(body, place)
+        name, position = _text(body, _TIMES.size)
+        media_type, position = _text(body, position)
+        (size,) = _DATA.unpack_from(body, position)
     except (struct.error, ValueError):
         raise damaged(record.offset, "an attachment is malformed") from None
-    head = AttachmentHead(log_time_ns, create_time_ns, name, media_type, place + _DATA.size, size)
+    head = AttachmentHead(log_time_ns, create_time_ns, name, media_type, position + _DATA.size, size)
     if head.end + CRC.size > record.size:
         raise damaged(record.offset, "an attachment is not as long as it says")
     return head
@@ -79,16 +79,16 @@ def attachment_data(record: RawRecord) -> Iterator[memoryview]:
     return _pieces(record, head.start, head.end)
 
 
-def _text(body: bytes, place: int) -> tuple[str, int]:
-    """Return the text at a place, and where the next field stands."""
-    (length,) = _STRING.unpack_from(body, place)
-    place += _STRING.size
-    return str(body[place : place + length], "utf-8"), place + length
+def _text(body: bytes, position: int) -> tuple[str, int]:
+    """Return the text at a position, and where the next field stands."""
+    (length,) = _STRING.unpack_from(body, position)
+    position += _STRING.size
+    return str(body[position : position + length], "utf-8"), position + length
 
 
 def _pieces(record: RawRecord, start: int, end: int) -> Iterator[memoryview]:
     """Yield the body of a record from `start` to `end` piece by piece."""
-    place = 0
+    position = 0
     for piece in record.pieces():
-        yield memoryview(piece)[max(0, start - place) : max(0, end - place)]
-        place += len(piece)
+        yield memoryview(piece)[max(0, start - position) : max(0, end - position)]
+        position += len(piece)

@@ -14,18 +14,18 @@ _DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
 
 
-def body_at(data: bytes, place: int, offset: int) -> tuple[int, int, int]:
-    """Return opcode, beginning and end of the body of the record at `place` in the data of the chunk at `offset`.
+def body_at(data: bytes, position: int, offset: int) -> tuple[int, int, int]:
+    """Return opcode, beginning and end of the body of the record at `position` in the data of the chunk at `offset`.
 
     Raises
     ------
     DamagedLog
         If it is not whole, a message too short to be one, or of a kind that has no place in a chunk.
     """
-    start = place + HEAD.size
+    start = position + HEAD.size
     if start > len(data):
         raise damaged(offset, "the last record of a chunk is cut off")
-    opcode, length = HEAD.unpack_from(data, place)
+    opcode, length = HEAD.unpack_from(data, position)
     if length > len(data) - start:
         raise damaged(offset, "a record is longer than the chunk that holds it")
     if opcode == _MESSAGE_OPCODE and length < MESSAGE.size:
@@ -40,10 +40,10 @@ def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
 
     Raises as `body_at` does.
     """
-    place, size = 0, len(data)
-    while place < size:
-        opcode, start, place = body_at(data, place, offset)
-        yield opcode, start, place
+    position, size = 0, len(data)
+    while position < size:
+        opcode, start, position = body_at(data, position, offset)
+        yield opcode, start, position
 
 
 def checked(chunk: RawRecord) -> bytes:

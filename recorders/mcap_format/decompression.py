@@ -79,13 +79,13 @@ def _lz4(data: bytes | memoryview, size: int) -> bytes:
 def _lz4_pieces(data: memoryview, rest: int) -> Iterator[bytes]:
     """Yield what comes out of all frames piece by piece, `rest` bytes at most."""
     context = lz4.frame.create_decompression_context()
-    place, whole = 0, True
-    while rest and (place < len(data) or not whole):
-        piece, taken, whole = lz4.frame.decompress_chunk(context, data[place:], max_length=min(_PIECE, rest))
+    position, whole = 0, True
+    while rest and (position < len(data) or not whole):
+        piece, taken, whole = lz4.frame.decompress_chunk(context, data[position:], max_length=min(_PIECE, rest))
         if not (piece or taken):
             break  # the last frame is cut off
         yield piece
-        place += taken
+        position += taken
         rest -= len(piece)
     if rest and not whole:
         raise EOFError("its last frame is cut off")

@@ -71,7 +71,7 @@ def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int
     """Return how much of the body of the large record at `offset` is to be read [bytes].
 
     That is all of a chunk that is not too large, and the beginning of any other: an attachment up to its data, of
-    which most readers want no more. The file, whose place is behind the record's head, stays there.
+    which most readers want no more. The file, whose position is behind the record's head, stays there.
 
     Raises
     ------
@@ -97,14 +97,14 @@ def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int
 def _data(file: BinaryIO, offset: int, fixed: int, texts: int) -> tuple[int, int]:
     """Return where the data begin in the body of the record at `offset`, and how long they are [bytes]."""
     begin = file.tell()
-    place = begin + fixed
+    position = begin + fixed
     try:
         for _ in range(texts):
-            file.seek(place, SEEK_SET)
-            place += _STRING.size + _STRING.unpack(file.read(_STRING.size))[0]
-        file.seek(place, SEEK_SET)
+            file.seek(position, SEEK_SET)
+            position += _STRING.size + _STRING.unpack(file.read(_STRING.size))[0]
+        file.seek(position, SEEK_SET)
         (data_length,) = _DATA.unpack(file.read(_DATA.size))
     except struct.error:
         raise cut_off(offset) from None
     file.seek(begin, SEEK_SET)
-    return place - begin + _DATA.size, int(data_length)
+    return position - begin + _DATA.size, int(data_length)

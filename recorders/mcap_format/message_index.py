@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 _HEAD = struct.Struct("<BQHI")  # opcode, length, channel, length of the entries
 _BEFORE_ENTRIES = 6  # bytes of a body
-_ENTRY = np.dtype([("log_time_ns", "<u8"), ("place", "<u8")])
+_ENTRY = np.dtype([("log_time_ns", "<u8"), ("position", "<u8")])
 
 _Entries: TypeAlias = NDArray[Any]
 
@@ -24,18 +24,18 @@ def states_order(file: BinaryIO, most: int) -> bool:
     Parameters
     ----------
     file : file
-        A log, its place behind a chunk.
+        A log, its position behind a chunk.
     most : int
         How many messages the chunk can have: indexes of more are not read.
     """
-    place = file.tell()
+    position = file.tell()
     found = list(_entries(file, most))
-    file.seek(place)
+    file.seek(position)
     if not found:
         return False
     entries = np.concatenate(found) if len(found) > 1 else found[0]
-    if not _rises(entries["place"]):
-        entries = entries[np.argsort(entries["place"])]
+    if not _rises(entries["position"]):
+        entries = entries[np.argsort(entries["position"])]
     return _rises(entries["log_time_ns"])
 
 

@@ -138,7 +138,7 @@ def parse_counted(kind: Parser[_T_co], record: RawRecord) -> tuple[_T_co, int]:
 
 
 def read_record(file: BinaryIO, size: int) -> RawRecord:
-    """Read the record at the file's place; `size` is that of the file [bytes]. Raises DamagedLog if it is not whole."""
+    """Read the record at the position of a file of `size` bytes; raises DamagedLog if it is not whole."""
     return _read_at(file, file.tell(), size)
 
 
@@ -212,15 +212,15 @@ def _pass_indexes(file: BinaryIO) -> bytes:
     """
     if not isinstance(file, BufferedReader):
         return b""
-    buffer, place = file.peek(), 0
+    buffer, position = file.peek(), 0
     last = len(buffer) - _INDEX_HEAD.size
-    while place <= last:
-        opcode, length, _, size = _INDEX_HEAD.unpack_from(buffer, place)
-        end = place + HEAD.size + length
+    while position <= last:
+        opcode, length, _, size = _INDEX_HEAD.unpack_from(buffer, position)
+        end = position + HEAD.size + length
         if opcode != _MESSAGE_INDEX or length < INDEX.size + size or end > len(buffer):
             break
-        place = end
-    return file.read(place)
+        position = end
+    return file.read(position)
 
 
 def is_message_index(record: RawRecord) -> bool:
@@ -229,13 +229,13 @@ def is_message_index(record: RawRecord) -> bool:
 
 
 def check_summary(file: BinaryIO, size: int) -> None:
-    """Check the records from the file's place to the footer, which comes last; raises as `summary_records` does."""
+    """Check the records from the file's position to the footer, which comes last; raises as `summary_records` does."""
     for _ in summary_records(file, size):
         pass
 
 
 def summary_records(file: BinaryIO, size: int) -> Iterator[RawRecord]:
-    """Yield the records from the file's place to the footer, which comes last, and only then check their CRC.
+    """Yield the records from the file's position to the footer, which comes last, and only then check their CRC.
 
     Raises
     ------

@@ -30,14 +30,14 @@ def heads(file: BinaryIO, start: int, end: int) -> Iterator[Head]:
     """Yield the heads of the records in [start, end) for as long as they are whole; their bodies are not read."""
     window, begin, unpack, size = b"", start, HEAD.unpack_from, HEAD.size
     while end - start >= size:
-        place = start - begin
-        if place + size + _BODY_BEGINS > len(window):
+        position = start - begin
+        if position + size + _BODY_BEGINS > len(window):
             file.seek(start)
-            window, begin, place = file.read(_WINDOW), start, 0
+            window, begin, position = file.read(_WINDOW), start, 0
             if len(window) < size:  # the file became shorter
                 return
-        opcode, length = unpack(window, place)
-        body = place + size
+        opcode, length = unpack(window, position)
+        body = position + size
         following = start + size + length
         if opcode == 0 or following > end:
             return
@@ -46,7 +46,7 @@ def heads(file: BinaryIO, start: int, end: int) -> Iterator[Head]:
 
 
 def read_footer(file: BinaryIO) -> Footer:
-    """Return the footer; raises DamagedLog if the file is cut off, or the footer points past its own place."""
+    """Return the footer; raises DamagedLog if the file is cut off, or the footer points past its own position."""
     record = footer_record(file)
     footer: Footer = parse(Footer, record)
     if footer.summary_start > record.offset:
@@ -61,10 +61,10 @@ def footer_record(file: BinaryIO) -> RawRecord:
     file.seek(max(0, end))
     if end < len(MAGIC) + FOOTER_SIZE or file.read() != MAGIC:
         raise cut_off(size)
-    place = _found(file, Opcode.FOOTER, end - FOOTER_SIZE, end)
-    if place is None:
+    position = _found(file, Opcode.FOOTER, end - FOOTER_SIZE, end)
+    if position is None:
         raise cut_off(size)
-    return record_at(file, place, Opcode.FOOTER)
+    return record_at(file, position, Opcode.FOOTER)
 
 
 def find_data_end(file: BinaryIO, end: int) -> int | None:
@@ -90,8 +90,8 @@ def read_data_end(file: BinaryIO) -> RawRecord:
     """Return the record that ends the data section; raises DamagedLog if the file is cut off or has none there."""
     footer = footer_record(file)
     end = read_footer(file).summary_start or footer.offset
-    place = find_data_end(file, end)
-    return record_at(file, max(0, end - _DATA_END_SIZE) if place is None else place, Opcode.DATA_END)
+    position = find_data_end(file, end)
+    return record_at(file, max(0, end - _DATA_END_SIZE) if position is None else position, Opcode.DATA_END)
 
 
 def record_at(file: BinaryIO, offset: int, opcode: Opcode) -> RawRecord:
@@ -107,7 +107,7 @@ def record_at(file: BinaryIO, offset: int, opcode: Opcode) -> RawRecord:
 
 
 def check_data_section(file: BinaryIO) -> None:
-    """Check the CRC over the whole data section, in one pass that leaves the file's place as it was.
+    """Check the CRC over the whole data section, in one pass that leaves the file's position as it was.
 
     A file that is cut off, or has no such CRC, passes.
 
@@ -116,7 +116,7 @@ def check_data_section(file: BinaryIO) -> None:
     DamagedLog
         If the CRC does not hold.
     """
-    place = file.tell()
+    position = file.tell()
     try:
         end = read_data_end(file)
     except DamagedLog as error:
@@ -127,7 +127,7 @@ def check_data_section(file: BinaryIO) -> None:
         for piece in _pieces(file, end.offset):
             crc = zlib.crc32(piece, crc)
         check_crc(end.body[: CRC.size], crc, end.offset, "data section")
-    file.seek(place)
+    file.seek(position)
 
 
 def _pieces(file: BinaryIO, end: int) -> Iterator[bytes]:

@@ -17,22 +17,22 @@ class Unread(NamedTuple):
 
     def pieces(self) -> Iterator[bytes]:
         """Yield the bytes piece by piece, without moving the file's position; raises DamagedLog if they are gone."""
-        place, end = self.file.tell(), self.start + self.size
+        position, end = self.file.tell(), self.start + self.size
         for start in range(self.start, end, _PIECE):
             piece = self._at(start, min(_PIECE, end - start))
-            self.file.seek(place)
+            self.file.seek(position)
             yield piece
 
     def read(self, start: int, size: int) -> bytes:
         """Return `size` bytes of the file from `start` on, its position unmoved; raises DamagedLog if they are gone."""
-        place = self.file.tell()
+        position = self.file.tell()
         data = self._at(start, size)
-        self.file.seek(place)
+        self.file.seek(position)
         return data
 
-    def _at(self, place: int, size: int) -> bytes:
-        self.file.seek(place)
+    def _at(self, position: int, size: int) -> bytes:
+        self.file.seek(position)
         data = self.file.read(size)
         if len(data) < size:  # the file became shorter
-            raise cut_off(place)
+            raise cut_off(position)
         return data

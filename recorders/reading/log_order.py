@@ -45,7 +45,7 @@ def find_order(file: BinaryIO, size: int, index: Contents) -> LogOrder:
     index : Contents
         Contents of a verified summary; empty if there is none.
     """
-    if any(_is_ours(file, place.offset) for place in index.metadata if place.name == METADATA_NAME):
+    if any(_is_ours(file, entry.offset) for entry in index.metadata if entry.name == METADATA_NAME):
         return LogOrder(by_file=True, risen=False)
     look = _Look(file)
     risen = index.chunks.in_order

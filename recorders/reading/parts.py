@@ -130,9 +130,9 @@ def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: 
         As from `find_log`.
     """
     sessions: dict[str, list[Path]] = {}
-    for place, path in enumerate(paths):
+    for index, path in enumerate(paths):
         part = _part(path)
-        sessions.setdefault(part.session if part else f"log {place}", []).append(path)
+        sessions.setdefault(part.session if part else f"log {index}", []).append(path)
     return [one_session(members, say) for members in sessions.values()]
 
 

@@ -86,34 +86,36 @@ class MessageScanner:
         return self._batches(data, offset) if _is_in_order(data) else self._by_time(data, offset)
 
     def placed(self, data: bytes, offset: int) -> tuple["array[int]", "array[int]", DamagedLog | None]:
-        """Return log time [ns] and place of each message that is asked for in the data of the chunk at `offset`.
+        """Return log time [ns] and position of each message that is asked for in the data of the chunk at `offset`.
 
         The third is what is wrong in them behind the messages, None if nothing is.
         """
-        times_ns, places = array("Q"), array("I")  # a chunk is smaller than 4 GB
-        place = 0
+        times_ns, positions = array("Q"), array("I")  # a chunk is smaller than 4 GB
+        position = 0
         try:
-            while place < len(data):
-                opcode, start, end = body_at(data, place, offset)
+            while position < len(data):
+                opcode, start, end = body_at(data, position, offset)
                 if opcode == _MESSAGE_OPCODE:
                     channel, _, log_time_ns, _ = MESSAGE.unpack_from(data, start)
                     if channel not in self.channels.chosen:
                         raise _undeclared(offset, channel)
                     if self.channels.chosen[channel] is not None and self.start_ns <= log_time_ns < self.end_ns:
                         times_ns.append(log_time_ns)
-                        places.append(place)
+                        positions.append(position)
                 else:
                     self.channels.register(RawRecord(opcode, offset, data[start:end]))
-                place = end
+                position = end
         except DamagedLog as error:
-            return times_ns, places, error
-        return times_ns, places, None
+            return times_ns, positions, error
+        return times_ns, positions, None
 
-    def message(self, data: bytes, place: int) -> RecordedMessage:
-        """Return the message at a place where a sound one of a known channel stands, which is asked for."""
-        _, length, channel, sequence, log_time_ns = _MESSAGE.unpack_from(data, place)
-        topic, kind = self.channels.topics[channel]
-        return RecordedMessage(topic, kind, data[place + _MESSAGE.size : place + 9 + length], sequence, log_time_ns)
+    def message(self, data: bytes, position: int) -> RecordedMessage:
+        """Return the message at a position where a sound one of a known channel stands, which is asked for."""
+        _, length, channel, sequence, log_time_ns = _MESSAGE.unpack_from(data, position)
+        topic, type_name = self.channels.topics[channel]
+        return RecordedMessage(
+            topic, type_name, data[position + _MESSAGE.size : position + 9 + length], sequence, log_time_ns
+        )
 
     def bare(self, record: RawRecord) -> list[RecordedMessage]:
         """Return the message that a record outside of chunks is, as a list that is empty if it is not asked for."""
@@ -136,12 +138,12 @@ class MessageScanner:
         return self.start_ns > 0 or self.end_ns < FOREVER_NS
 
     def _batches(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
-        place = 0
-        while place < len(data):
-            batch, then = self._run(data, place)
+        position = 0
+        while position < len(data):
+            batch, then = self._run(data, position)
             if batch:
                 yield self._of_time(batch)
-            place = then if then > place else self._other(data, place, offset)
+            position = then if then > position else self._other(data, position, offset)
 
     def _held(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         """Yield the messages of a chunk by their times: so few are all held, and sorted if they turn out to fall."""
@@ -162,9 +164,9 @@ class MessageScanner:
             yield batch
 
     def _by_time(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
-        times_ns, places, error = self.placed(data, offset)
-        for place in in_order(times_ns, places):
-            yield [self.message(data, place)]
+        times_ns, positions, error = self.placed(data, offset)
+        for position in in_order(times_ns, positions):
+            yield [self.message(data, position)]
         if error is not None:
             raise error
 
@@ -173,57 +175,57 @@ class MessageScanner:
             return batch
         return [record for record in batch if self.start_ns <= record.log_time_ns < self.end_ns]
 
-    def _run(self, data: bytes, place: int) -> tuple[list[RecordedMessage], int]:
-        """Return the messages from `place` on, and where something else stands or a batch is full."""
+    def _run(self, data: bytes, position: int) -> tuple[list[RecordedMessage], int]:
+        """Return the messages from `position` on, and where something else stands or a batch is full."""
         chosen, unpack, size = self.channels.chosen, _MESSAGE.unpack_from, len(data)
-        begin, last = place, min(place + _BATCH, size - _MESSAGE.size)
+        begin, last = position, min(position + _BATCH, size - _MESSAGE.size)
         batch: list[RecordedMessage] = []
         time_ns, ordered, fell = self.last_time_ns or 0, self.ordered, False
         new, kind_of_all, message = _new_tuple, RecordedMessage, _MESSAGE_OPCODE  # locals are faster
         with suppress(KeyError):  # an undeclared channel ends the run, as does whatever is no whole message
-            while place <= last:
-                opcode, length, channel, sequence, log_time_ns = unpack(data, place)
-                end = place + 9 + length
+            while position <= last:
+                opcode, length, channel, sequence, log_time_ns = unpack(data, position)
+                end = position + 9 + length
                 if opcode != message or length < 22 or end > size:
                     break
                 declared = chosen[channel]
                 if declared is not None:
-                    topic, kind = declared
-                    batch.append(new(kind_of_all, (topic, kind, data[place + 31 : end], sequence, log_time_ns)))
+                    topic, type_name = declared
+                    batch.append(new(kind_of_all, (topic, type_name, data[position + 31 : end], sequence, log_time_ns)))
                 if ordered and log_time_ns < time_ns:
                     fell = True
                 time_ns = log_time_ns
-                place = end
-        if place > begin:
+                position = end
+        if position > begin:
             self.last_time_ns = time_ns
             self._fell |= fell
-        return batch, place
+        return batch, position
 
-    def _other(self, data: bytes, place: int, offset: int) -> int:
-        """Take in the record at `place`, which is no sound message, and return where the next one stands."""
-        opcode, start, end = body_at(data, place, offset)
+    def _other(self, data: bytes, position: int, offset: int) -> int:
+        """Take in the record at `position`, which is no sound message, and return where the next one stands."""
+        opcode, start, end = body_at(data, position, offset)
         if opcode == _MESSAGE_OPCODE:  # a sound one is none of ours to take
             raise _undeclared(offset, MESSAGE.unpack_from(data, start)[0])
         self.channels.register(RawRecord(opcode, offset, data[start:end]))
         return end
 
 
-def in_order(times_ns: "array[int]", places: "array[int]") -> "array[int]":
-    """Return places by time, those of one time in the order in which they came."""
+def in_order(times_ns: "array[int]", positions: "array[int]") -> "array[int]":
+    """Return positions by time, those of one time in the order in which they came."""
     order = np.argsort(np.asarray(times_ns), kind="stable")
-    return array(places.typecode, np.asarray(places)[order].tobytes())
+    return array(positions.typecode, np.asarray(positions)[order].tobytes())
 
 
 def _is_in_order(data: bytes) -> bool:
     """Whether the times of the messages in a chunk never fall, as far as it is whole."""
-    place, last_ns, unpack, end = 0, 0, _TIME.unpack_from, len(data) - _TIME.size
-    while place <= end:
-        opcode, length, log_time_ns = unpack(data, place)
+    position, last_ns, unpack, end = 0, 0, _TIME.unpack_from, len(data) - _TIME.size
+    while position <= end:
+        opcode, length, log_time_ns = unpack(data, position)
         if opcode == _MESSAGE_OPCODE:
             if log_time_ns < last_ns:
                 return False
             last_ns = log_time_ns
-        place += 9 + length
+        position += 9 + length
     return True
 
 

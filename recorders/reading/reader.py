@@ -110,17 +110,17 @@ class LogReader:
     @property
     def manifest(self) -> dict[str, Any]:
         """The manifest given to the log's writer; empty for a log of another writer."""
-        places = [place for place in self._contents.metadata if place.name == METADATA_NAME]
-        if not places:
+        entries = [entry for entry in self._contents.metadata if entry.name == METADATA_NAME]
+        if not entries:
             return {}
         with self._open() as file:
-            return from_metadata(read_metadata(file, places[-1].offset))
+            return from_metadata(read_metadata(file, entries[-1].offset))
 
     @property
     def metadata(self) -> tuple[tuple[str, dict[str, str]], ...]:
         """Name and content of every metadata record, in the order of the file; several may have one name."""
         with self._open() as file:
-            return tuple((place.name, read_metadata(file, place.offset)) for place in self._contents.metadata)
+            return tuple((entry.name, read_metadata(file, entry.offset)) for entry in self._contents.metadata)
 
     @property
     def by_file(self) -> bool:
@@ -145,7 +145,7 @@ class LogReader:
     @property
     def attachments(self) -> tuple[str, ...]:
         """The names of the attachments, in the order of the file; several may have one name."""
-        return tuple(place.name for place in self._contents.attachments)
+        return tuple(entry.name for entry in self._contents.attachments)
 
     def attachment(self, name: str, *, which: int = -1) -> bytes:
         """Return an attachment.
@@ -162,12 +162,12 @@ class LogReader:
         LogError
             If the log has none of this name; the line names those that exist.
         """
-        places = [place for place in self._contents.attachments if place.name == name]
-        if not places:
+        entries = [entry for entry in self._contents.attachments if entry.name == name]
+        if not entries:
             exist = names_text(self.attachments) or "none"
             raise LogError(f"{self.path}: no attachment {name!r}; there are: {exist}")
         with self._open() as file:
-            return read_attachment(file, places[which].offset)
+            return read_attachment(file, entries[which].offset)
 
     @cached_property
     def _summary(self) -> Contents | DamagedLog | None:

@@ -112,7 +112,7 @@ class SessionReader:
         raise LogError(f"{self.path}: no attachment {name!r}; there are: {names_text(self.attachments) or 'none'}")
 
 
-# log time [ns] and place of the next message
+# log time [ns] and part of the next message
 _UnderWay: TypeAlias = tuple[int, int, RecordedMessage, Iterator[RecordedMessage]]
 
 Reader: TypeAlias = LogReader | SessionReader
@@ -132,19 +132,19 @@ def open_log(log: Log) -> Reader:
 
 def _merged(parts: Sequence[Callable[[], Iterator[RecordedMessage]]]) -> Iterator[RecordedMessage]:
     """Yield the messages of parts by log time, those of one time in the order of the parts."""
-    firsts = ((place, next(read(), None)) for place, read in enumerate(parts))
-    waiting = deque(sorted((first.log_time_ns, place) for place, first in firsts if first is not None))
+    firsts = ((part, next(read(), None)) for part, read in enumerate(parts))
+    waiting = deque(sorted((first.log_time_ns, part) for part, first in firsts if first is not None))
     under_way: list[_UnderWay] = []  # a heap; no two of one part
     while waiting or under_way:
         while waiting and (not under_way or waiting[0] <= under_way[0][:2]):
-            _, place = waiting.popleft()
-            _advance(under_way, place, parts[place]())
-        _, place, record, stream = heapq.heappop(under_way)
+            _, part = waiting.popleft()
+            _advance(under_way, part, parts[part]())
+        _, part, record, stream = heapq.heappop(under_way)
         yield record
-        _advance(under_way, place, stream)
+        _advance(under_way, part, stream)
 
 
-def _advance(under_way: list[_UnderWay], place: int, stream: Iterator[RecordedMessage]) -> None:
+def _advance(under_way: list[_UnderWay], part: int, stream: Iterator[RecordedMessage]) -> None:
     record = next(stream, None)
     if record is not None:
-        heapq.heappush(under_way, (record.log_time_ns, place, record, stream))
+        heapq.heappush(under_way, (record.log_time_ns, part, record, stream))

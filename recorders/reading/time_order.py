@@ -180,6 +180,6 @@ def _messages(file: BinaryIO, size: int, offset: int, end: int, walk: MessageSca
         yield from walk.bare(read_record(file, size))
         return
     data = file.read(end - offset) if end else chunk_data(read_record(file, size))
-    times_ns, places, _ = walk.placed(data, offset)
-    for place in in_order(times_ns, places):
-        yield walk.message(data, place)
+    times_ns, positions, _ = walk.placed(data, offset)
+    for position in in_order(times_ns, positions):
+        yield walk.message(data, position)

@@ -334,21 +334,21 @@ def _declared(receiver: Receiver, sender: bytes, record: RecordedMessage) -> Dec
     return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
 
 
-def _decodes(kind: str, data: bytes) -> bool:
+def _decodes(type_name: str, data: bytes) -> bool:
     """Whether bytes are a message of a type of the table of topics."""
     try:
-        decode(kind, data)
+        decode(type_name, data)
     except MessageError:
         return False
     return True
 
 
-def _is_standard(kind: str, data: bytes) -> bool:
+def _is_standard(type_name: str, data: bytes) -> bool:
     """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can decide."""
-    if not is_known(kind):
+    if not is_known(type_name):
         return False
     try:
-        typestore().deserialize_cdr(data, kind)
+        typestore().deserialize_cdr(data, type_name)
     except Exception:  # of any kind: rosbags checks nothing beforehand
         return False
     return True

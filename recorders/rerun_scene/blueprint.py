@@ -6,13 +6,11 @@ from typing import Literal
 import numpy as np
 import rerun as rr
 import rerun.blueprint as rrb
-from numpy.typing import NDArray
 
+from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.hands import HANDS, FrontalPlane
 from recorders.rerun_scene.robot import GAUGES, LABEL_AT, ROW_HEIGHT
 from recorders.rerun_scene.track import TIMELINE
-
-Floats = NDArray[np.float64]
 
 EPOCHS = "epoch"
 """Timeline of a learner that is presented a motion again and again."""
@@ -24,7 +22,7 @@ _LEAST_RANGE_CM = 0.1
 
 
 def motion_blueprint(
-    points: Floats, plane: FrontalPlane, *, joints: int, top_cm: float, live: bool = False, learning: bool = False
+    points: FloatArray, plane: FrontalPlane, *, joints: int, top_cm: float, live: bool = False, learning: bool = False
 ) -> rrb.Blueprint:
     """Lay out a robot that follows a motion: robot and hands on the left, joints and errors on the right.
 
@@ -49,7 +47,7 @@ def motion_blueprint(
 
 
 def learning_blueprint(
-    points: Floats,
+    points: FloatArray,
     plane: FrontalPlane,
     *,
     joints: int,
@@ -79,7 +77,7 @@ def learning_blueprint(
 
 
 def controller_blueprint(
-    points: Floats, plane: FrontalPlane, *, joints: int, top_cm: float, spread: Mapping[str, str], activity: bool
+    points: FloatArray, plane: FrontalPlane, *, joints: int, top_cm: float, spread: Mapping[str, str], activity: bool
 ) -> rrb.Blueprint:
     """Lay out a learned controller: its motion on the left, the network and how it was learned on the right.
 
@@ -107,11 +105,11 @@ def _blueprint(left: rrb.Container, right: rrb.Container, *, timeline: str, live
     return rrb.Blueprint(rrb.Horizontal(left, right, column_shares=[1, 1]), panel, collapse_panels=True)
 
 
-def _robot_and_hands(points: Floats, plane: FrontalPlane) -> rrb.Vertical:
+def _robot_and_hands(points: FloatArray, plane: FrontalPlane) -> rrb.Vertical:
     return rrb.Vertical(_scene(points), _frontal(points, plane), row_shares=[2, 1])
 
 
-def _scene(points: Floats) -> rrb.Spatial3DView:
+def _scene(points: FloatArray) -> rrb.Spatial3DView:
     """Look at the hands from ahead of the robot, which stands at the origin; the hands leave a trail."""
     middle = points.mean(axis=0)  # (3,)
     ahead = np.array([middle[0], middle[1], 0.0])
@@ -129,7 +127,7 @@ def _scene(points: Floats) -> rrb.Spatial3DView:
     )
 
 
-def _frontal(points: Floats, plane: FrontalPlane) -> rrb.Spatial2DView:
+def _frontal(points: FloatArray, plane: FrontalPlane) -> rrb.Spatial2DView:
     seen = plane.picture_cm(points)  # (N, 2)
     low, high = seen.min(axis=0) - _MARGIN_CM, seen.max(axis=0) + _MARGIN_CM
     return rrb.Spatial2DView(
@@ -187,6 +185,6 @@ def _activity() -> rrb.TensorView:
     )
 
 
-def stack_points(*paths: Sequence[Floats] | Floats) -> Floats:
+def stack_points(*paths: Sequence[FloatArray] | FloatArray) -> FloatArray:
     """Return all the points [m] of paths (..., 3), shape (N, 3)."""
     return np.concatenate([np.asarray(path).reshape(-1, 3) for path in paths])

@@ -6,11 +6,10 @@ from typing import Self
 
 import numpy as np
 import rerun as rr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.track import Instants, Track
-
-Floats = NDArray[np.float64]
 
 HANDS = ("left", "right")
 HAND_COLOURS = ((86, 180, 233), (230, 159, 0))  # sky blue, orange: Okabe and Ito, for all kinds of colour vision
@@ -35,7 +34,7 @@ class FrontalPlane:
     lateral: ArrayLike = (0.0, 1.0, 0.0)
     up: ArrayLike = (0.0, 0.0, 1.0)
 
-    def picture_cm(self, points: Floats) -> Floats:
+    def picture_cm(self, points: FloatArray) -> FloatArray:
         """Return points [m], shape (..., 3), as a picture has them [cm], shape (..., 2): to the right, down."""
         axes = -np.stack([np.asarray(self.lateral), np.asarray(self.up)], axis=1)  # (3, 2)
         return np.asarray(points @ axes * _CM_PER_M)
@@ -71,11 +70,11 @@ class HandScene:
                 self._recording.log(f"frontal/{hand}/{name}", flat, static=True)
         return self
 
-    def send_target_paths(self, targets: Floats) -> None:
+    def send_target_paths(self, targets: FloatArray) -> None:
         """Send whole paths of the targets [m], shape (T, 2, 3), to stay."""
         self._log_paths("target_path", targets, (TARGET_COLOUR, TARGET_COLOUR), static=True)
 
-    def log_paths(self, targets: Floats, reached: Floats) -> None:
+    def log_paths(self, targets: FloatArray, reached: FloatArray) -> None:
         """Send whole paths [m], shapes (T, 2, 3), of now: those of the next time take their place."""
         self._log_paths("target_path", targets, (TARGET_COLOUR, TARGET_COLOUR), static=False)
         self._log_paths("reached_path", reached, HAND_COLOURS, static=False)
@@ -92,7 +91,9 @@ class HandScene:
                 self._recording.send_columns(f"frontal/{hand}/{name}", index, flat)
             self._recording.send_columns(f"error/{hand}", when, rr.Scalars.columns(scalars=errors_cm[plotted, i]))
 
-    def _log_paths(self, name: str, points: Floats, colours: Sequence[tuple[int, int, int]], *, static: bool) -> None:
+    def _log_paths(
+        self, name: str, points: FloatArray, colours: Sequence[tuple[int, int, int]], *, static: bool
+    ) -> None:
         for i, hand in enumerate(HANDS):
             path = points[:, i]
             solid = rr.LineStrips3D([path], colors=[colours[i]], radii=[_PATH_RADIUS_M])

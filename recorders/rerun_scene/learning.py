@@ -4,11 +4,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 import rerun as rr
-from numpy.typing import NDArray
 
+from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.hands import HAND_COLOURS, HANDS
-
-Floats = NDArray[np.float64]
 
 _MAIN, _FAINT = (86, 180, 233), (110, 130, 145)
 _WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, purple, yellow: Okabe and Ito
@@ -35,7 +33,9 @@ def log_errors(recording: rr.RecordingStream, hands_cm: Sequence[float]) -> None
         recording.log(f"learning/error/{hand}", rr.Scalars(error_cm))
 
 
-def log_drift(recording: rr.RecordingStream, spread: Mapping[str, Floats], *, moved: Mapping[str, Floats]) -> None:
+def log_drift(
+    recording: rr.RecordingStream, spread: Mapping[str, FloatArray], *, moved: Mapping[str, FloatArray]
+) -> None:
     """Send mean and spread of arrays by name, and how far weights have moved on the mean, by kind, now."""
     for name, values in spread.items():
         mean, deviation = float(values.mean()), float(values.std())
@@ -43,14 +43,16 @@ def log_drift(recording: rr.RecordingStream, spread: Mapping[str, Floats], *, mo
     recording.log("drift/weights", rr.Scalars([float(np.abs(change).mean()) for change in moved.values()]))
 
 
-def log_activity(recording: rr.RecordingStream, activity: Floats, *, static: bool = False) -> None:
+def log_activity(recording: rr.RecordingStream, activity: FloatArray, *, static: bool = False) -> None:
     """Send the activity y of the reservoir, shape (T, neurons), as a picture with time to the right."""
     shades = float(activity.min()), float(activity.max())
     picture = rr.Tensor(activity.T.astype(np.float32), dim_names=("neuron", "time"), value_range=shades)
     recording.log("reservoir/activity", picture, static=static)
 
 
-def send_network(recording: rr.RecordingStream, arrays: Mapping[str, Floats], *, errors_cm: Sequence[float]) -> None:
+def send_network(
+    recording: rr.RecordingStream, arrays: Mapping[str, FloatArray], *, errors_cm: Sequence[float]
+) -> None:
     """Send how arrays of a learner are distributed, by name, and the error of every epoch [cm], to stay."""
     for name, values in arrays.items():
         counts, edges = np.histogram(values, bins=_BINS)

@@ -7,14 +7,13 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from rerun.urdf import UrdfJoint, UrdfTree
 
 from recorders.errors import JointError, RobotError
+from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.track import Instants
 from recorders.text.wording import names_text
-
-Floats = NDArray[np.float64]
 
 WORLD = "tf#/"  # the name that Rerun gives to the frame of a view whose origin is "/"
 GAUGES = "limits"
@@ -63,7 +62,7 @@ class RobotModel:
         recording.log("joints", rr.SeriesLines(names=names), static=True)
         self._send_gauges(recording)
 
-    def send(self, recording: rr.RecordingStream, instants: Instants, joints: Floats) -> None:
+    def send(self, recording: rr.RecordingStream, instants: Instants, joints: FloatArray) -> None:
         """Send postures [rad or m], shape (T, n).
 
         All joints are one entity: an entity each costs sixteen times as much to write. A pose has a row of its own.
@@ -85,15 +84,15 @@ class RobotModel:
         columns = rr.Points2D.columns(positions=points.reshape(-1, 2), colors=colours.reshape(-1, 3))
         recording.send_columns(f"{GAUGES}/now", index, columns.partition(rows))
 
-    def percent_of_range(self, joints: Floats) -> Floats:
+    def percent_of_range(self, joints: FloatArray) -> FloatArray:
         """Return where postures (T, n) stand in the joints' ranges: -100 at the lower limit, 100 at the upper."""
         limits = np.array([_limits(joint) for joint in self.joints], dtype=np.float64)  # (n, 2)
         lower, upper = limits.T
-        percent: Floats = (joints - (lower + upper) / 2.0) / (upper - lower) * 200.0
+        percent: FloatArray = (joints - (lower + upper) / 2.0) / (upper - lower) * 200.0
         return percent
 
     @property
-    def _rows(self) -> Floats:
+    def _rows(self) -> FloatArray:
         return np.arange(len(self.joints), dtype=np.float64) * ROW_HEIGHT
 
     def _send_gauges(self, recording: rr.RecordingStream) -> None:
@@ -109,7 +108,7 @@ class RobotModel:
         recording.log(f"{GAUGES}/now", rr.Points2D.from_fields(radii=[4.0]), static=True)
 
 
-def joint_poses(joints: Sequence[UrdfJoint], values: Floats) -> tuple[Floats, Floats]:
+def joint_poses(joints: Sequence[UrdfJoint], values: FloatArray) -> tuple[FloatArray, FloatArray]:
     """Return the poses of the joints' child links in their parent links.
 
     Rerun's own function does one joint at a time, at a hundred times the cost.
@@ -135,24 +134,24 @@ def joint_poses(joints: Sequence[UrdfJoint], values: Floats) -> tuple[Floats, Fl
     return translations, _product(origins, _about(axes, np.where(slides, 0.0, values)))
 
 
-def _about(axis: ArrayLike, angle: Floats) -> Floats:
+def _about(axis: ArrayLike, angle: FloatArray) -> FloatArray:
     """Return the quaternions x, y, z, w of turns by angles [rad] (...) about unit vectors, shape (..., 4)."""
     sine, cosine = np.sin(angle / 2.0)[..., np.newaxis], np.cos(angle / 2.0)[..., np.newaxis]
     return np.concatenate([np.asarray(axis) * sine, cosine], axis=-1)
 
 
-def _product(a: Floats, b: Floats) -> Floats:
+def _product(a: FloatArray, b: FloatArray) -> FloatArray:
     """Return the quaternions of the turns b followed by a, shape (..., 4)."""
     (p, s), (q, t) = (a[..., :3], a[..., 3:]), (b[..., :3], b[..., 3:])
     vector = s * q + t * p + np.cross(p, q)
     return np.concatenate([vector, s * t - np.sum(p * q, axis=-1, keepdims=True)], axis=-1)
 
 
-def _turned(quaternions: Floats, vectors: Floats) -> Floats:
+def _turned(quaternions: FloatArray, vectors: FloatArray) -> FloatArray:
     """Return vectors (..., 3) turned by quaternions (..., 4)."""
     axis, w = quaternions[..., :3], quaternions[..., 3:]
     sideways = np.cross(axis, vectors)
-    turned: Floats = vectors + 2.0 * (w * sideways + np.cross(axis, sideways))
+    turned: FloatArray = vectors + 2.0 * (w * sideways + np.cross(axis, sideways))
     return turned
 
 

@@ -9,8 +9,8 @@ import rerun as rr
 from numpy.typing import ArrayLike, NDArray
 
 from recorders.errors import JointError, MotionError
+from recorders.messages.validation import FloatArray
 
-Floats = NDArray[np.float64]
 Times = NDArray[np.int64]
 
 TIMELINE = "time"
@@ -41,9 +41,9 @@ class Track:
     """
 
     times_ns: Times
-    joints: Floats
-    targets: Floats
-    reached: Floats
+    joints: FloatArray
+    targets: FloatArray
+    reached: FloatArray
     scored: NDArray[np.bool_] | None = None
 
     @classmethod
@@ -82,7 +82,7 @@ class Track:
         return Instants(TIMELINE, self.times_ns)
 
     @property
-    def errors_cm(self) -> Floats:
+    def errors_cm(self) -> FloatArray:
         """Distance of each hand from its target [cm], shape (T, 2)."""
         return np.asarray(np.linalg.norm(self.reached - self.targets, axis=2) * _CM_PER_M)
 
