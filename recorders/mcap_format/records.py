@@ -116,6 +116,7 @@ class _WholeStream(ReadDataStream):
     """The library's stream gives less than was asked for at its end; this one raises."""
 
     def read(self, length: int) -> bytes:
+        """Return the next `length` bytes; raises EndOfFile if there are fewer."""
         data = super().read(length)
         if len(data) < length:
             raise EndOfFile

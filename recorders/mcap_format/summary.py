@@ -96,7 +96,7 @@ class Contents:
         Where each stands, by its name; several may have one.
     chunks : ChunkTable
         Where the chunks stand.
-    sound : bool
+    crc_verified : bool
         Whether this is from a summary section that a CRC covers and that knows every channel and chunk.
     """
 
@@ -105,7 +105,7 @@ class Contents:
     metadata: list[NamedOffset] = field(default_factory=list)
     attachments: list[NamedOffset] = field(default_factory=list)
     chunks: ChunkTable = field(default_factory=ChunkTable)
-    sound: bool = False
+    crc_verified: bool = False
 
     def register(self, record: RawRecord) -> None:
         """Take in any record of a data or summary section; raises DamagedLog if it is malformed."""
@@ -151,7 +151,7 @@ def read_contents(file: BinaryIO) -> Contents | None:
     contents.metadata.sort()
     contents.attachments.sort()
     whole = contents.chunks.ordered and len(contents.chunks) == statistics.chunk_count
-    contents.sound = whole and bool(footer.summary_crc)
+    contents.crc_verified = whole and bool(footer.summary_crc)
     return contents
 
 

@@ -34,7 +34,7 @@ def is_protected(file: BinaryIO) -> bool:
     if footer.summary_start and not footer.summary_crc:
         return False
     contents = None if end.data_section_crc else read_contents(file)
-    return bool(end.data_section_crc) or (contents is not None and contents.sound and _in_chunks(file))
+    return bool(end.data_section_crc) or (contents is not None and contents.crc_verified and _in_chunks(file))
 
 
 def _in_chunks(file: BinaryIO) -> bool:

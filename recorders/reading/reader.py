@@ -182,7 +182,7 @@ class LogReader:
     def _index(self) -> Contents:
         """Contents of the summary section if a CRC covers it, empty contents otherwise."""
         summary = self._summary
-        return summary if isinstance(summary, Contents) and summary.sound else Contents()
+        return summary if isinstance(summary, Contents) and summary.crc_verified else Contents()
 
     @cached_property
     def _contents(self) -> Contents:

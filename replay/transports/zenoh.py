@@ -148,6 +148,7 @@ class _Delivery:
         self._stack.close()
 
     def run(self, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
+        """Deliver the stream and return the consumers' results by name."""
         try:
             for name in self._config.consumers:
                 self._greet(name)
