@@ -9,8 +9,9 @@ from typing import Any
 import numpy as np
 
 from pipeline.exploration.episode import ExplorationConfig, MotionPlan, TargetHold, TeacherRun, start_posture
-from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
+from pipeline.robot.config import RobotConfig, load_robot, robot_names
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
@@ -20,7 +21,7 @@ from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
 from recorders.ticks.joiner import join_ticks
 from replay.diff.fields import format_pair
-from replay.sources.scheduled import naming, read_robot
+from replay.sources.scheduled import naming
 
 
 @dataclass(frozen=True, eq=False)
@@ -86,10 +87,7 @@ def _present(log: Path) -> RobotConfig:
 
 
 def _logged(log: Path) -> RobotConfig:
-    files = read_robot(LogReader(log))
-    if not files:
-        raise LogError(f"{log}: expected the robot's files among the attachments, found none")
-    return parse_robot(files["toml"], files["urdf"], origin=log)
+    return require_recorded_robot(LogReader(log))
 
 
 def _exploration(log: Path) -> _Settings:

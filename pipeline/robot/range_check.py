@@ -5,16 +5,16 @@ from collections.abc import Callable, Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
-from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
-from recorders.errors import ConfigError, MessageError
+from recorders.errors import MessageError
 from recorders.messages.message_types import JointState
 from recorders.messages.validation import FloatArray
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.ticks.joiner import JointMap
 from replay.sources.live import LiveLog
-from replay.sources.scheduled import read_robot
 
 MAX_DISTANCE_M = 10.0
 """No target lies farther than this from the middle of the patterns [m], however large the robot."""
@@ -161,8 +161,5 @@ def live_log(
         If the log cannot be read, or holds nothing to learn from.
     """
     if robot is None:
-        texts = read_robot(open_log(log))
-        if not texts:
-            raise ConfigError(f"{log}: expected the robot in the log, found none; give it with --robot")
-        robot = parse_robot(texts["toml"], texts["urdf"], origin=log)
+        robot = require_recorded_robot(open_log(log), has_option=True)
     return LiveLog(log, epochs=epochs, check=range_check(robot), renames=renames, say=say)

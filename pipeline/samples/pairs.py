@@ -6,15 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.config import RobotConfig
 from pipeline.robot.range_check import range_check
+from pipeline.robot.recorded import recorded_robot, require_recorded_robot
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
 from recorders.ticks.joiner import RANKS, JointMap, Tick, join_ticks
-from replay.sources.scheduled import naming, read_robot, renamed
+from replay.sources.scheduled import naming, renamed
 from replay.sources.stream_digest import digest_link
 
 HANDS = 6
@@ -173,13 +174,7 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None) -> Samples:
         If its messages or its robot are not what they should be.
     """
     reader = open_log(path)
-    texts = read_robot(reader)
-    if texts:
-        robot = parse_robot(texts["toml"], texts["urdf"], origin=path)
-    if robot is None:
-        raise LogError(
-            f"{path}: expected the robot's files among the attachments, found {reader.attachments or 'none'}"
-        )
+    robot = recorded_robot(reader) or robot or require_recorded_robot(reader)
     with naming(path):
         presented = Presentation.of(_first_presentation(reader), robot)
     if not len(presented.u):

@@ -8,12 +8,13 @@ import rerun as rr
 
 from pipeline.evaluation.trials import evaluate_motion, robot_of
 from pipeline.learner.controller import Controller
-from pipeline.robot.config import RobotConfig, load_robot, parse_robot
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.recorded import require_recorded_robot
 from pipeline.views.learning import plane_of
 from pipeline.views.network import NetworkView
 from pipeline.views.rows import JOINT_TOPICS, VIEWED, MotionRows
 from recorders.cdr.codec import decode
-from recorders.errors import ConfigError, LogError
+from recorders.errors import LogError
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
@@ -24,7 +25,7 @@ from recorders.rerun_scene.recording import Destination, send_motion
 from recorders.rerun_scene.robot import RobotModel
 from recorders.rerun_scene.track import TIMELINE, Instants, Track
 from recorders.text.wording import names_text
-from replay.sources.scheduled import naming, read_robot, renamed
+from replay.sources.scheduled import naming, renamed
 
 PERIOD_NS = 100_000_000
 """Time from one target to the next at deployment; the paper's 10 Hz."""
@@ -151,10 +152,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
 
 
 def _recorded_robot(reader: Reader) -> RobotConfig:
-    texts = read_robot(reader)
-    if not texts:
-        raise ConfigError(f"{reader.path}: the log carries no robot; give one with --robot")
-    return parse_robot(texts["toml"], texts["urdf"], origin=reader.path)
+    return require_recorded_robot(reader, has_option=True)
 
 
 def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
