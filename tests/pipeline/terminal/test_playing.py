@@ -1,5 +1,6 @@
 """A replay that obeys the keyboard of its terminal and leaves it as it was; one that is held against a recorded run."""
 
+import fcntl
 import os
 import pty
 import signal
@@ -7,6 +8,7 @@ import subprocess
 import sys
 import termios
 import time
+from array import array
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -50,9 +52,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Seated:
     """A paced replay on a terminal of its own, and all that is heard of it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], keys: int, heard: list[str]) -> None:
+    def __init__(self, process: subprocess.Popen[bytes], keys: int, terminal: int, heard: list[str]) -> None:
         self.process = process
         self._keys = keys
+        self._terminal = terminal
         self._heard = heard
 
     def press(self, key: str) -> None:
@@ -69,13 +72,18 @@ class Seated:
             time.sleep(0.01)
 
     def settled(self) -> int:
-        """Return how many were heard once no more come; fails if they never cease."""
+        """Return how many were heard once every key is read and no more come; fails if they never cease."""
+        self.wait_for(lambda count: self._unread() == 0)
         deadline, before = time.monotonic() + DEADLINE_S, -1
         while before != self.count():
             assert time.monotonic() < deadline
             before = self.count()
             time.sleep(QUIET_S)
         return before
+
+    def _unread(self) -> int:
+        (count,) = array("i", fcntl.ioctl(self._terminal, termios.FIONREAD, bytes(4)))
+        return count
 
     def status(self) -> int:
         return self.process.wait(timeout=DEADLINE_S)
@@ -102,7 +110,7 @@ def seated(log: Path, *options: object, launcher: str = FOREGROUND) -> Iterator[
             start_new_session=True,
         ) as process:
             try:
-                yield Seated(process, keys, heard)
+                yield Seated(process, keys, terminal, heard)
                 assert process.poll() is not None
                 assert termios.tcgetattr(terminal) == before
             finally:
