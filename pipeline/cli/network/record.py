@@ -69,22 +69,25 @@ def record(
     from recorders.recording.live_recorder import LiveRecorder
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
+    from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
     config = topics.config()
+    if out is not None and config.split_bytes is None and config.split_ns is None:
+        check_place(out, overwrite=overwrite)  # before anybody is waited for
     receiving = _receiving(name, node.namespace, config)
     session = node.config()
     with (
         console.counter("record") as show,
-        LiveRecorder(
+        open_session(session) as opened,
+        Receiver(opened, config=receiving, say=console.notice) as receiver,
+        LiveRecorder(  # last, as it sets aside what a crash left: only a recording that begins may do that
             out,
             config=config,
             overwrite=overwrite,
             on_progress=lambda so_far: show(so_far.messages, so_far.size),
             say=console.notice,
-        ) as recorder,  # first, as it refuses a name that is taken
-        open_session(session) as opened,
-        Receiver(opened, config=receiving, say=console.notice) as receiver,
+        ) as recorder,
         running_node(
             opened,
             recorder.source(name),

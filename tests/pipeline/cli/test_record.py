@@ -513,10 +513,12 @@ def test_two_recorders_of_one_name_are_one_too_many(tmp_path: Path) -> None:
     with open_session(SessionConfig(listen=(endpoint,))):
         with start("record", "--out", "a.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process:
             wait_for_line(process, "records reenact/**")
+            (tmp_path / "b.mcap.part").write_bytes(b"what a crash left")
             second = reenact("record", "--out", "b.mcap", "--connect", endpoint, cwd=tmp_path)
             assert "a consumer 'recorder' is in namespace 'reenact' already" in complaint(second)
             stop(process)
     assert not (tmp_path / "b.mcap").exists()
+    assert (tmp_path / "b.mcap.part").read_bytes() == b"what a crash left"  # it recorded nothing, and moved nothing
 
 
 @pytest.mark.parametrize(
