@@ -69,4 +69,7 @@ def diff(
         raise ConfigError("--topic, --ignore and --tolerance: expected two logs beside them")
     if is_controller(a) and is_controller(b):
         return first_difference(Controller.load(a), Controller.load(b))
+    for path in (a, b):
+        if not (path.exists() or is_log(path)):
+            raise LogError(f"{path}: no such file")
     raise ReenactError(f"expected two logs (.mcap) or two controllers (.npz), found {a.name} and {b.name}")

@@ -119,9 +119,13 @@ def test_two_logs(tmp_path: Path) -> None:
 def test_files_of_no_kind_or_of_two(controller: Controller, tmp_path: Path) -> None:
     log = write_episode(tmp_path / "a.mcap", samples=2)
     controller.save(tmp_path / "a.npz")
+    for name in ("a.csv", "b.csv"):
+        (tmp_path / name).write_text("t")
     for a, b in ((log, tmp_path / "a.npz"), (tmp_path / "a.csv", tmp_path / "b.csv")):
         with pytest.raises(ReenactError, match=rf"expected two logs .*found {a.name} and {b.name}$"):
             diff(a, b)
     for name in ("gone.mcap", "gone.npz"):
         with pytest.raises(ReenactError, match=name):
             diff(tmp_path / name, tmp_path / name)
+    with pytest.raises(ReenactError, match="gone: no such file"):
+        diff(log, tmp_path / "gone")
