@@ -41,10 +41,13 @@ def graph(script: ModuleType) -> grimp.ImportGraph:
     return graph
 
 
-def test_the_picture_has_the_floors_of_the_contracts(script: ModuleType) -> None:
+def test_the_picture_has_the_floors_of_the_contracts_and_the_real_imports(
+    script: ModuleType, graph: grimp.ImportGraph
+) -> None:
     with Image.open(PICTURE) as image:
         drawn = json.loads(image.info["Description"])
     assert drawn["floors"] == script.contract_floors(), "draw it again: python data/pictures/floors.py"
+    assert drawn["libraries"] == script.libraries(graph), "draw it again: python data/pictures/floors.py"
     assert PICTURE.stat().st_size < 200_000
 
 
