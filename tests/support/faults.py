@@ -166,8 +166,8 @@ def learning_during_washout(patch: Patch, folder: Path) -> None:
 
 
 def washout_cycle_skipped(patch: Patch, folder: Path) -> None:
-    right = Schedule.epoch
-    patch.setattr(Schedule, "epoch", lambda self: iter(list(right(self))[1:]))
+    right = Schedule.cycles_of_epoch
+    patch.setattr(Schedule, "cycles_of_epoch", lambda self: iter(list(right(self))[1:]))
 
 
 def washout_before_trials_skipped(patch: Patch, folder: Path) -> None:
@@ -246,9 +246,9 @@ def another_start_posture(patch: Patch, folder: Path) -> None:
     patch.setattr(reproduce, "start_posture", lambda robot, *, seed, spread: right(robot, seed=9, spread=spread))
 
 
-def _simulating(patch: Patch, kept: int) -> None:
-    right = reproduce.Episode.cycle
-    patch.setattr(reproduce.Episode, "cycle", lambda self, led: islice(right(self, led), kept))
+def _simulating(patch: Patch, count: int) -> None:
+    right = reproduce.TeacherRun.cycle
+    patch.setattr(reproduce.TeacherRun, "cycle", lambda self, plan: islice(right(self, plan), count))
 
 
 def simulation_makes_nothing(patch: Patch, folder: Path) -> None:
