@@ -8,12 +8,14 @@ import sys
 import urllib.request
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
 import pytest
 from episodes import write_episode
 from processes import start, wait_for_line
+from rich.console import Console
 from sockets import listening, loopback
 
 from pipeline.cli import app
@@ -227,6 +229,29 @@ def test_what_strangers_say_is_spelt_out(capsys: pytest.CaptureFixture[str]) -> 
 def test_the_table_takes_nodes_that_say_little() -> None:
     assert status_table([NodeStatus("robot", "r", "no answer")]).row_count == 1
     assert [duration(seconds) for seconds in (-1.0, 59.9, 61.0, 7260.0)] == ["0 s", "59 s", "1 min 1 s", "2 h 1 min"]
+
+
+def test_the_table_of_a_deployment_fits_80_columns_with_no_word_broken() -> None:
+    robot = NodeStatus(
+        "robot", "asimo", "real time", 23.0, {"commands": 51, "messages": 5070, "slipped_ms": 1728},
+        {"commands": 5.1, "messages": 244.7}, {}, {"robot": "5697253c861f6b20"},
+    )  # fmt: skip
+    controller = NodeStatus(
+        "controller", "controller", "serving", 16.0, {"commands": 51}, {"commands": 5.0},
+        {"p50": 207.0, "p99": 963.0}, {"controller": "c5975ca1a2b3c4d5"},
+    )  # fmt: skip
+    console = Console(width=80, file=StringIO())
+    console.print(status_table([robot, controller]))
+    shown = console.file.getvalue()  # type: ignore[attr-defined]
+    for text in (
+        "controller  controller",
+        "slipped_ms 1728",
+        "messages 5070 (244.7 Hz)",
+        "p50 207 us",
+        "16 s   commands 51 (5.0 Hz)",
+        "c5975ca1",
+    ):
+        assert text in shown
 
 
 @pytest.mark.parametrize("verb", ["robot", "serve", "learn", "record", "replay"])
