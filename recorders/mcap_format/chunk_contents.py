@@ -10,6 +10,9 @@ from recorders.mcap_format.records import FIRST_RESERVED, HEAD, RawRecord, chunk
 
 MESSAGE = struct.Struct("<HIQQ")  # channel, sequence, log time, publish time; the data follow
 
+MAX_OTHER_RECORDS = 2**18
+"""The most records of a chunk that are no messages: twice what a log can declare; more would only take time."""
+
 _DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
 
@@ -38,12 +41,21 @@ def body_at(data: bytes, position: int, offset: int) -> tuple[int, int, int]:
 def split(data: bytes, offset: int) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, beginning and end of the body of each record in the data of the chunk at `offset`.
 
-    Raises as `body_at` does.
+    Raises as `body_at` and `check_others` do.
     """
-    position, size = 0, len(data)
+    position, size, others = 0, len(data), 0
     while position < size:
         opcode, start, position = body_at(data, position, offset)
+        if opcode != _MESSAGE_OPCODE:
+            others += 1
+            check_others(others, offset)
         yield opcode, start, position
+
+
+def check_others(count: int, offset: int) -> None:
+    """Check how many records that are no messages the chunk at `offset` holds; raises DamagedLog if too many."""
+    if count > MAX_OTHER_RECORDS:
+        raise damaged(offset, f"a chunk of more than {MAX_OTHER_RECORDS} records that are no messages")
 
 
 def checked(chunk: RawRecord) -> bytes:

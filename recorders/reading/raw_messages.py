@@ -12,7 +12,7 @@ import numpy as np
 from mcap.opcode import Opcode
 
 from recorders.errors import LogError
-from recorders.mcap_format.chunk_contents import MESSAGE, body_at
+from recorders.mcap_format.chunk_contents import MESSAGE, body_at, check_others
 from recorders.mcap_format.errors import DamagedLog, damaged
 from recorders.mcap_format.records import RawRecord
 from recorders.mcap_format.summary import ChannelTable
@@ -91,7 +91,7 @@ class MessageScanner:
         The third is what is wrong in them behind the messages, None if nothing is.
         """
         times_ns, positions = array("Q"), array("I")  # a chunk is smaller than 4 GB
-        position = 0
+        position = others = 0
         try:
             while position < len(data):
                 opcode, start, end = body_at(data, position, offset)
@@ -103,6 +103,8 @@ class MessageScanner:
                         times_ns.append(log_time_ns)
                         positions.append(position)
                 else:
+                    others += 1
+                    check_others(others, offset)
                     self.channels.register(RawRecord(opcode, offset, data[start:end]))
                 position = end
         except DamagedLog as error:
@@ -138,12 +140,16 @@ class MessageScanner:
         return self.start_ns > 0 or self.end_ns < FOREVER_NS
 
     def _batches(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
-        position = 0
+        position = others = 0
         while position < len(data):
             batch, then = self._run(data, position)
             if batch:
                 yield self._of_time(batch)
-            position = then if then > position else self._other(data, position, offset)
+            if then == position:
+                others += 1
+                check_others(others, offset)
+                then = self._other(data, position, offset)
+            position = then
 
     def _held(self, data: bytes, offset: int) -> Iterator[list[RecordedMessage]]:
         """Yield the messages of a chunk by their times: so few are all held, and sorted if they turn out to fall."""

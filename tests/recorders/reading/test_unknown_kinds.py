@@ -57,3 +57,20 @@ def test_a_kind_that_has_no_place_in_a_chunk_is_damage_to_readers_too(tmp_path, 
     with pytest.raises(LogError, match=f"a record of kind {kind} in a chunk"):
         read.extend(record.sequence for record in LogReader(path))
     assert not summarise(path).sound
+
+
+def test_a_flood_of_records_that_are_no_messages_is_damage_at_once(tmp_path, monkeypatch):
+    """64 MiB of empty ones would take a minute to pass over, and hold nothing."""
+    monkeypatch.setattr("recorders.mcap_format.chunk_contents.MAX_OTHER_RECORDS", 5)
+    path = tmp_path / "log.mcap"
+    for others, sound in ((4, True), (5, False)):  # and the channel
+        data = packed(CHANNEL) + MESSAGES[0] + unknown(0x42, 0) * others + MESSAGES[1]
+        chunk = packed(Chunk("", data, 10, 0, zlib.crc32(data), len(data)))
+        tail = packed(DataEnd(0)) + packed(Footer(0, 0, 0)) + MAGIC
+        path.write_bytes(MAGIC + packed(Header("", "other")) + chunk + tail)
+        assert summarise(path).sound == sound
+        if sound:
+            assert len(list(LogReader(path))) == 2
+        else:
+            with pytest.raises(LogError, match="more than 5 records that are no messages"):
+                list(LogReader(path))
