@@ -4,7 +4,7 @@ import math
 from xml.etree import ElementTree
 
 from pipeline.robot.config import RobotConfig
-from pipeline.urdf.description import named, parse_urdf
+from pipeline.urdf.description import end_link, named, parse_urdf
 
 SLIDING = "prismatic"
 
@@ -18,7 +18,7 @@ def joint_types(robot: RobotConfig) -> dict[str, str]:
 def chain_length_m(robot: RobotConfig) -> float:
     """Return the length of the longer chain of links from the root to a hand, with all that slides drawn out [m]."""
     joints = named(parse_urdf(robot.urdf_text), "joint").values()
-    held_by = {_end(joint, "child"): joint for joint in joints}
+    held_by = {end_link(joint, "child"): joint for joint in joints}
     return max(_length_m(held_by, hand) for hand in (robot.left_hand, robot.right_hand))
 
 
@@ -29,10 +29,5 @@ def _length_m(held_by: dict[str, ElementTree.Element], link: str) -> float:
         length += math.hypot(*map(float, ("0" if origin is None else origin.get("xyz", "0")).split()))
         if joint.get("type") == SLIDING and limit is not None:
             length += max(abs(float(limit.get(end, "0"))) for end in ("lower", "upper"))
-        link = _end(joint, "parent")
+        link = end_link(joint, "parent")
     return length
-
-
-def _end(joint: ElementTree.Element, end: str) -> str:
-    element = joint.find(end)
-    return "" if element is None else element.get("link", "")

@@ -11,7 +11,7 @@ from pipeline.robot.import_spec import Pose, RobotSource
 from pipeline.robot.reduction import reduced_model
 from pipeline.robot.urdf_writer import write_urdf
 from pipeline.urdf.bodies import check_bodies
-from pipeline.urdf.description import WORLD, as_numbers, check_links, named, parse_urdf, root_link
+from pipeline.urdf.description import WORLD, as_numbers, check_links, end_link, named, parse_urdf, root_link
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
 
@@ -63,7 +63,7 @@ def _assembled(model: Element, source: RobotSource, name: str) -> Element:
     for link in model.iterfind("link"):
         if link.get("name") not in dropped:
             SubElement(robot, "link", name=link.get("name", "")).extend(link.findall("inertial"))
-    robot.extend(joint for joint in model.iterfind("joint") if _end(joint, "child") not in dropped)
+    robot.extend(joint for joint in model.iterfind("joint") if end_link(joint, "child") not in dropped)
     _stand(robot, root, source)
     for frame in source.frames:
         check_links(robot, [frame.parent])
@@ -114,10 +114,6 @@ def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, po
     return joint
 
 
-def _end(joint: Element, end: str) -> str:
-    return joint.find(end).get("link", "")  # type: ignore[union-attr]  # parse_urdf has seen to it
-
-
 def _below(model: Element, joints: Iterable[str]) -> set[str]:
     """Links that hang on some joints, at any depth."""
     existing = named(model, "joint")
@@ -125,8 +121,8 @@ def _below(model: Element, joints: Iterable[str]) -> set[str]:
         raise RobotError(f"drop: joints {_list(missing)} are not in the model, which has {_list(sorted(existing))}")
     children: dict[str, list[str]] = {}
     for joint in existing.values():
-        children.setdefault(_end(joint, "parent"), []).append(_end(joint, "child"))
-    below = [_end(existing[name], "child") for name in joints]
+        children.setdefault(end_link(joint, "parent"), []).append(end_link(joint, "child"))
+    below = [end_link(existing[name], "child") for name in joints]
     for link in below:
         below.extend(children.get(link, []))  # while it is walked along: links make a tree, so it ends
     return set(below)

@@ -11,7 +11,7 @@ from pipeline.arrays import Floats
 from pipeline.robot.pinocchio_model import joint_index, link_frame
 from pipeline.robot.visuals import Body, add_body, add_bone, add_hand, add_materials
 from pipeline.urdf.bodies import inertia_attributes, possible, principal_moments, read_inertia
-from pipeline.urdf.description import as_numbers, named
+from pipeline.urdf.description import as_numbers, end_link, named
 
 _ROUNDING = 1e-11  # of moments of inertia as they are written [kg m^2], or of the largest: more than it can be
 
@@ -39,7 +39,7 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
     robot = Element("robot", name=name)
     add_materials(robot, prefix=name)
     elements = named(whole, "joint")
-    moved = {joint_index(model, joint): _end(elements[joint], "child") for joint in joints}
+    moved = {joint_index(model, joint): end_link(elements[joint], "child") for joint in joints}
     links = _write_links(robot, model, {0: "world"} | moved)
     for joint in joints:
         _write_joint(robot, elements[joint], model, links, prefix=name)
@@ -51,10 +51,6 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
         _write_motor(robot, joint)
     indent(robot)
     return f'<?xml version="1.0"?>\n{tostring(robot, encoding="unicode")}\n'
-
-
-def _end(joint: Element, end: str) -> str:
-    return joint.find(end).get("link", "")  # type: ignore[union-attr]  # parse_urdf has seen to it
 
 
 def _write_links(robot: Element, model: Any, names: Mapping[int, str]) -> dict[int, Element]:

@@ -163,6 +163,12 @@ def joint_links(urdf_text: str) -> dict[str, tuple[str, str]]:
     }
 
 
+def end_link(joint: ElementTree.Element, end: str) -> str:
+    """Return the link at an end of a joint, `parent` or `child`; an empty string if the joint names none."""
+    element = joint.find(end)
+    return "" if element is None else element.get("link", "")
+
+
 def check_links(urdf: ElementTree.Element, frames: Sequence[str]) -> None:
     """Raise RobotError if a frame of the robot config is not a link of the URDF."""
     links = named(urdf, "link")

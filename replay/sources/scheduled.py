@@ -213,8 +213,8 @@ def naming(path: Log) -> Iterator[None]:
 
 def _order_note(path: Log) -> str:
     """Return what to know of a log whose messages do not follow one another in log time; nothing for any other."""
-    reader = open_log(path)
     try:
+        reader = open_log(path)
         times_ns = (record.log_time_ns for record in reader.records(file_order=True))
         falls = not reader.by_file and any(later < earlier for earlier, later in pairwise(times_ns))
     except LogError:
