@@ -7,11 +7,17 @@ from typing import Any
 import typer
 from typer.core import TyperArgument, TyperCommand
 
+from pipeline.cli.renamed_options import present_name
 from pipeline.terminal import console
 
 
 class Verb(TyperCommand):
     """A verb whose help shows what each argument and option takes, without Python's name for it."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the command line; former names of options are taken, too."""
+        ctx.token_normalize_func = present_name(ctx.command_path.partition(" ")[2])
+        return super().parse_args(ctx, args)
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments, then the options."""

@@ -23,7 +23,7 @@ from recorders.errors import ConfigError, MessageError, MotionError
 MAX_SAMPLES = 100_000
 """Most samples of a demonstration, close to three hours at 10 Hz: a wrong stamp must not fill the memory."""
 
-PLACES = ("centre", "as-is")
+ALIGNMENTS = ("centre", "as-is")
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -36,16 +36,16 @@ class DemonstrationConfig:
     ----------
     hz : float
         Samples a second, interpolated linearly between what was shown.
-    place : str
+    align : str
         Where the middle of each hand's path goes: to the `centre` of the hand's pattern, or nowhere, `as-is`.
     scale : float
         Enlarges each path about its middle; brings it to metres if it is in another unit.
     plane : tuple of str, optional
         The axes of the source, such as ("-x", "y"), that point to the robot's left and up, as its configuration calls
         the plane in which it draws (`lateral` and `up`). Left out: the source has the axes of the robot's world.
-    flat : bool
+    project_to_plane : bool
         Whether the paths are flattened into that plane.
-    unreachable : str
+    on_unreachable : str
         What becomes of samples out of reach, one of `pipeline.teacher.reach.CHOICES`.
 
     Raises
@@ -55,21 +55,32 @@ class DemonstrationConfig:
     """
 
     hz: float = 10.0
-    place: str = "centre"
+    align: str = "centre"
     scale: float = 1.0
     plane: tuple[str, str] | None = None
-    flat: bool = False
-    unreachable: str = "refuse"
+    project_to_plane: bool = False
+    on_unreachable: str = "refuse"
 
     def __post_init__(self) -> None:
         for name in ("hz", "scale"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ConfigError(f"{name}: expected above 0, found {getattr(self, name):g}")
-        for name, choices in (("place", PLACES), ("unreachable", CHOICES)):
+        for name, choices in (("align", ALIGNMENTS), ("on_unreachable", CHOICES)):
             if getattr(self, name) not in choices:
                 raise ConfigError(f"{name}: expected one of {', '.join(choices)}, found '{getattr(self, name):.40}'")
         if self.plane is not None:
             source_axes(self.plane)
+
+    def manifest_entry(self) -> dict[str, Any]:
+        """Return the settings under the keys that manifests of logs have for them."""
+        return {
+            "hz": self.hz,
+            "place": self.align,
+            "scale": self.scale,
+            "plane": self.plane,
+            "flat": self.project_to_plane,
+            "unreachable": self.on_unreachable,
+        }
 
 
 @dataclass(frozen=True)
@@ -148,8 +159,8 @@ def demonstrate(
     """
     placed = to_motion(robot, shown, config=config)
     check_targets(placed, robot)
-    motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.unreachable)
-    notes = {"demonstration": {**shown.source, **asdict(config), "out_of_reach": asdict(found)}}
+    motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
+    notes = {"demonstration": {**shown.source, **config.manifest_entry(), "out_of_reach": asdict(found)}}
     explored = explore(
         robot,
         motion,
@@ -252,7 +263,7 @@ def _place(points: Floats, robot: RobotConfig, centre: Floats, config: Demonstra
     turned = points if config.plane is None else points @ source_axes(config.plane).T @ plane
     middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
     offsets = turned - middle
-    if config.flat:
+    if config.project_to_plane:
         offsets = offsets - np.outer(offsets @ plane[2], plane[2])
-    placed: Floats = (centre if config.place == "centre" else middle) + config.scale * offsets
+    placed: Floats = (centre if config.align == "centre" else middle) + config.scale * offsets
     return placed

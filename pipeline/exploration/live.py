@@ -214,7 +214,7 @@ def explore_live(
     schedule : Schedule
         Epochs and phases.
     session, sender : SessionConfig, SenderConfig
-        Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch` says.
+        Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch_size` says.
     teacher, config : TeacherConfig, ExplorationConfig
         Parameters.
     progress, say : callable
@@ -236,7 +236,7 @@ def explore_live(
         live.settle()
         robot.wait()
         with running_node(opened, live.source, config=session, namespace=sender.namespace, report=say):
-            transport = ZenohTransport(opened, config=replace(sender, batch=1))
+            transport = ZenohTransport(opened, config=replace(sender, batch_size=1))
             consumers = transport.deliver(live.offer(), live.stream_from)
     return LiveExploration(
         run=live.offer().run,

@@ -13,7 +13,7 @@ from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_ke
 from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 
-DEFAULT_SILENCE_S = 2.0
+DEFAULT_IDLE_TIMEOUT_S = 2.0
 """So long a tracker may lose sight of the hand."""
 
 DEFAULT_WAIT_S = 60.0
@@ -31,7 +31,7 @@ class ListenConfig:
     ----------
     duration_s : float
         The demonstration is over when the stamps have come this far [s].
-    silence_s : float
+    idle_timeout_s : float
         It is over when no pose has come for this long after the first [s].
     wait_s : float
         How long the first pose may take to come [s].
@@ -47,12 +47,12 @@ class ListenConfig:
     """
 
     duration_s: float = float("inf")
-    silence_s: float = DEFAULT_SILENCE_S
+    idle_timeout_s: float = DEFAULT_IDLE_TIMEOUT_S
     wait_s: float = DEFAULT_WAIT_S
     namespace: str = DEFAULT_NAMESPACE
 
     def __post_init__(self) -> None:
-        for name in ("duration_s", "silence_s", "wait_s"):
+        for name in ("duration_s", "idle_timeout_s", "wait_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name}: expected above 0 s, found {getattr(self, name):g}")
         check_namespace(self.namespace)
@@ -92,8 +92,8 @@ def subscribe_paths(
     MotionError
         A hand has fewer than two usable poses.
     """
-    # A stamp that leaps farther than the silence that ends a demonstration is not of this one.
-    tracks = {side: PoseTrack(max_gap_s=config.silence_s) for side in topics.values()}
+    # A stamp that leaps farther than the idle timeout is not of this one.
+    tracks = {side: PoseTrack(max_gap_s=config.idle_timeout_s) for side in topics.values()}
     receiving = ReceiverConfig(name=_NAME, namespace=config.namespace, live=True)
     with (
         open_session(session) as opened,
@@ -164,7 +164,7 @@ class _Subscription:
         if self._last_s is None:
             self._check_wait()
             return False
-        return self._is_long_enough() or time.monotonic() - self._last_s > self._config.silence_s
+        return self._is_long_enough() or time.monotonic() - self._last_s > self._config.idle_timeout_s
 
     def _is_long_enough(self) -> bool:
         return max(track.span_s for track in self._tracks.values()) >= self._config.duration_s

@@ -22,7 +22,7 @@ _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
 
 
-def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: str, beside_others: bool) -> None:
+def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: str, allow_multiple: bool) -> None:
     """Check that no other controller serves: a robot that two of them command does what neither has learned.
 
     Parameters
@@ -33,7 +33,7 @@ def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: st
         Name of the controller that is about to serve; a second one of this name is refused in any case.
     namespace : str
         First part of every key.
-    beside_others : bool
+    allow_multiple : bool
         Whether others, of other names, are welcome.
 
     Raises
@@ -44,9 +44,9 @@ def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: st
     replies = session.liveliness().get(controller_key(namespace, "*", "alive"), timeout=_ANSWER_S)
     others = sorted(str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None)
     if name in others:
-        both = "choose another --name" if beside_others else "allow both with --beside-others and another --name"
-    elif others and not beside_others:
-        both = "allow both with --beside-others"
+        both = "choose another --name" if allow_multiple else "allow both with --allow-multiple and another --name"
+    elif others and not allow_multiple:
+        both = "allow both with --allow-multiple"
     else:
         return
     raise WireError(

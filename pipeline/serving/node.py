@@ -166,7 +166,7 @@ class Node:
             If the robot that is there has other joints.
         """
         name, namespace = self._config.name, self._config.namespace
-        refuse_other_controllers(session, name, namespace=namespace, beside_others=self._config.beside_others)
+        refuse_other_controllers(session, name, namespace=namespace, allow_multiple=self._config.allow_multiple)
         robot = RobotCheck(session, self._served.joints, namespace=namespace, say=self._clerk.say)
         with ExitStack() as stack:
             stack.enter_context(robot.watching())

@@ -23,7 +23,7 @@ class ServeConfig:
         Log to write: the complete ticks that were answered, and the commands.
     overwrite : bool
         Whether a log of this name may be replaced.
-    beside_others : bool
+    allow_multiple : bool
         Whether to serve in a namespace in which others of other names serve: all of them then send commands.
     metrics_port : int, optional
         Port on 127.0.0.1 for Prometheus.
@@ -39,7 +39,7 @@ class ServeConfig:
     serving: ServingConfig = field(default_factory=ServingConfig)
     record: Path | None = None
     overwrite: bool = False
-    beside_others: bool = False
+    allow_multiple: bool = False
     metrics_port: int | None = None
 
     def __post_init__(self) -> None:

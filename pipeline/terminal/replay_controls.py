@@ -29,15 +29,15 @@ class Guarded:
     ----------
     source : Source
         The stream.
-    against : Path
+    compare_with : Path
         Log of the run to compare with.
     everything : bool
         Whether all its topics are compared, or only the learner's and the phase markers.
     """
 
-    def __init__(self, source: Source, against: Path, *, everything: bool) -> None:
+    def __init__(self, source: Source, compare_with: Path, *, everything: bool) -> None:
         self._source = source
-        self._recorded = open_log(against)
+        self._recorded = open_log(compare_with)
         self._topics = None if everything else _SESSION_TOPICS
 
     def offer(self) -> Offer:

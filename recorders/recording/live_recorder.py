@@ -97,7 +97,7 @@ class LiveRecorder:
         self._writer.__exit__(kind, error, trace)
 
     def run(
-        self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, until_end: bool = False
+        self, receiver: Receiver, *, stopped: Callable[[], bool] = lambda: False, stop_at_stream_end: bool = False
     ) -> RecordingStats:
         """Record until it is stopped, or to the end of a stream, and finish the file.
 
@@ -110,7 +110,7 @@ class LiveRecorder:
             One that receives live messages too.
         stopped : callable
             Whether to stop; asked a few times a second.
-        until_end : bool
+        stop_at_stream_end : bool
             Whether the end of an awaited stream ends the recording.
 
         Raises
@@ -123,14 +123,14 @@ class LiveRecorder:
         self.recording.refused = receiver.refused
         try:
             with receiver.reporting_failure():
-                while not (stopped() or (self._is_over(receiver) and until_end)):
+                while not (stopped() or (self._is_over(receiver) and stop_at_stream_end)):
                     self._take(receiver, _next(receiver))
                     self._writer.check()
                     self._on_progress(self.recording)
                 self._take_leave(receiver)
         finally:
             self._writer.close()
-        if until_end and self.recording.broken:
+        if stop_at_stream_end and self.recording.broken:
             raise WireError(f"{self.out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
 

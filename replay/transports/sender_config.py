@@ -23,7 +23,7 @@ class SenderConfig:
         First part of every key.
     window : int
         How many messages may be under way unacknowledged.
-    batch : int
+    batch_size : int
         How many messages travel in one payload; with 1, each travels on the key of its own topic.
     wait_s : float
         How long a consumer may take to appear [s].
@@ -39,7 +39,7 @@ class SenderConfig:
     consumers: tuple[str, ...] = ("learner",)
     namespace: str = DEFAULT_NAMESPACE
     window: int = 1024
-    batch: int = 64
+    batch_size: int = 64
     wait_s: float = 10.0
     patience_s: float = 30.0
 
@@ -50,8 +50,10 @@ class SenderConfig:
         check_namespace(self.namespace)
         if len(set(self.consumers)) != len(self.consumers):
             raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
-        if not 1 <= self.batch <= self.window:
-            raise ConfigError(f"expected 1 <= batch <= window, found batch {self.batch} and window {self.window}")
+        if not 1 <= self.batch_size <= self.window:
+            raise ConfigError(
+                f"expected 1 <= batch size <= window, found batch size {self.batch_size} and window {self.window}"
+            )
         for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
             if not 0.0 <= seconds <= _LONGEST_WAIT_S:
                 raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")

@@ -171,8 +171,8 @@ class _Delivery:
         self._unacknowledged.clear()
         self._unacknowledged_bytes = 0
         self._sent = index
-        batched = self._config.batch > 1
-        for messages in batches(stream_from(index), self._config.batch):
+        batched = self._config.batch_size > 1
+        for messages in batches(stream_from(index), self._config.batch_size):
             self._await_room(len(messages), sum(len(message.data) for message in messages))
             self._send(self._frame(FrameType.BATCH if batched else FrameType.MESSAGE, tuple(messages)))
         self._send(self._frame(FrameType.END))
@@ -194,10 +194,10 @@ class _Delivery:
             self._progress[name] = answer
             self._check_start(name, answer.next)
             return
-        if self._config.batch > 1:
+        if self._config.batch_size > 1:
             raise WireError(
                 f"{name} is a controller, which takes messages one by one as they come: pace the replay with --rate, "
-                f"found batches of {self._config.batch}"
+                f"found batches of {self._config.batch_size}"
             )
         await_matching(
             self._publisher, answer, namespace=self._config.namespace, wait_s=max(self._config.wait_s, _ANSWER_S)

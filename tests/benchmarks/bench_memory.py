@@ -69,7 +69,7 @@ def replayed(log: Path, *, to_sink: bool, folder: Path) -> tuple[float, float]:
     with open_session(SessionConfig(listen=(endpoint,))):
         if not to_sink:
             return peak_mb(arguments)
-        recording = ["record", "--connect", endpoint, "--until-end", "--exclude", "*", "--overwrite", "--out"]
+        recording = ["record", "--connect", endpoint, "--stop-at-stream-end", "--exclude", "*", "--overwrite", "--out"]
         sink = [sys.executable, "-m", "pipeline", *recording, str(folder / "sink.mcap")]
         with subprocess.Popen(sink, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL) as recorder:
             try:

@@ -40,7 +40,9 @@ class CaseOptions:
     ] = None
 
 
-@app.command(epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --dir golden --physics")
+@app.command(
+    epilog="Example: reenact golden add eight.mcap --config learner.toml --name eight --cases golden --physics"
+)
 @grouped
 def add(
     *,
@@ -51,7 +53,7 @@ def add(
     config: Annotated[
         Path | None, typer.Option(help="Settings of the learner, seed included (TOML).", metavar="FILE")
     ] = None,
-    dir_: Annotated[Path, typer.Option("--dir", help="Folder of the cases.", metavar="DIR")] = Path("golden"),
+    cases: Annotated[Path, typer.Option(help="Folder of the cases.", metavar="DIR")] = Path("golden"),
     case: CaseOptions,
     reason: Annotated[
         str | None, typer.Option(help="Why an existing case changes; kept in its history.", metavar="TEXT")
@@ -67,8 +69,8 @@ def add(
     from replay.golden.case import check_name, load_case
     from replay.golden.folder import roll_back
 
-    folder = dir_ / check_name(name)
-    for path in (dir_, folder):
+    folder = cases / check_name(name)
+    for path in (cases, folder):
         if path.exists() and not path.is_dir():
             raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
     roll_back(folder)

@@ -28,13 +28,13 @@ class CheckpointOptions:
         Path | None,
         typer.Option(help="File to keep the learner in on the way, and to go on from.", metavar="CHECKPOINT.npz"),
     ] = None
-    every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1, metavar="N")] = 10_000
+    checkpoint_every: Annotated[int, typer.Option(help="Ticks between two checkpoints.", min=1, metavar="N")] = 10_000
 
     def config(self) -> "CheckpointConfig | None":
         """Return the settings, None without checkpoints."""
         from pipeline.training.checkpoints import CheckpointConfig
 
-        return None if self.checkpoint is None else CheckpointConfig(self.checkpoint, self.every)
+        return None if self.checkpoint is None else CheckpointConfig(self.checkpoint, self.checkpoint_every)
 
     def note(self) -> str:
         """Return the line for a learner that was cut short."""

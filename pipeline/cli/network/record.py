@@ -52,8 +52,11 @@ def record(
         ),
     ] = None,
     topics: TopicOptions,
-    until_end: Annotated[
-        bool, typer.Option("--until-end", help="Stop when a stream that awaits this, and all it awaits, are through.")
+    stop_at_stream_end: Annotated[
+        bool,
+        typer.Option(
+            "--stop-at-stream-end", help="Stop when a stream that awaits this, and all it awaits, are through."
+        ),
     ] = False,
     name: Annotated[
         str, typer.Option(help="Name by which a stream awaits this recorder.", metavar="NAME")
@@ -100,7 +103,7 @@ def record(
     ):
         where = ", ".join(session.listen or session.connect)
         console.notice(f"{name} records {node.namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
-        recorder.run(receiver, stopped=stopped, until_end=until_end)
+        recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
     console.show(recorder.recording.to_dict(), as_json=as_json)
     console.notice(_outcome(recorder.recording, f"{node.namespace}/**"))
 

@@ -72,7 +72,7 @@ class SendOptions:
     """Messages under way, and messages in one payload."""
 
     window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1, metavar="N")] = 1024
-    batch: Annotated[
+    batch_size: Annotated[
         int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
     ] = None
 
@@ -87,7 +87,7 @@ def replay(
         float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
     ] = None,
     playing: PlayOptions,
-    against: Annotated[
+    compare_with: Annotated[
         Path | None,
         typer.Option(help="Recorded run to compare with; stops where they part.", metavar="LOG.mcap"),
     ] = None,
@@ -111,11 +111,13 @@ def replay(
     check_metrics(node.prometheus)
     source = _played(logs, schedule, playing) if playing.play else _presented(logs, schedule, playing)
     channels = source.channels if isinstance(source, Playback) else ()
-    if against is not None:
-        source = Guarded(source, against, everything=playing.play)
+    if compare_with is not None:
+        source = Guarded(source, compare_with, everything=playing.play)
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    batch = sending.batch or min(64 if rate is None and consumers else 1, sending.window)
-    sender = SenderConfig(consumers, namespace=node.namespace, window=sending.window, batch=batch, wait_s=wait)
+    batch_size = sending.batch_size or min(64 if rate is None and consumers else 1, sending.window)
+    sender = SenderConfig(
+        consumers, namespace=node.namespace, window=sending.window, batch_size=batch_size, wait_s=wait
+    )
     pace = Unpaced() if rate is None else Paced(rate, say=console.notice)
     session = node.config(wait_s=wait)
     if not consumers:

@@ -33,8 +33,8 @@ class ServeOptions:
     record: Annotated[
         Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
     ] = None
-    beside_others: Annotated[
-        bool, typer.Option("--beside-others", help="Serve although another controller does, in the same namespace.")
+    allow_multiple: Annotated[
+        bool, typer.Option("--allow-multiple", help="Serve although another controller does, in the same namespace.")
     ] = False
 
     def config(self, node: ListeningNode, *, overwrite: bool) -> "ServeConfig":
@@ -48,7 +48,7 @@ class ServeOptions:
             serving=ServingConfig(learn=self.learn),
             record=self.record,
             overwrite=overwrite,
-            beside_others=self.beside_others,
+            allow_multiple=self.allow_multiple,
             metrics_port=node.prometheus,
         )
 

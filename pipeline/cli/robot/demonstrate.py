@@ -43,9 +43,9 @@ class PathOptions:
     """Placement of the paths in the workspace of the robot."""
 
     hz: Annotated[float, typer.Option(help="Samples a second.", metavar="HZ")] = 10.0
-    place: Annotated[
+    align: Annotated[
         str,
-        typer.Option(help="Middle of each path: at the `centre` of the workspace, or `as-is`.", metavar="PLACE"),
+        typer.Option(help="Middle of each path: at the `centre` of the workspace, or `as-is`.", metavar="CHOICE"),
     ] = "centre"
     scale: Annotated[
         float, typer.Option(help="Enlarge the paths, or bring another unit to metres.", metavar="FACTOR")
@@ -56,10 +56,10 @@ class PathOptions:
             help="Source axes to the robot's left and up, such as --plane=-x,y for a screen.", metavar="AXIS,AXIS"
         ),
     ] = None
-    flat: Annotated[bool, typer.Option("--flat", help="Flatten the paths into the plane in which the robot draws.")] = (
-        False
-    )
-    unreachable: Annotated[
+    project_to_plane: Annotated[
+        bool, typer.Option("--project-to-plane", help="Flatten the paths into the plane in which the robot draws.")
+    ] = False
+    on_unreachable: Annotated[
         str,
         typer.Option(help="Samples out of reach: refuse, clip to the nearest point, skip, or keep.", metavar="CHOICE"),
     ] = "refuse"
@@ -68,7 +68,9 @@ class PathOptions:
         """Return the settings of the demonstration."""
         from pipeline.exploration.demonstration import DemonstrationConfig
 
-        return DemonstrationConfig(self.hz, self.place, self.scale, self._axes(), self.flat, self.unreachable)
+        return DemonstrationConfig(
+            self.hz, self.align, self.scale, self._axes(), self.project_to_plane, self.on_unreachable
+        )
 
     def _axes(self) -> tuple[str, str] | None:
         if self.plane is None:
@@ -87,7 +89,7 @@ class LiveOptions:
         float | None,
         typer.Option(help="With live: how long it lasts, by the stamps, from the first pose on.", metavar="SECONDS"),
     ] = None
-    silence: Annotated[
+    idle_timeout: Annotated[
         float | None,
         typer.Option(
             help="With live: it is over after so long without a pose, once the first has come; 2 if left out.",
@@ -102,15 +104,15 @@ class LiveOptions:
     @property
     def wanted(self) -> bool:
         """True if anything is set that needs a live source."""
-        return any(each is not None for each in (self.duration, self.silence, self.wait))
+        return any(each is not None for each in (self.duration, self.idle_timeout, self.wait))
 
     def config(self, namespace: str) -> "ListenConfig":
         """Return the settings for a subscription in a namespace."""
-        from pipeline.exploration.live_paths import DEFAULT_SILENCE_S, DEFAULT_WAIT_S, ListenConfig
+        from pipeline.exploration.live_paths import DEFAULT_IDLE_TIMEOUT_S, DEFAULT_WAIT_S, ListenConfig
 
         return ListenConfig(
             duration_s=math.inf if self.duration is None else self.duration,
-            silence_s=DEFAULT_SILENCE_S if self.silence is None else self.silence,
+            idle_timeout_s=DEFAULT_IDLE_TIMEOUT_S if self.idle_timeout is None else self.idle_timeout,
             wait_s=DEFAULT_WAIT_S if self.wait is None else self.wait,
             namespace=namespace,
         )
@@ -173,7 +175,7 @@ def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningS
 
     if session.listen or session.connect or session.zenoh_config or live.wanted:
         raise ConfigError(
-            f"--listen, --connect, --zenoh-config, --duration, --silence and --wait: expected the source {LIVE} "
+            f"--listen, --connect, --zenoh-config, --duration, --idle-timeout and --wait: expected the source {LIVE} "
             f"beside them, found {source!r:.80}"
         )
     path = drawings().get(source, Path(source))

@@ -116,7 +116,9 @@ def _drive(motion: str, seed: int, drive: DriveOptions) -> dict[str, Any]:
     from replay.sources.schedule import Schedule
     from replay.transports.sender_config import SenderConfig
 
-    sender = SenderConfig(consumers=tuple(drive.awaited or ()), namespace=drive.namespace, batch=1, wait_s=drive.wait)
+    sender = SenderConfig(
+        consumers=tuple(drive.awaited or ()), namespace=drive.namespace, batch_size=1, wait_s=drive.wait
+    )
     with console.progress(f"explore {Path(motion).stem}") as advance:
         live = explore_live(
             motion,

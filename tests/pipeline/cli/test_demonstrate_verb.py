@@ -56,14 +56,14 @@ def test_a_drawing_out_of_reach_is_one_clear_line(tmp_path: Path) -> None:
     ("source", "options", "message"),
     [
         ("line.csv", {"topic": "/a"}, "--topic and --map: expected a log or the source live, found 'line.csv'"),
-        ("line.csv", {"duration": 1.0}, "--silence and --wait: expected the source live beside them"),
-        ("line.csv", {"wait": 1.0}, "--silence and --wait: expected the source live beside them"),
+        ("line.csv", {"duration": 1.0}, "--idle-timeout and --wait: expected the source live beside them"),
+        ("line.csv", {"wait": 1.0}, "--idle-timeout and --wait: expected the source live beside them"),
         ("line.csv", {"hand": "third"}, "--hand: expected left or right, found 'third'"),
         ("line.csv", {"plane": "y"}, "--plane: expected two axes, such as --plane=-x,y, found 'y'"),
         ("line.csv", {"hand": "left"}, "the header lacks columns"),
         ("waltz", {}, "cannot read motion 'waltz': No such file"),
         ("track.mcap", {}, f"no message on {topics.LEFT_TARGET} or {topics.RIGHT_TARGET}"),
-        ("live", {"silence": 0.0}, "silence_s: expected above 0 s, found 0"),
+        ("live", {"idle_timeout": 0.0}, "idle_timeout_s: expected above 0 s, found 0"),
         ("live", {"out": Path("no/such/folder.mcap")}, "expected a folder no/such, found none"),
         ("line.csv", {"out": Path("line.csv")}, "line.csv exists: choose another name, or replace it with --overwrite"),
     ],
@@ -83,7 +83,7 @@ def test_bad_usage_and_input_are_refused(
 @contextmanager
 def listening(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, subprocess.Popen[str]]]:
     endpoint = free_endpoint()
-    arguments = ("demonstrate", "live", "--out", "live.mcap", "--listen", endpoint, "--place", "as-is", "--json")
+    arguments = ("demonstrate", "live", "--out", "live.mcap", "--listen", endpoint, "--align", "as-is", "--json")
     with start(*arguments, *options, cwd=folder) as process:
         wait_for_line(process, f"listens to {TRACKER}")
         with open_session(SessionConfig(connect=(endpoint,), wait_s=30.0)) as session:
@@ -117,7 +117,7 @@ def test_a_tracker_with_our_attachment_is_followed_for_a_duration(tmp_path: Path
 def test_anybodys_poses_are_followed_until_ctrl_c_whatever_else_is_said(tmp_path: Path) -> None:
     poses = [encode(pose) for pose in poses_of(np.arange(0.0, 0.81, 0.02))]
     wild = encode(PoseStamped(EPOCH_NS + 10**17, RIGHT))
-    with listening(tmp_path, "--topic", TRACKER, "--silence", 30) as (session, process):
+    with listening(tmp_path, "--topic", TRACKER, "--idle-timeout", 30) as (session, process):
         for payload in [*poses[:20], wild, *poses[20:], b"no pose"]:
             session.put(message_key("reenact", TRACKER), payload)
             session.put(message_key("reenact", "/camera"), bytes(100))
@@ -161,8 +161,8 @@ def test_who_is_lost_and_back_is_said(tmp_path: Path) -> None:
         process.kill()
 
 
-def test_silence_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: Path) -> None:
-    with listening(tmp_path, "--topic", TRACKER, "--silence", 0.3) as (session, process):
+def test_idle_timeout_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: Path) -> None:
+    with listening(tmp_path, "--topic", TRACKER, "--idle-timeout", 0.3) as (session, process):
         session.put(message_key("reenact", TRACKER), encode(PoseStamped(EPOCH_NS, RIGHT)))
         _, said = process.communicate(timeout=60)
     assert process.returncode == 2
@@ -181,7 +181,7 @@ def test_nobody_who_shows_anything_is_waited_for_so_long_and_no_longer(tmp_path:
     assert list(tmp_path.iterdir()) == []
 
 
-@pytest.mark.parametrize("parameters", [{"silence_s": 0.0}, {"duration_s": -1.0}, {"wait_s": 0.0}])
+@pytest.mark.parametrize("parameters", [{"idle_timeout_s": 0.0}, {"duration_s": -1.0}, {"wait_s": 0.0}])
 def test_times_out_of_range_are_refused(parameters: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="expected above 0 s"):
         ListenConfig(**parameters)

@@ -127,7 +127,17 @@ def test_a_replay_against_its_recorded_run_agrees_or_stops_where_they_part(log: 
         endpoint = free_endpoint()
         with start("learn", "--listen", endpoint, "--out", f"{status}.npz", cwd=tmp_path) as learner:
             run = reenact(
-                "replay", log, "--epochs", 1, "--connect", endpoint, "--wait", 60, "--against", against, cwd=tmp_path
+                "replay",
+                log,
+                "--epochs",
+                1,
+                "--connect",
+                endpoint,
+                "--wait",
+                60,
+                "--compare-with",
+                against,
+                cwd=tmp_path,
             )
             learner.communicate(timeout=60)
         assert run.returncode == status, run.stderr

@@ -45,7 +45,7 @@ def named(folder: Path, ending: str) -> Path:
         ("view CONTROLLER --motion LOG --save OUT.rrd", "out.rrd"),
         ("explore --motion CSV --out OUT.mcap", "out.mcap"),
         ("demonstrate CSV --out OUT.mcap", "out.mcap"),
-        ("demonstrate LOG --out OUT.mcap --unreachable clip", "out.mcap"),
+        ("demonstrate LOG --out OUT.mcap --on-unreachable clip", "out.mcap"),
     ],
 )
 @pytest.mark.parametrize("as_json", [False, True], ids=["plain", "json"])

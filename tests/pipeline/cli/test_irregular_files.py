@@ -63,7 +63,7 @@ def test_of_a_robot(tmp_path: Path, irregular: Callable[[Path], Path], file: str
         ("evaluate {} circles", "c.npz", "a controller"),
         ("view {} --save x.rrd", "c.npz", "(a log or a controller|a log, or the parts of a session in a folder)"),
         ("diff {} {}", "c.npz", "a controller"),
-        ("golden add any.mcap --config {} --name a --dir .", "c.toml", "a TOML file"),
+        ("golden add any.mcap --config {} --name a --cases .", "c.toml", "a TOML file"),
     ],
 )
 def test_on_the_command_line(

@@ -66,8 +66,8 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
         ("train evaluated.mcap --as-recorded --out new.npz", "16 steps, all in other phases"),
         ("train evaluated.mcap --as-live --out new.npz", "16 steps, all in other phases"),
         ("train marked_at_every_tick.mcap --as-recorded --out new.npz", "4 ticks, no two that make a step"),
-        ("golden add one_tick.mcap --config learner.toml --dir golden --name new", "nothing was learned"),
-        ("golden add evaluated.mcap --as-recorded --config learner.toml --dir golden --name new", "other phases"),
+        ("golden add one_tick.mcap --config learner.toml --cases golden --name new", "nothing was learned"),
+        ("golden add evaluated.mcap --as-recorded --config learner.toml --cases golden --name new", "other phases"),
     ],
 )
 def test_it_is_one_line_and_nothing_is_written(

@@ -74,7 +74,7 @@ def test_what_is_there_stays(
     assert any(words in complaint for words in (found.get(place, "choose another name"), "is the damaged log"))
 
 
-@pytest.mark.parametrize("place", ["--dir . --name README.md", "--dir README.md --name new"])
+@pytest.mark.parametrize("place", ["--cases . --name README.md", "--cases README.md --name new"])
 def test_a_golden_case_replaces_no_file(
     folder: Path, place: str, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:

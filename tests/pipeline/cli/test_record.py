@@ -339,7 +339,7 @@ def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_re
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))):
-        arguments = ("record", "--out", "run.mcap", "--connect", endpoint, "--until-end", "--json")
+        arguments = ("record", "--out", "run.mcap", "--connect", endpoint, "--stop-at-stream-end", "--json")
         with start(*arguments, cwd=tmp_path) as process:
             wait_for_line(process, "records reenact/**")
             replaying = ("replay", log, "--epochs", 3, "--connect", endpoint, "--await", "recorder", "--json")
@@ -358,7 +358,7 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
     tmp_path: Path,
 ) -> None:
     endpoint, robot = free_endpoint(), load_robot("asimo")
-    consumers = {"learn": ("--out", "c.npz"), "record": ("--out", "session.mcap", "--until-end", "--json")}
+    consumers = {"learn": ("--out", "c.npz"), "record": ("--out", "session.mcap", "--stop-at-stream-end", "--json")}
     with live_robot(endpoint), ExitStack() as stack:
         for verb, options in consumers.items():
             process = stack.enter_context(start(verb, *options, "--connect", endpoint, cwd=tmp_path))
@@ -389,7 +389,7 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
     assert json.loads(decode_as(String, said[-1].data).data)["state"] == learned.digest
 
 
-def test_until_end_waits_for_as_long_as_the_sender_awaits_another(
+def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)  # twice as long as a sender is silent
@@ -408,7 +408,7 @@ def test_until_end_waits_for_as_long_as_the_sender_awaits_another(
         over = threading.Event()
         stack.callback(over.set)  # or the recorder would outlive a test that fails
         live = LiveRecorder(tmp_path / "run.mcap")
-        recording = pool.submit(live.run, receiver, stopped=over.is_set, until_end=True)
+        recording = pool.submit(live.run, receiver, stopped=over.is_set, stop_at_stream_end=True)
         consuming = pool.submit(slow.serve, last_words)
         arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
         replayed = reenact("replay", log, *arguments, cwd=tmp_path)
@@ -435,7 +435,7 @@ class Slow:
         return {"count": count}
 
 
-def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: Path) -> None:
+def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=4)
     endpoint = free_endpoint()
 
@@ -446,7 +446,9 @@ def test_until_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: P
         open_session(SessionConfig(listen=(endpoint,))) as session,
         Receiver(session) as receiver,
         ThreadPoolExecutor() as pool,
-        start("record", "--until-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path) as process,
+        start(
+            "record", "--stop-at-stream-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path
+        ) as process,
     ):
         consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=60.0)
         arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")

@@ -104,7 +104,7 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
         (("--play", "--end", "soon"), "--end: expected seconds from 0 to 18446744073.709551615"),
         (("--play", "--start", 2, "--end", 1), "slice: expected 0 <= start < end"),
         (("--play", "--start", "1e9"), "slice from 1000000000 s to the end, found none"),
-        (("--batch", 64, "--window", 1), "expected 1 <= batch <= window, found batch 64 and window 1"),
+        (("--batch-size", 64, "--window", 1), "expected 1 <= batch size <= window, found batch size 64 and window 1"),
         (("--map", "nonsense"), "--map: expected FOREIGN=OURS"),
         (("--as-recorded",), "expected the phase markers of one recorded run, found none"),
         (("--namespace", "/x"), "namespace: expected"),

@@ -93,7 +93,7 @@ def test_a_replay_and_a_playback_are_those_of_the_whole(work: Path) -> None:
 def test_a_golden_case_of_parts_is_that_of_the_whole(
     work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], way: str
 ) -> None:
-    settings = ("--config", work / "learner.toml", "--dir", tmp_path)
+    settings = ("--config", work / "learner.toml", "--cases", tmp_path)
     for logs, name in (([work / "session.mcap"], "whole"), (named(work, "session", way), "parts")):
         run(capsys, "golden", "add", *logs, "--as-recorded", "--name", name, *settings)
     parts, whole = (json.loads((tmp_path / name / "case.json").read_text()) for name in ("parts", "whole"))
@@ -150,7 +150,7 @@ def test_a_log_of_any_name_is_one_for_every_verb(
     for pair in ((log, work / "episode.mcap"), (learned, learned)):
         assert run(capsys, "diff", *pair)[0] == {"equal": True, "first_divergence": None}
     assert run(capsys, "view", log, "--save", tmp_path / "log.rrd")[0]["samples"] == 17
-    shown = ("demonstrate", log, "--place", "as-is", "--unreachable", "keep", "--out", tmp_path / "shown.mcap")
+    shown = ("demonstrate", log, "--align", "as-is", "--on-unreachable", "keep", "--out", tmp_path / "shown.mcap")
     run(capsys, *shown)
     assert LogReader(tmp_path / "shown.mcap").counts
 
@@ -186,6 +186,6 @@ def test_a_part_that_is_named_alone_is_said_to_be_one(
         ("evaluate", tmp_path / "out.npz", part),
         ("view", part, "--save", tmp_path / "part.rrd"),
         ("info", part),
-        ("demonstrate", part, "--place", "as-is", "--unreachable", "keep", "--out", tmp_path / "shown.mcap"),
+        ("demonstrate", part, "--align", "as-is", "--on-unreachable", "keep", "--out", tmp_path / "shown.mcap"),
     ):
         assert line in run(capsys, *arguments)[1]

@@ -20,7 +20,7 @@ from recorders.messages import topics
 from recorders.reading.reader import LogReader
 from replay.sources.schedule import Schedule
 
-AS_IS = DemonstrationConfig(place="as-is")
+AS_IS = DemonstrationConfig(align="as-is")
 
 
 def test_uneven_times_become_10_hz_and_the_hand_that_is_not_shown_stays_still() -> None:
@@ -43,7 +43,7 @@ def test_a_path_is_centred_and_scaled_about_its_middle() -> None:
     placed = to_motion(ROBOT, shown_right(times_s, points), config=config)
     np.testing.assert_allclose(placed.right - RIGHT, [[0, -0.1, -0.04], [0, 0.1, 0.04], [0, 0, 0]], atol=1e-9)
     scaled = to_motion(
-        ROBOT, shown_right(times_s, points), config=DemonstrationConfig(hz=1.0, scale=0.01, place="as-is")
+        ROBOT, shown_right(times_s, points), config=DemonstrationConfig(hz=1.0, scale=0.01, align="as-is")
     )
     np.testing.assert_allclose(scaled.right, [[5, 19.9, 3.96], [5, 20.1, 4.04], [5, 20, 4]], atol=1e-9)
 
@@ -54,7 +54,7 @@ def test_what_is_drawn_on_a_screen_is_turned_into_the_robots_plane() -> None:
     config = DemonstrationConfig(hz=1.0, plane=("-x", "y"))
     moves = np.diff(to_motion(ROBOT, shown_right(times_s, points), config=config).right, axis=0)
     np.testing.assert_allclose(moves, [[0, -0.1, 0], [0, 0, 0.2], [-0.06, 0, 0]], atol=1e-9)
-    flat = DemonstrationConfig(hz=1.0, plane=("-x", "y"), flat=True)
+    flat = DemonstrationConfig(hz=1.0, plane=("-x", "y"), project_to_plane=True)
     motion = to_motion(ROBOT, shown_right(times_s, points), config=flat)
     np.testing.assert_allclose(motion.right[:, 0], RIGHT[0], atol=1e-9)
     np.testing.assert_allclose(np.diff(motion.right, axis=0)[:2], moves[:2], atol=1e-9)
@@ -77,8 +77,8 @@ def test_times_that_make_no_motion_are_refused(times_s: list[float], message: st
     [
         ({"hz": 0.0}, "hz: expected above 0, found 0"),
         ({"scale": float("nan")}, "scale: expected above 0, found nan"),
-        ({"place": "left"}, "place: expected one of centre, as-is, found 'left'"),
-        ({"unreachable": "bend"}, "unreachable: expected one of refuse, clip, skip, keep, found 'bend'"),
+        ({"align": "left"}, "align: expected one of centre, as-is, found 'left'"),
+        ({"on_unreachable": "bend"}, "on_unreachable: expected one of refuse, clip, skip, keep, found 'bend'"),
         ({"plane": ("x", "-x")}, "plane: expected two different axes, such as -x and y, found x,-x"),
         ({"plane": ("x", "up")}, "plane: expected two different axes"),
     ],
@@ -132,7 +132,7 @@ def test_the_same_demonstration_gives_the_same_bytes(episode: Path, tmp_path: Pa
 def test_samples_out_of_reach_are_handled_as_chosen(tmp_path: Path, choice: str, ticks: int) -> None:
     times_s = 0.1 * np.arange(6)
     points = RIGHT + np.outer([0, 1, 2, 9, 9, 9], [0.0, 0.0, 0.1])
-    config = DemonstrationConfig(place="as-is", unreachable=choice)
+    config = DemonstrationConfig(align="as-is", on_unreachable=choice)
     made = demonstrate(ROBOT, shown_right(times_s, points), config=config, seed=0, out=tmp_path / "far.mcap")
     assert (made.ticks, made.out_of_reach.samples, made.out_of_reach.hand) == (ticks, 3, "right")
     assert LogReader(made.path).manifest["demonstration"]["out_of_reach"]["handled"] == choice

@@ -13,7 +13,7 @@ from recorders.errors import LogError, MessageError, MotionError
 from recorders.messages import topics
 from recorders.messages.message_types import PoseStamped
 
-AS_IS = DemonstrationConfig(place="as-is")
+AS_IS = DemonstrationConfig(align="as-is")
 
 
 @pytest.mark.parametrize(

@@ -262,7 +262,7 @@ def explore_with(session: LiveSession, opened: zenoh.Session, ordeal: Callable[[
                 ordeal()
             yield message
 
-    return ZenohTransport(opened, config=SenderConfig(batch=1, wait_s=30.0)).deliver(session.offer(), stream_from)
+    return ZenohTransport(opened, config=SenderConfig(batch_size=1, wait_s=30.0)).deliver(session.offer(), stream_from)
 
 
 @pytest.mark.parametrize("behind_the_cut", ["explorer", "learner"])

@@ -99,7 +99,7 @@ def test_no_setting_is_passed_over(
 ) -> None:
     config = tmp_path / "learner.toml"
     config.write_text(text + "\n")
-    new = ("add", str(work / "log.mcap"), "--name", "new", "--dir", str(tmp_path))
+    new = ("add", str(work / "log.mcap"), "--name", "new", "--cases", str(tmp_path))
     arguments = new if verb == "add" else ("check", str(work / "golden"))
     with pytest.raises(SystemExit) as end:
         app.main(["golden", *arguments, "--config", str(config)])

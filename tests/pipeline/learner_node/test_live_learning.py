@@ -309,7 +309,7 @@ def test_an_exploration_that_awaits_nobody_is_learned_from_and_the_robot_says_wh
 
 
 def test_killed_it_goes_on_from_its_checkpoint(ticks: list[list[RecordedMessage]], tmp_path: Path) -> None:
-    keeping = ("--checkpoint", "k.npz", "--every", 10)
+    keeping = ("--checkpoint", "k.npz", "--checkpoint-every", 10)
     with learner(tmp_path, *keeping) as (endpoint, process), publisher(endpoint) as robot:
         robot.say(flat(ticks[:50]))
         robot.await_ticks(50)

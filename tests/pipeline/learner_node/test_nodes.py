@@ -54,9 +54,9 @@ def empty(tmp_path: Path) -> Path:
     "options",
     [
         (),
-        ("--window", 50, "--batch", 9),
+        ("--window", 50, "--batch-size", 9),
         pytest.param(("--window", 1), marks=pytest.mark.campaign),
-        pytest.param(("--window", 1024, "--batch", 64), marks=pytest.mark.campaign),
+        pytest.param(("--window", 1024, "--batch-size", 64), marks=pytest.mark.campaign),
     ],
 )
 def test_over_zenoh_and_from_the_file_are_one_state(
@@ -175,7 +175,19 @@ def test_a_learner_that_is_killed_twice_goes_on_from_its_checkpoint(log: Path, e
     epochs = 60
     expected = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=5)).result()
     endpoint = free_endpoint()
-    arguments = ("learn", "--connect", endpoint, "--out", "c.npz", "--seed", 5, "--checkpoint", "k.npz", "--every", 500)
+    arguments = (
+        "learn",
+        "--connect",
+        endpoint,
+        "--out",
+        "c.npz",
+        "--seed",
+        5,
+        "--checkpoint",
+        "k.npz",
+        "--checkpoint-every",
+        500,
+    )
     replaying = ("replay", log, "--listen", endpoint, "--epochs", epochs, "--wait", 60, "--json", "--window", 256)
     with start(*replaying, cwd=tmp_path) as replay:
         beginnings = []

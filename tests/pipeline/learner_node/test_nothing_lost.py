@@ -62,7 +62,7 @@ def learning(endpoint: str, cwd: Path) -> Any:
 
 
 def recording(endpoint: str, cwd: Path) -> Any:
-    arguments = ("record", "--connect", endpoint, "--out", "run.mcap", "--until-end", "--json")
+    arguments = ("record", "--connect", endpoint, "--out", "run.mcap", "--stop-at-stream-end", "--json")
     return running(*arguments, ready="records reenact/**", cwd=cwd)
 
 
@@ -187,7 +187,7 @@ def test_at_a_millisecond_a_message_nothing_is_lost(log: Path, tmp_path: Path, e
 @pytest.mark.parametrize("batch", [1, 64])
 def test_a_publisher_that_closes_at_once_after_the_last_message_has_lost_nothing(log: Path, batch: int) -> None:
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
-    config = SenderConfig(consumers=("slow",), batch=batch)
+    config = SenderConfig(consumers=("slow",), batch_size=batch)
     for _ in range(2):
         with collecting(endpoint, "slow", delay_s=0.0002) as consumer:
             with open_session(SessionConfig(listen=(endpoint,))) as session:

@@ -51,7 +51,7 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
 
         robot = run("robot", "--listen", endpoint)
         learner = run("learn", "--connect", endpoint, "--out", "live.npz", "--seed", 5, "--json")
-        recorder = run("record", "--connect", endpoint, "--out", "live.mcap", "--until-end", "--json")
+        recorder = run("record", "--connect", endpoint, "--out", "live.mcap", "--stop-at-stream-end", "--json")
         wait_for_line(robot, "waits for commands")
         wait_for_line(learner, "waits for a replay")
         wait_for_line(recorder, "records reenact/**")

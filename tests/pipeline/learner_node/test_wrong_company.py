@@ -73,7 +73,7 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
                     time.sleep(0.002)
                 yield message
 
-        replayed = deliver(endpoint, source, slow, window=64, batch=1)
+        replayed = deliver(endpoint, source, slow, window=64, batch_size=1)
         learned, said = process.communicate(timeout=60)
     assert process.returncode == 0, said
     assert replayed == expected
@@ -103,7 +103,7 @@ SPOILT: tuple[tuple[str, Spoil, str], ...] = (
     (LEFT_TARGET, backwards, f"{LEFT_TARGET} #20: stamp 0 ns runs backwards, the one before was 3800000000 ns"),
     (SAMPLE_JOINTS, of_another_robot, f"{SAMPLE_JOINTS} #20: no joint hip_height in the message"),
 )
-KEEPING = ("--checkpoint", "k.npz", "--every", 10_000)
+KEEPING = ("--checkpoint", "k.npz", "--checkpoint-every", 10_000)
 
 
 def test_a_bad_message_of_its_own_stream_is_named_and_the_learner_goes_on_from_before_it(

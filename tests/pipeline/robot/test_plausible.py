@@ -76,7 +76,7 @@ VERBS = [
     "train {} --epochs 1 --out new.npz",
     "evaluate controller.npz {}",
     "evaluate controller.npz circles --linear-from {}",
-    "golden add {} --config learner.toml --dir golden --name new",
+    "golden add {} --config learner.toml --cases golden --name new",
 ]
 
 
@@ -131,7 +131,7 @@ def test_a_motion_in_another_unit_is_refused_by_every_verb(
 def test_no_choice_of_what_is_out_of_reach_lets_another_unit_pass(
     folder: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
-    for options in ("--unreachable clip", "--unreachable keep --place as-is"):
+    for options in ("--on-unreachable clip", "--on-unreachable keep --align as-is"):
         line = f"demonstrate centimetres.csv {options} --out new.mcap"
         assert "looks like centimetres; bring it to metres with --scale" in refused(line, folder, monkeypatch, capfd)
 

@@ -353,16 +353,16 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
         line = complaint(reenact(*second, "--record", "s.mcap", cwd=tmp_path))
         assert line == (
             "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
-            "or allow both with --beside-others"
+            "or allow both with --allow-multiple"
         )
-        line = complaint(reenact(*second, "--name", "anna", "--beside-others", cwd=tmp_path))
+        line = complaint(reenact(*second, "--name", "anna", "--allow-multiple", cwd=tmp_path))
         assert line == (
             "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
             "or choose another --name"
         )
         line = complaint(reenact(*second, "--name", "anna", cwd=tmp_path))
-        assert line.endswith("choose a --namespace, or allow both with --beside-others and another --name")
-        with start(*second, "--name", "berta", "--beside-others", "--json", cwd=tmp_path) as beside:
+        assert line.endswith("choose a --namespace, or allow both with --allow-multiple and another --name")
+        with start(*second, "--name", "berta", "--allow-multiple", "--json", cwd=tmp_path) as beside:
             assert wait_for_line(beside, "serves") == f"berta serves reenact/joint_commands at {watcher.endpoint}\n"
             for record in targets(1, samples.targets[0]):
                 watcher.put(record)

@@ -74,7 +74,7 @@ def test_a_replay_that_is_recorded_has_the_channels_of_its_log(
 ) -> None:
     endpoint, log = free_endpoint(), write(tmp_path / "log.mcap")
     playback = Playback([log], PlaybackConfig(renames={"/gauge": "/renamed"}))
-    config = SenderConfig(consumers=consumers, batch=batch)
+    config = SenderConfig(consumers=consumers, batch_size=batch)
     with (
         open_session(SessionConfig(listen=(endpoint,))) as hearing,
         open_session(SessionConfig(connect=(endpoint,))) as playing,
@@ -83,7 +83,7 @@ def test_a_replay_that_is_recorded_has_the_channels_of_its_log(
     ):
         if consumers:
             with ThreadPoolExecutor() as threads:
-                recording = threads.submit(recorder.run, receiver, until_end=True)
+                recording = threads.submit(recorder.run, receiver, stop_at_stream_end=True)
                 ZenohTransport(playing, config=config, channels=playback.channels).deliver(
                     playback.offer(), playback.stream
                 )

@@ -238,7 +238,7 @@ def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path)
         ThreadPoolExecutor() as threads,
     ):
         playback = Playback([log])
-        transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch=1), say=said.append)
+        transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch_size=1), say=said.append)
         delivered = threads.submit(transport.deliver, playback.offer(), playback.stream)
         wait_until(lambda: delivered.running() or delivered.done())
         listening.declare_subscriber("reenact/hand/*/target", lambda sample: heard.append(sample.payload.to_bytes()))
@@ -253,7 +253,7 @@ def test_that_nobody_listens_is_said_and_it_plays_all_the_same(log: Path) -> Non
     said: list[str] = []
     with open_session(SessionConfig(listen=(free_endpoint(),))) as session:
         playback = Playback([log])
-        transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch=1), say=said.append)
+        transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch_size=1), say=said.append)
         assert transport.deliver(playback.offer(), playback.stream) == {}
     assert said == ["nobody listens in namespace 'reenact' yet; the stream begins all the same"]
 

@@ -72,10 +72,10 @@ class Feed:
 
 CONFIGS = {
     "in-process": None,
-    "zenoh, window 1, one a payload": SenderConfig(window=1, batch=1),
-    "zenoh, window 64, one a payload": SenderConfig(window=64, batch=1),
-    "zenoh, window 1024, batches of 64": SenderConfig(window=1024, batch=64),
-    "zenoh, window 100, batches of 7": SenderConfig(window=100, batch=7),
+    "zenoh, window 1, one a payload": SenderConfig(window=1, batch_size=1),
+    "zenoh, window 64, one a payload": SenderConfig(window=64, batch_size=1),
+    "zenoh, window 1024, batches of 64": SenderConfig(window=1024, batch_size=64),
+    "zenoh, window 100, batches of 7": SenderConfig(window=100, batch_size=7),
 }
 
 
@@ -173,7 +173,7 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, f
             else:
                 super()._put(frame)
 
-    config = SenderConfig(window=window, batch=batch)
+    config = SenderConfig(window=window, batch_size=batch)
     offer = replace(OFFER, sender="cd" * 16, window=window)
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
         with Lossy(session, config, offer, lambda consumed: None, ()) as delivery:
@@ -192,7 +192,7 @@ def test_no_more_than_the_window_is_under_way(window: int, batch: int) -> None:
             yield message(index)
 
     with collectors(endpoint, learner={"delay_s": 0.0005}), open_session(SessionConfig(listen=(endpoint,))) as session:
-        config = SenderConfig(window=window, batch=batch)
+        config = SenderConfig(window=window, batch_size=batch)
         ZenohTransport(session, config=config, on_progress=consumed.append).deliver(OFFER, counted)
     assert max(under_way) <= window + batch  # a batch is gathered before there is room for it
     assert consumed[-1] == 300
@@ -278,7 +278,7 @@ def test_no_more_than_so_many_bytes_are_under_way() -> None:
         ThreadPoolExecutor() as threads,
     ):
         served = threads.submit(receiver.serve, Waiting(blocked))
-        ZenohTransport(session, config=SenderConfig(batch=1)).deliver(OFFER, large)
+        ZenohTransport(session, config=SenderConfig(batch_size=1)).deliver(OFFER, large)
         assert served.result(timeout=60) == {"count": 8}
     assert max(under_way) * size <= WINDOW_BYTES
 
@@ -300,7 +300,7 @@ def test_names_that_cannot_be_keys_are_refused(options: dict[str, Any]) -> None:
 
 @pytest.mark.parametrize(
     "options",
-    [{"window": 0}, {"batch": 2, "window": 1}, {"wait_s": math.inf}, {"wait_s": -1.0}, {"consumers": ("a", "a")}],
+    [{"window": 0}, {"batch_size": 2, "window": 1}, {"wait_s": math.inf}, {"wait_s": -1.0}, {"consumers": ("a", "a")}],
 )
 def test_numbers_out_of_range_are_refused(options: dict[str, Any]) -> None:
     with pytest.raises(ConfigError, match="expected"):

@@ -88,7 +88,7 @@ def test_train_writes_a_controller_that_names_its_rule(folder: Path) -> None:
 
 def test_learning_over_zenoh_ends_where_training_from_the_file_does(folder: Path) -> None:
     endpoint, trained = free_endpoint(), json.loads((folder / "trained.json").read_text())
-    options = ("--rule", "toy", "--checkpoint", "kept.npz", "--every", 5, "--out", "learned.npz", "--json")
+    options = ("--rule", "toy", "--checkpoint", "kept.npz", "--checkpoint-every", 5, "--out", "learned.npz", "--json")
     with start("learn", "--listen", endpoint, *options, cwd=folder) as learner:
         wait_for_line(learner, "waits for a replay")
         run("replay", "log.mcap", "--epochs", EPOCHS, "--connect", endpoint, cwd=folder)
