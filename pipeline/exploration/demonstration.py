@@ -203,7 +203,7 @@ def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: Demonstra
     """
     times_s = _sample_times(shown, config.hz)
     hands = []
-    for side, centre in (("left", robot.left_centre), ("right", robot.right_centre)):
+    for side, centre in zip(robot.hand_names, robot.centres, strict=True):
         path = shown.paths.get(side)
         if path is None:
             hands.append(np.broadcast_to(centre, (len(times_s), 3)))

@@ -1,7 +1,7 @@
 """A team's own learner settings and robot beside those that a golden case has copies of."""
 
 import re
-from dataclasses import fields
+from dataclasses import asdict, fields
 from itertools import zip_longest
 from pathlib import Path
 from typing import Any
@@ -98,10 +98,11 @@ def _of_settings(old: Any, new: dict[str, Any]) -> tuple[str, str, str] | None:
 
 def _of_robots(old: RobotConfig, new: RobotConfig) -> tuple[str, str, str] | None:
     """Compare what robots are, not how their files are laid out."""
-    for field in fields(RobotConfig):
-        a, b = getattr(old, field.name), getattr(new, field.name)
-        if field.name not in _TEXTS and not np.array_equal(a, b):
-            return f"robot's {field.name}", *format_pair(_plain(a), _plain(b))
+    before, after = _values(old), _values(new)
+    for name in {**before, **after}:
+        a, b = before.get(name, "nothing"), after.get(name, "nothing")
+        if not np.array_equal(a, b):
+            return f"robot's {name}", *format_pair(_plain(a), _plain(b))
     part = "the robot"
     for a, b in zip_longest(_tags(old), _tags(new), fillvalue="nothing"):
         if a != b:
@@ -109,6 +110,14 @@ def _of_robots(old: RobotConfig, new: RobotConfig) -> tuple[str, str, str] | Non
         if (named := _PART.match(a)) is not None:
             part = f"{named[1]} {named[2]}"
     return None
+
+
+def _values(robot: RobotConfig) -> dict[str, Any]:
+    """Return all that a robot's config sets, hands in their order and one by one."""
+    values = {field.name: getattr(robot, field.name) for field in fields(RobotConfig) if field.name not in _TEXTS}
+    del values["hands"]
+    hands = {f"hand {hand.name}, {name}": value for hand in robot.hands for name, value in asdict(hand).items()}
+    return {**values, "hand_names": robot.hand_names, **hands}
 
 
 def _tags(robot: RobotConfig) -> list[str]:

@@ -86,8 +86,8 @@ def write_motion_csv(motion: Motion, path: str | Path, *, comment: str) -> None:
 
 def _drawn(name: str, robot: RobotConfig, strokes: Floats) -> Motion:
     """Make the motion of (lateral, up) coordinates [m] about the right hand's centre, shape (T, 2), at 10 Hz."""
-    right = robot.right_centre + strokes @ np.stack([robot.lateral, robot.up])
-    left = np.broadcast_to(robot.left_centre, right.shape)
+    right = robot.centres[1] + strokes @ np.stack([robot.lateral, robot.up])
+    left = np.broadcast_to(robot.centres[0], right.shape)
     return Motion(name, PERIOD_S * np.arange(len(strokes), dtype=np.float64), left, right, closed=False)
 
 

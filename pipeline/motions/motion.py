@@ -177,7 +177,7 @@ def _pattern(name: str, robot: RobotConfig, left: tuple[Floats, Floats], right: 
     plane = np.stack([robot.lateral, robot.up])  # (2, 3)
     offsets = [RADIUS_M * np.stack(hand, axis=1) @ plane for hand in (left, right)]
     # To the nanometre: the same targets, to the bit, whichever library computed the sines.
-    centres = (robot.left_centre, robot.right_centre)
+    centres = robot.centres
     hands = [np.round(centre + offset, 9) for centre, offset in zip(centres, offsets, strict=True)]
     times_s = np.round(PATTERN_PERIOD_S * np.arange(len(hands[0])), 9)
     return Motion(name, times_s, hands[0], hands[1], closed=True)

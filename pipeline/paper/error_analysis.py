@@ -64,7 +64,7 @@ def directions(paper: PaperResults) -> list[Direction]:
 def _moved(positions: Floats, robot: RobotConfig) -> dict[str, Floats]:
     """Take positions of both hands [m], shape (T, 6) or (T, 2, 3), apart by direction [cm], each about its centre."""
     hands = _CM_PER_M * positions.reshape(-1, 2, 3)
-    centres = _CM_PER_M * np.stack([robot.left_centre, robot.right_centre])
+    centres = _CM_PER_M * robot.centres
     sideways, up = (hands - centres) @ robot.lateral, (hands - centres) @ robot.up  # (T, 2)
     return {ALIKE: sideways.sum(axis=1) / 2.0, APART: (sideways[:, 0] - sideways[:, 1]) / 2.0, UPRIGHT: up}
 
@@ -117,7 +117,7 @@ def depths(paper: PaperResults, networks: NetworkEnsemble) -> list[Depth]:
     for name, trials in networks.trials.items():
         targets = trials[0].targets.reshape(-1, 2, 3)
         offsets = np.array([trial.reached - targets for trial in trials])  # (networks, T, 2, 3)
-        for index, (hand, centre) in enumerate((("left", robot.left_centre), ("right", robot.right_centre))):
+        for index, (hand, centre) in enumerate(zip(robot.hand_names, robot.centres, strict=True)):
             out_m = np.linalg.norm(targets[:, index] - centre, axis=1).max()
             missed = offsets[:, :, index]  # (networks, T, 3)
             parts_m = [np.linalg.norm(missed, axis=2), np.linalg.norm(missed @ axes, axis=2), np.abs(missed @ ahead)]

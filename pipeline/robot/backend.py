@@ -61,7 +61,7 @@ class RobotBackend(Protocol):
         ...
 
     def hands(self) -> Floats:
-        """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
+        """Positions of the hands [m], world frame, shape (hands, 3)."""
         ...
 
 

@@ -12,9 +12,11 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.resources import data_path
-from pipeline.robot.import_spec import parse_source, read_source, read_text
+from pipeline.robot.hands import Hand, parse_hands
+from pipeline.robot.importing.import_spec import parse_source, read_source, read_text
+from pipeline.robot.importing.urdf_import import import_urdf
 from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
-from pipeline.robot.urdf_import import import_urdf
+from pipeline.robot.upgrade import upgraded
 from pipeline.urdf.bodies import check_bodies
 from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link, shown
 from pipeline.urdf.joints import joint_limits, moved_links
@@ -25,12 +27,19 @@ URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"
 IMPORT_FILE = "import.toml"
 
-MAX_CENTRE_M = 10.0
-"""No pattern lies farther than this from the middle of the world, along each axis [m]: beyond it are other units."""
-
-_KEYS = frozenset({"name", "joints", "hands", "gaze", "pattern"})
+_KEYS = frozenset({"name", "joints", "hands"})
+_OPTIONAL_KEYS = frozenset({"gaze", "pattern"})
 _JOINT_KEYS = frozenset({"name", "weight", "comfort"})
-_PATTERN_KEYS = frozenset({"left_centre", "right_centre", "lateral", "up"})
+_GAZE_KEYS = frozenset({"joint", "frame"})
+_PLANE = {"lateral": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}  # of the patterns, where a config names none: for x ahead
+
+
+@dataclass(frozen=True)
+class Gaze:
+    """The joint that turns towards the targets, and a link that it moves: x ahead, z along the joint's axis."""
+
+    joint: str
+    frame: str
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,12 +56,10 @@ class RobotConfig:
         Cost of leaving the comfort posture, relative to each joint's range, shape (n,).
     comfort : ndarray
         Comfort posture [rad or m], shape (n,); also the constant on which learned outputs are centred.
-    left_hand, right_hand : str
-        Names of the links whose origins are the hand positions.
-    gaze_joint, gaze_frame : str
-        The joint that turns the gaze, and a link it moves (x ahead, z along the joint's axis).
-    left_centre, right_centre : ndarray
-        Middle of each hand's pattern [m], world frame, shape (3,).
+    hands : tuple of Hand
+        The hands, in the order of the learner's inputs; at least one.
+    gaze : Gaze or None
+        What turns towards the targets, if anything does.
     lateral, up : ndarray
         Unit vectors of the plane in which the hands draw, world frame, shape (3,).
     urdf_text, toml_text : str
@@ -65,19 +72,15 @@ class RobotConfig:
     upper: Floats
     weights: Floats
     comfort: Floats
-    left_hand: str
-    right_hand: str
-    gaze_joint: str
-    gaze_frame: str
-    left_centre: Floats
-    right_centre: Floats
+    hands: tuple[Hand, ...]
+    gaze: Gaze | None
     lateral: Floats
     up: Floats
     urdf_text: str
     toml_text: str
 
     def __post_init__(self) -> None:
-        for field in ("lower", "upper", "weights", "comfort", "left_centre", "right_centre", "lateral", "up"):
+        for field in ("lower", "upper", "weights", "comfort", "lateral", "up"):
             array = np.array(getattr(self, field), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, field, array)
@@ -88,9 +91,24 @@ class RobotConfig:
         return canonical_urdf(self.urdf_text)
 
     @property
+    def hand_names(self) -> tuple[str, ...]:
+        """Names of the hands, in their order."""
+        return tuple(hand.name for hand in self.hands)
+
+    @property
+    def centres(self) -> Floats:
+        """Centre of each hand's pattern and box [m], world frame, shape (hands, 3)."""
+        return np.array([hand.centre for hand in self.hands])
+
+    @property
     def input_centre(self) -> Floats:
-        """Centre of both hands' patterns [m], left then right, shape (6,)."""
-        return np.concatenate([self.left_centre, self.right_centre])
+        """Centres of all hands in a row [m], shape (3 hands,)."""
+        return self.centres.ravel()
+
+    @property
+    def frames(self) -> tuple[str, ...]:
+        """Links of the hands, and the frame of the gaze if there is one."""
+        return _frames(self.hands, self.gaze)
 
 
 def robot_names() -> list[str]:
@@ -136,7 +154,8 @@ def _imported(toml_text: str, directory: Path) -> str:
             source,
             name=parts["name"],
             joints=parts["joints"],
-            frames=(parts["left_hand"], parts["right_hand"], parts["gaze_frame"]),
+            frames=_frames(parts["hands"], parts["gaze"]),
+            hands={hand.link: hand.name for hand in parts["hands"]},
         )
 
 
@@ -173,37 +192,37 @@ def parse_robot(toml_text: str, urdf_text: str, *, origin: object = None) -> Rob
         raise RobotError(f"link {WORLD} of the URDF: expected it to be the link that is no child, which is {root}")
     check_bodies(urdf, moved=moved_links(urdf))
     lower, upper = joint_limits(urdf, parts["joints"])
-    check_links(urdf, (parts["left_hand"], parts["right_hand"], parts["gaze_frame"]))
+    check_links(urdf, _frames(parts["hands"], parts["gaze"]))
     _check_comfort(parts["joints"], lower, parts["comfort"], upper)
     return RobotConfig(**parts, lower=lower, upper=upper, urdf_text=urdf_text, toml_text=toml_text)
 
 
 def _parse_config(toml_text: str) -> dict[str, Any]:
-    """Return what `robot.toml` tells, as the arguments of a RobotConfig."""
-    table = parse_toml(toml_text)
-    check_keys(table, _KEYS, "the robot config")
+    """Return what `robot.toml` holds, of today's or an older form, as the arguments of a RobotConfig."""
+    table = upgraded(parse_toml(toml_text))
+    check_keys(table, _KEYS, "the robot config", or_not=_OPTIONAL_KEYS)
     joints, weights, comfort = _joints(table["joints"])
-    hands = _names(table["hands"], ("left", "right"), "[hands]")
-    gaze = _names(table["gaze"], ("joint", "frame"), "[gaze]")
-    pattern = _pattern(table["pattern"])
-    if gaze[0] not in joints:
-        raise RobotError(f"[gaze] joint '{gaze[0]}' is not among the robot's joints: {names_text(joints)}")
     return {
         "name": as_name(table["name"], "name"),
         "joints": joints,
         "weights": weights,
         "comfort": comfort,
-        "left_hand": hands[0],
-        "right_hand": hands[1],
-        "gaze_joint": gaze[0],
-        "gaze_frame": gaze[1],
-        **pattern,
+        "hands": parse_hands(table["hands"]),
+        "gaze": _gaze(table["gaze"], joints) if "gaze" in table else None,
+        **_plane(table.get("pattern", {key: list(vector) for key, vector in _PLANE.items()})),
     }
 
 
-def _names(value: object, keys: tuple[str, str], where: str) -> tuple[str, str]:
-    table = as_table(value, frozenset(keys), where)
-    return as_name(table[keys[0]], f"{where} {keys[0]}"), as_name(table[keys[1]], f"{where} {keys[1]}")
+def _gaze(value: object, joints: Sequence[str]) -> Gaze:
+    table = as_table(value, _GAZE_KEYS, "[gaze]")
+    gaze = Gaze(as_name(table["joint"], "[gaze] joint"), as_name(table["frame"], "[gaze] frame"))
+    if gaze.joint not in joints:
+        raise RobotError(f"[gaze] joint '{gaze.joint}' is not among the robot's joints: {names_text(joints)}")
+    return gaze
+
+
+def _frames(hands: Sequence[Hand], gaze: Gaze | None) -> tuple[str, ...]:
+    return (*(hand.link for hand in hands), *(() if gaze is None else (gaze.frame,)))
 
 
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
@@ -221,14 +240,10 @@ def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     return names, np.array(weights), np.array(comfort)
 
 
-def _pattern(value: object) -> dict[str, Floats]:
-    table = as_table(value, _PATTERN_KEYS, "[pattern]")
-    vectors = {key: as_vector(table[key], f"[pattern] {key}") for key in sorted(_PATTERN_KEYS)}
-    for key in ("left_centre", "right_centre"):
-        if (farthest := float(np.abs(vectors[key]).max())) > MAX_CENTRE_M:
-            expected = f"expected numbers within {MAX_CENTRE_M:g} m of zero"
-            raise RobotError(f"[pattern] {key} of the robot config: {expected}, found {farthest:g}")
-    for key in ("lateral", "up"):
+def _plane(value: object) -> dict[str, Floats]:
+    table = as_table(value, frozenset(_PLANE), "[pattern]")
+    vectors = {key: as_vector(table[key], f"[pattern] {key}") for key in _PLANE}
+    for key in _PLANE:
         length = math.hypot(*vectors[key])
         if not math.isclose(length, 1.0, abs_tol=1e-9):
             raise RobotError(f"[pattern] {key} of the robot config: expected length 1, found {length:g}")

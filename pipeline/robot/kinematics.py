@@ -1,4 +1,4 @@
-"""Forward kinematics and Jacobians of both hands, by Pinocchio."""
+"""Forward kinematics and Jacobians of the hands, by Pinocchio."""
 
 import numpy as np
 import pinocchio
@@ -17,7 +17,7 @@ class Kinematics:
     """Hands of a robot as functions of its posture.
 
     Postures are arrays in the order of ``robot.joints``, whatever order the URDF has: joints are mapped by name.
-    Positions are in the world frame [m]; hands are ordered left, right.
+    Positions are in the world frame [m]; hands are in the order of ``robot.hands``.
 
     Raises
     ------
@@ -35,8 +35,8 @@ class Kinematics:
         model_joints = [self._model.joints[joint_index(self._model, name)] for name in robot.joints]
         self._idx_q = np.array([joint.idx_q for joint in model_joints])
         self._idx_v = np.array([joint.idx_v for joint in model_joints])
-        self._hands = [link_frame(self._model, name) for name in (robot.left_hand, robot.right_hand)]
-        self._gaze = link_frame(self._model, robot.gaze_frame)
+        self._hands = [link_frame(self._model, hand.link) for hand in robot.hands]
+        self._gaze = None if robot.gaze is None else link_frame(self._model, robot.gaze.frame)
         self._q: Floats = pinocchio.neutral(self._model)
 
     @property
@@ -50,26 +50,34 @@ class Kinematics:
         return self.robot.upper
 
     def hands(self, q: ArrayLike) -> Floats:
-        """Positions of both hands [m] at posture `q` (n,), shape (2, 3)."""
+        """Positions of the hands [m] at posture `q` (n,), shape (hands, 3)."""
         pinocchio.forwardKinematics(self._model, self._data, self._posture(q))
         return self._hand_positions()
 
     def hands_along(self, q: ArrayLike) -> Floats:
-        """Positions of both hands [m] at each posture of `q` (T, n), shape (T, 2, 3)."""
+        """Positions of the hands [m] at each posture of `q` (T, n), shape (T, hands, 3)."""
         postures = np.asarray(q, dtype=np.float64)
-        return np.array([self.hands(posture) for posture in postures]).reshape(len(postures), 2, 3)
+        return np.array([self.hands(posture) for posture in postures]).reshape(len(postures), len(self._hands), 3)
 
     def hands_and_jacobian(self, q: ArrayLike) -> tuple[Floats, Floats]:
-        """Hand positions [m], shape (2, 3), and their Jacobian, left rows first, shape (6, n)."""
+        """Hand positions [m], shape (hands, 3), and their Jacobian, three rows a hand, shape (3 hands, n)."""
         pinocchio.computeJointJacobians(self._model, self._data, self._posture(q))
         positions = self._hand_positions()
         # Rows 0-2 of a frame's Jacobian are linear, in the axes of the world.
         spatial = [pinocchio.getFrameJacobian(self._model, self._data, frame, _ALIGNED) for frame in self._hands]
-        jacobian: Floats = np.concatenate([spatial[0][:3], spatial[1][:3]])[:, self._idx_v]
+        jacobian: Floats = np.concatenate([rows[:3] for rows in spatial])[:, self._idx_v]
         return positions, jacobian
 
     def in_gaze_frame(self, q: ArrayLike, point: ArrayLike) -> Floats:
-        """`point` [m] (3,) of the world as the gaze frame sees it at posture `q` (n,): x ahead, z up, shape (3,)."""
+        """`point` [m] (3,) of the world as the gaze frame sees it at posture `q` (n,): x ahead, z up, shape (3,).
+
+        Raises
+        ------
+        RobotError
+            The robot has no gaze.
+        """
+        if self._gaze is None:
+            raise RobotError(f"robot '{self.robot.name}': expected a [gaze] in its config, found none")
         pinocchio.forwardKinematics(self._model, self._data, self._posture(q))
         pose = pinocchio.updateFramePlacement(self._model, self._data, self._gaze)
         seen: Floats = pose.actInv(np.asarray(point, dtype=np.float64))

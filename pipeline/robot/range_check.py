@@ -55,8 +55,8 @@ class RangeCheck:
         self._types = joint_types(robot)
         self._length_m = chain_length_m(robot)
         self.distance_m = min(max(_LENGTHS * self._length_m, _LEAST_DISTANCE_M), MAX_DISTANCE_M)
-        self._centre = ((robot.left_centre + robot.right_centre) / 2.0).tolist()
-        self._hands = robot.left_centre.tolist(), robot.right_centre.tolist()
+        self._hands: list[list[float]] = robot.centres.tolist()
+        self._centre = [sum(axis) / len(self._hands) for axis in zip(*self._hands, strict=True)]
         self._passed: dict[int, FloatArray | JointState] = {}  # by identity, which holds as long as they are kept
 
     def __call__(self, value: FloatArray | JointState) -> None:

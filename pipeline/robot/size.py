@@ -1,4 +1,4 @@
-"""Size of a robot and types of its joints, from its URDF alone."""
+"""Size of a robot, types of its joints, and which of them move which hand, from its URDF alone."""
 
 import math
 from xml.etree import ElementTree
@@ -16,18 +16,38 @@ def joint_types(robot: RobotConfig) -> dict[str, str]:
 
 
 def chain_length_m(robot: RobotConfig) -> float:
-    """Return the length of the longer chain of links from the root to a hand, with all that slides drawn out [m]."""
+    """Return the length of the longest chain of links from the root to a hand, with all that slides drawn out [m]."""
+    return max(_length_m(chain) for chain in _chains(robot))
+
+
+def hand_joints(robot: RobotConfig) -> dict[str, tuple[int, ...]]:
+    """Return the places in `robot.joints` of the joints between the ground and each hand, which move it, by hand."""
+    chains = (frozenset(joint.get("name", "") for joint in chain) for chain in _chains(robot))
+    return {
+        hand: tuple(place for place, name in enumerate(robot.joints) if name in chain)
+        for hand, chain in zip(robot.hand_names, chains, strict=True)
+    }
+
+
+def _chains(robot: RobotConfig) -> list[list[ElementTree.Element]]:
+    """Return the joints from each hand to the root."""
     joints = named(parse_urdf(robot.urdf_text), "joint").values()
     held_by = {end_link(joint, "child"): joint for joint in joints}
-    return max(_length_m(held_by, hand) for hand in (robot.left_hand, robot.right_hand))
+    chains = []
+    for hand in robot.hands:
+        chain, link = [], hand.link
+        while (joint := held_by.get(link)) is not None:
+            chain.append(joint)
+            link = end_link(joint, "parent")
+        chains.append(chain)
+    return chains
 
 
-def _length_m(held_by: dict[str, ElementTree.Element], link: str) -> float:
+def _length_m(chain: list[ElementTree.Element]) -> float:
     length = 0.0
-    while (joint := held_by.get(link)) is not None:
+    for joint in chain:
         origin, limit = joint.find("origin"), joint.find("limit")
         length += math.hypot(*map(float, ("0" if origin is None else origin.get("xyz", "0")).split()))
         if joint.get("type") == SLIDING and limit is not None:
             length += max(abs(float(limit.get(end, "0"))) for end in ("lower", "upper"))
-        link = end_link(joint, "parent")
     return length

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from typing import Any
+from typing import Any, TypeAlias
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,6 +11,8 @@ from pipeline.robot import toml_text
 from pipeline.urdf.description import check_name, shown
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
+
+Vector: TypeAlias = tuple[float, float, float]
 
 _NONE: frozenset[str] = frozenset()
 
@@ -81,3 +83,9 @@ def as_vector(value: object, where: str) -> NDArray[np.float64]:
     if not isinstance(value, list) or len(value) != 3:
         raise RobotError(f"{where} of the robot config: expected three numbers, found {shown(value)}")
     return np.array([as_number(entry, where) for entry in value])
+
+
+def as_point(value: object, where: str) -> Vector:
+    """Return `value`, three finite numbers, as a tuple; raises RobotError otherwise."""
+    x, y, z = as_vector(value, where).tolist()
+    return x, y, z

@@ -87,7 +87,7 @@ class ServedController:
         self._poses = PoseReader()
         self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
         self._places = {topic: place for place, topic in enumerate(self._topics)}
-        self._centres = self._robot.left_centre.tolist(), self._robot.right_centre.tolist()
+        self._centres = self._robot.centres.tolist()
         self._check = range_check(self._robot)
         self._pairs = CommandedPairs(controller.joints)
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from

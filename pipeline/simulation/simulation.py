@@ -74,7 +74,7 @@ class Simulation:
         self._servos = UnsaturatedServos(self._joints, gains)
         self._limited = SaturatedServos(DrakePlant(robot, step_ns=config.step_ns), gains)
         self._plant, self._context = self._joints.plant, self._servos.context
-        self._hands = [self._joints.body(name) for name in (robot.left_hand, robot.right_hand)]
+        self._hands = [self._joints.body(hand.link) for hand in robot.hands]
         self._links = list(joint_links(robot.urdf_text).values())  # parent and child
         self._frames = [tuple(self._joints.body(link).body_frame() for link in pair) for pair in self._links]
         self.reset(robot.comfort)
@@ -129,7 +129,7 @@ class Simulation:
             self._follow(self._demand(command))
 
     def hands(self) -> Floats:
-        """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
+        """Positions of the hands [m], world frame, shape (hands, 3)."""
         return np.array([self._pose(body).translation() for body in self._hands])
 
     def link_poses(self) -> list[LinkPose]:

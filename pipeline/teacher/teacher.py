@@ -1,4 +1,4 @@
-"""The teacher: whole-body motion control of both hands by resolved rates, after Gienger et al. 2005."""
+"""The teacher: whole-body motion control of the hands by resolved rates, after Gienger et al. 2005."""
 
 import math
 from dataclasses import dataclass
@@ -78,11 +78,11 @@ class Teacher:
         self._stiffness = robot.weights / span**2  # (n,)
         self._lower = robot.lower + config.margin * span
         self._upper = robot.upper - config.margin * span
-        self._damping = config.damping**2 * np.eye(6)
-        self._gaze = robot.joints.index(robot.gaze_joint)
+        self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
+        self._gaze = None if robot.gaze is None else robot.joints.index(robot.gaze.joint)
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
-        """Return the posture to command next, one period after commanding `q` (n,), for hand `targets` [m] (2, 3)."""
+        """Return the posture to command one period after commanding `q` (n,), for hand `targets` [m] (hands, 3)."""
         return self.step_for(q, targets, self.config.period_ns * 1e-9)
 
     def step_for(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
@@ -91,8 +91,8 @@ class Teacher:
         gradient, hessian = self._cost(posture, self._comfort(posture, goal))
         hands, jacobian = self.kinematics.hands_and_jacobian(posture)
         z = gradient / hessian * -self.config.comfort_gain  # (n,)
-        xd = self.config.gain * (goal - hands).reshape(6)
-        weighted = jacobian / hessian  # J W^-1, (6, n)
+        xd = self.config.gain * (goal - hands).ravel()
+        weighted = jacobian / hessian  # J W^-1, (3 hands, n)
         qd = z + np.linalg.solve(weighted @ jacobian.T + self._damping, xd - jacobian @ z) @ weighted
         return self._within(posture + period_s * qd)
 
@@ -101,9 +101,11 @@ class Teacher:
         return within
 
     def _comfort(self, q: Floats, targets: Floats) -> Floats:
-        """Return the comfort posture (n,) with the gaze joint turned towards the middle of both targets."""
+        """Return the comfort posture (n,) with the gaze joint, if there is one, turned to the middle of the targets."""
         comfort = self.kinematics.robot.comfort.copy()
-        ahead, aside, _ = self.kinematics.in_gaze_frame(q, (targets[0] + targets[1]) / 2)
+        if self._gaze is None:
+            return self._within(comfort)
+        ahead, aside, _ = self.kinematics.in_gaze_frame(q, targets.mean(axis=0))
         gaze = q[self._gaze] + math.atan2(aside, ahead)
         comfort[self._gaze] = gaze
         return self._within(comfort)
@@ -125,7 +127,7 @@ class Unreachable:
     sample : int
         Index of the sample.
     hand : str
-        "left" or "right".
+        Its name.
     point : (float, float, float)
         The target [m].
     short_m : float
@@ -139,7 +141,7 @@ class Unreachable:
 
 
 def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = REACH_BOUND_M) -> Unreachable | None:
-    """Find the first of the `targets` [m] (T, 2, 3) from which a hand stays farther than `bound_m`, if any.
+    """Find the first of the `targets` [m] (T, hands, 3) from which a hand stays farther than `bound_m`, if any.
 
     The teacher runs along the targets kinematically, on each until it is there or has had time to converge.
     """
@@ -149,12 +151,12 @@ def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = R
         hand = int(np.argmax(short_m))
         if short_m[hand] > bound_m:
             x, y, z = (float(value) for value in target[hand])
-            return Unreachable(sample, ("left", "right")[hand], (x, y, z), float(short_m[hand]))
+            return Unreachable(sample, teacher.kinematics.robot.hand_names[hand], (x, y, z), float(short_m[hand]))
     return None
 
 
 def check_reach(teacher: Teacher, motion: Motion) -> None:
-    """Check that both hands can reach every sample of a motion.
+    """Check that all hands can reach every sample of a motion.
 
     Raises
     ------
@@ -171,13 +173,13 @@ def check_reach(teacher: Teacher, motion: Motion) -> None:
 
 
 def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH_BOUND_M) -> tuple[Floats, Floats]:
-    """Let the teacher go from posture `q` (n,) towards a target (2, 3) until both hands are there, or it converged.
+    """Let the teacher go from posture `q` (n,) towards a target (hands, 3) until all hands are there, or it converged.
 
     Returns
     -------
     (ndarray, ndarray)
-        Posture reached (n,), and the distance of each hand from its target [m], shape (2,); above `bound_m` is out of
-        reach.
+        Posture reached (n,), and the distance of each hand from its target [m], shape (hands,); above `bound_m` is out
+        of reach.
     """
     for _ in range(_REACH_STEPS):
         short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)

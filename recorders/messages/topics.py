@@ -1,5 +1,6 @@
 """The topics of a session: name, type and rank of each, as data."""
 
+import re
 from dataclasses import dataclass
 
 from recorders.messages.message_types import Clock, Float64MultiArray, JointState, PoseStamped, String, TFMessage
@@ -26,6 +27,9 @@ class Topic:
     rank: int
     description: str
 
+
+HAND_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
+"""Names that a hand may have: part of its topics and of the names of its results."""
 
 LEFT_TARGET = "/hand/left/target"
 RIGHT_TARGET = "/hand/right/target"

@@ -91,7 +91,7 @@ def pinks(robot: RobotConfig, period_s: float) -> Callable[[], Step]:
         configuration = pink.Configuration(model, model.createData(), q)
         hands = [
             pink.tasks.FrameTask(name, position_cost=1.0, orientation_cost=0.0)
-            for name in (robot.left_hand, robot.right_hand)
+            for name in (hand.link for hand in robot.hands)
         ]
         posture = pink.tasks.PostureTask(cost=POSTURE_COST)
         posture.set_target(q)
@@ -113,7 +113,7 @@ def drakes(robot: RobotConfig, period_s: float) -> Callable[[], Step]:
     Parser(plant).AddModelsFromString(canonical_urdf(robot.urdf_text), "urdf")
     plant.Finalize()
     places = [plant.GetJointByName(name).position_start() for name in robot.joints]
-    bodies = [plant.GetBodyByName(name) for name in (robot.left_hand, robot.right_hand)]
+    bodies = [plant.GetBodyByName(name) for name in (hand.link for hand in robot.hands)]
     world, with_respect_to = plant.world_frame(), JacobianWrtVariable.kV
     lower, upper = plant.GetPositionLowerLimits(), plant.GetPositionUpperLimits()
     fastest = plant.GetVelocityUpperLimits()

@@ -13,7 +13,7 @@ def write_short_motion(path: Path) -> Path:
     rows = ["t,lx,ly,lz,rx,ry,rz"]
     for sample, lift in enumerate((0.0, 0.02, 0.0)):
         up = np.array([0.0, 0.0, lift])
-        hands = np.concatenate([robot.left_centre + up, robot.right_centre + up]).tolist()
+        hands = np.concatenate([robot.centres[0] + up, robot.centres[1] + up]).tolist()
         rows.append(",".join(map(repr, [0.1 * sample, *hands])))
     path.write_text("\n".join(rows))
     return path

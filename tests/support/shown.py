@@ -12,7 +12,7 @@ from recorders.messages.message_types import PoseStamped, String
 from recorders.writing.writer import LogWriter
 
 ROBOT = load_robot("asimo")
-LEFT, RIGHT = ROBOT.left_centre, ROBOT.right_centre
+LEFT, RIGHT = ROBOT.centres[0], ROBOT.centres[1]
 EPOCH_NS = 1_700_000_000_123_456_789  # a tracker's clock
 TRACKER = "/tracker/wrist"
 

@@ -116,9 +116,19 @@ name = "small"
 joints = [
 {_ROWS}]
 
-[hands]
-left = "l_palm"
-right = "r_palm"
+[[hands]]
+name = "left"
+link = "l_palm"
+controls = "position"
+centre = [-0.2, 0.34, 0.9]
+box = [0.1, 0.05, 0.1]
+
+[[hands]]
+name = "right"
+link = "r_palm"
+controls = "position"
+centre = [0.2, 0.34, 0.9]
+box = [0.1, 0.05, 0.1]
 
 [gaze]
 joint = "turn"
@@ -126,8 +136,6 @@ frame = "chest"
 
 # It looks along the world's y: its left is at -x.
 [pattern]
-left_centre = [-0.2, 0.34, 0.9]
-right_centre = [0.2, 0.34, 0.9]
 lateral = [-1.0, 0.0, 0.0]
 up = [0.0, 0.0, 1.0]
 """

@@ -17,7 +17,7 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.resources import data_path
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
-from pipeline.robot.import_spec import parse_source
+from pipeline.robot.importing.import_spec import parse_source
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import read_samples
 from pipeline.simulation.simulation import Simulation
@@ -39,9 +39,7 @@ def short_motion(robot: RobotConfig) -> Motion:
     """Ten samples of a circle with each hand, in the robot's own plane."""
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.08 * (np.outer(np.cos(angle), robot.lateral) + np.outer(np.sin(angle), robot.up))
-    return Motion(
-        "short", 0.2 * np.arange(SAMPLES), robot.left_centre + circle, robot.right_centre - circle, closed=False
-    )
+    return Motion("short", 0.2 * np.arange(SAMPLES), robot.centres[0] + circle, robot.centres[1] - circle, closed=False)
 
 
 def write_csv(path: Path, motion: Motion) -> Path:
@@ -61,13 +59,13 @@ def test_a_robot_stands_as_its_config_says(name: str, joints: int) -> None:
     kinematics = Kinematics(robot)
     left, right = kinematics.hands(robot.comfort)
     np.testing.assert_allclose(left, right * [1, -1, 1], atol=0.002)  # the same on both sides
-    np.testing.assert_allclose([left, right], [robot.left_centre, robot.right_centre], atol=0.06)
-    ahead, aside, _ = kinematics.in_gaze_frame(robot.comfort, (robot.left_centre + robot.right_centre) / 2)
+    np.testing.assert_allclose([left, right], [robot.centres[0], robot.centres[1]], atol=0.06)
+    ahead, aside, _ = kinematics.in_gaze_frame(robot.comfort, (robot.centres[0] + robot.centres[1]) / 2)
     assert ahead > 0.1
     assert abs(aside) < 1e-3
     turned = robot.comfort.copy()
-    turned[robot.joints.index(robot.gaze_joint)] += 0.2
-    assert kinematics.in_gaze_frame(turned, (robot.left_centre + robot.right_centre) / 2)[1] < -0.01
+    turned[robot.joints.index(robot.gaze.joint)] += 0.2
+    assert kinematics.in_gaze_frame(turned, (robot.centres[0] + robot.centres[1]) / 2)[1] < -0.01
 
 
 @pytest.mark.parametrize("name", [*IMPORTED, "small"])
@@ -79,7 +77,7 @@ def test_every_joint_of_an_arm_moves_its_hand_and_drake_agrees(name: str, tmp_pa
     np.testing.assert_allclose(simulation.hands(), kinematics.hands(simulation.positions), atol=1e-12)
     moved = np.abs(kinematics.hands_and_jacobian(robot.comfort)[1]).max(axis=0)
     still = [joint for joint, most in zip(robot.joints, moved, strict=True) if most < 0.02]
-    assert still == [joint for joint in (robot.gaze_joint,) if joint in ("neck_yaw", "head_2_joint")]
+    assert still == [joint for joint in (robot.gaze.joint,) if joint in ("neck_yaw", "head_2_joint")]
 
 
 @pytest.mark.parametrize("name", [*IMPORTED, "small"])

@@ -37,7 +37,7 @@ def short_motion() -> Motion:
     """A circle of the left hand and an arc of the right, eight samples at 5 Hz."""
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.03 * np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
-    left, right = ROBOT.left_centre + circle, ROBOT.right_centre - circle
+    left, right = ROBOT.centres[0] + circle, ROBOT.centres[1] - circle
     return Motion("short", 0.2 * np.arange(SAMPLES), left, right, closed=True)
 
 

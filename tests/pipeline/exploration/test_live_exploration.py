@@ -53,7 +53,7 @@ def short_motion(*, closed: bool) -> Motion:
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.02 * np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     line = 0.02 * np.stack([0 * angle, np.sin(angle), 0 * angle], axis=1)
-    return Motion("short", 0.1 * np.arange(SAMPLES), ASIMO.left_centre + circle, ASIMO.right_centre + line, closed)
+    return Motion("short", 0.1 * np.arange(SAMPLES), ASIMO.centres[0] + circle, ASIMO.centres[1] + line, closed)
 
 
 def live(backend: Simulation | RemoteRobot, motion: Motion, *, seed: int = 3) -> LiveSession:

@@ -54,7 +54,8 @@ def test_what_is_as_it_was_passes_whatever_its_layout(work: Path, capsys: pytest
     [
         ("learner.toml", "reservoir = 20", "reservoir = 21", "learner setting reservoir: expected 20, found 21"),
         ("learner.toml", "seed = 4", "", "learner setting seed: expected 4, found 0"),
-        ("robot/robot.toml", "left_centre = [0.32", "left_centre = [0.33", "robot's left_centre: expected [0.32, "),
+        ("robot/robot.toml", "centre = [0.32", "centre = [0.33", "robot's hand left, centre: expected (0.32, "),
+        ("robot/robot.toml", "box = [0.069", "box = [0.07", "robot's hand left, box: expected (0.069, "),
         ("robot/robot.toml", 'name = "asimo"', 'name = "ours"', "robot's name: expected 'asimo', found 'ours'"),
         ("robot/robot.urdf", "0 0 -0.21", "0 0 -0.22", "robot.urdf, joint left_elbow: expected '<origin "),
     ],

@@ -285,7 +285,7 @@ def short_motion(path: Path) -> Path:
     """A second of small circles at 10 Hz."""
     angles = 2.0 * np.pi * np.arange(11) / 10
     circle = 0.02 * np.column_stack([np.zeros(11), np.cos(angles), np.sin(angles)])
-    rows = np.column_stack([angles / (2.0 * np.pi), ASIMO.left_centre + circle, ASIMO.right_centre + circle])
+    rows = np.column_stack([angles / (2.0 * np.pi), ASIMO.centres[0] + circle, ASIMO.centres[1] + circle])
     path.write_text("\n".join(["t,lx,ly,lz,rx,ry,rz", *(",".join(map(repr, row)) for row in rows.tolist())]))
     return path
 

@@ -32,8 +32,8 @@ def short_motion(path: Path) -> Path:
     rows = ["t,lx,ly,lz,rx,ry,rz"]
     for k in range(SAMPLES):
         angle = 2.0 * np.pi * k / SAMPLES
-        left = robot.left_centre + 0.02 * np.array([0.0, np.cos(angle), np.sin(angle)])
-        right = robot.right_centre + 0.02 * np.array([0.0, np.sin(angle), 0.0])
+        left = robot.centres[0] + 0.02 * np.array([0.0, np.cos(angle), np.sin(angle)])
+        right = robot.centres[1] + 0.02 * np.array([0.0, np.sin(angle), 0.0])
         rows.append(",".join(map(repr, [0.1 * k, *left.tolist(), *right.tolist()])))
     path.write_text("\n".join(rows))
     return path

@@ -28,8 +28,8 @@ def test_every_drawing_has_a_generator() -> None:
 @pytest.mark.parametrize("name", ["right_hand_house", "right_hand_spiral"])
 def test_house_and_spiral_are_40_cm_wide_and_drawn_like_a_hand_draws(name: str) -> None:
     drawing = load_motion(name, ROBOT)
-    np.testing.assert_array_equal(drawing.left, np.broadcast_to(ROBOT.left_centre, drawing.left.shape))
-    offsets = drawing.right - ROBOT.right_centre
+    np.testing.assert_array_equal(drawing.left, np.broadcast_to(ROBOT.centres[0], drawing.left.shape))
+    offsets = drawing.right - ROBOT.centres[1]
     np.testing.assert_allclose(np.abs(offsets).max(axis=0), [0.0, WIDE_M, WIDE_M], atol=0.01)
     speed = np.linalg.norm(np.diff(drawing.right, axis=0), axis=1) / 0.1
     assert 0.2 < speed.max() <= PEAK_M_S * 1.001

@@ -33,7 +33,7 @@ def write(path: Path, *lines: str) -> Path:
 def test_circles_combine_all_positions_of_both_hands_evenly() -> None:
     motion = circles(ROBOT)
     counts = np.zeros((4, 4), dtype=int)
-    hands = quadrants(motion.left, ROBOT.left_centre), quadrants(motion.right, ROBOT.right_centre)
+    hands = quadrants(motion.left, ROBOT.centres[0]), quadrants(motion.right, ROBOT.centres[1])
     np.add.at(counts, hands, 1)
     np.testing.assert_array_equal(counts, 16)
 
@@ -47,7 +47,7 @@ def test_the_coordinates_of_both_hands_are_independent_in_circles() -> None:
 
 def test_circles_have_different_speeds_and_directions() -> None:
     motion = circles(ROBOT)
-    for hand, centre in ((motion.left, ROBOT.left_centre), (motion.right, ROBOT.right_centre)):
+    for hand, centre in ((motion.left, ROBOT.centres[0]), (motion.right, ROBOT.centres[1])):
         offset = hand - centre
         np.testing.assert_allclose(np.linalg.norm(offset, axis=1), 0.10, atol=1e-8)
         np.testing.assert_allclose(offset[:, 0], 0.0, atol=1e-12)
@@ -58,7 +58,7 @@ def test_circles_have_different_speeds_and_directions() -> None:
 
 def test_eight_couples_left_and_right_exactly() -> None:
     motion = eight(ROBOT)
-    left, right = motion.left - ROBOT.left_centre, motion.right - ROBOT.right_centre
+    left, right = motion.left - ROBOT.centres[0], motion.right - ROBOT.centres[1]
     np.testing.assert_allclose(left[:, 1], right[:, 1], atol=1e-12)
     np.testing.assert_allclose(np.linalg.norm(right, axis=1), 0.10, atol=1e-8)
     assert abs(np.corrcoef(left[:, 2], right[:, 2])[0, 1]) < 1e-6  # up and down stay independent
@@ -105,7 +105,7 @@ def test_the_drawing_is_what_its_generator_makes(tmp_path: Path) -> None:
 
 def test_the_drawing_moves_like_a_hand() -> None:
     drawing = load_motion("right_hand_drawing", ROBOT)
-    np.testing.assert_array_equal(drawing.left, np.broadcast_to(ROBOT.left_centre, drawing.left.shape))
+    np.testing.assert_array_equal(drawing.left, np.broadcast_to(ROBOT.centres[0], drawing.left.shape))
     np.testing.assert_allclose(np.ptp(drawing.right, axis=0), [0.0, 2 * EXTENT_M, 2 * EXTENT_M], atol=2e-4)
     speed = np.linalg.norm(np.diff(drawing.right, axis=0), axis=1) / np.diff(drawing.times_s)
     assert 0.1 < speed.mean() < 0.2

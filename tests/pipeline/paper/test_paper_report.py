@@ -139,7 +139,7 @@ def test_hands_that_follow_a_part_of_a_direction_are_found_out(
 ) -> None:
     robot, two = paper.robot, paper.networks[PATTERN_2]
     whole = circles(robot).targets
-    aside = 0.5 * ((whole[:, 0] - robot.left_centre) - (whole[:, 1] - robot.right_centre)) @ robot.lateral  # (T,)
+    aside = 0.5 * ((whole[:, 0] - robot.centres[0]) - (whole[:, 1] - robot.centres[1])) @ robot.lateral  # (T,)
     lost = (1.0 - part) * aside[:, np.newaxis] * robot.lateral
     reached = whole - np.stack([lost, -lost], axis=1)
     trial = replace(two.trials[PATTERN_1][0], targets=whole.reshape(-1, 6), reached=reached)
@@ -182,7 +182,7 @@ def test_a_drawing_that_leaves_what_was_learned_is_said_to(paper: PaperResults, 
 def _wider(trial: Trial, paper: PaperResults) -> Trial:
     """The same trial with targets of the right hand twice as far out."""
     targets = trial.targets.copy()
-    targets[:, 3:] += targets[:, 3:] - paper.robot.right_centre
+    targets[:, 3:] += targets[:, 3:] - paper.robot.centres[1]
     return replace(trial, targets=targets)
 
 

@@ -144,7 +144,7 @@ def test_served_targets_and_joints_are_checked_by_the_same_rule(folder: Path) ->
         Controller.load(folder / "controller.npz"), config=ServingConfig(learn=True), say=said.append
     )
     wrong: list[tuple[str, Message]] = [
-        (LEFT_TARGET, PoseStamped(1, ASIMO.left_centre * 1e3)),
+        (LEFT_TARGET, PoseStamped(1, ASIMO.centres[0] * 1e3)),
         (SAMPLE_JOINTS, JointState(1, ASIMO.joints, np.rad2deg(ASIMO.comfort))),
     ]
     for topic, message in wrong:
@@ -174,7 +174,7 @@ def test_whatever_the_joints_allow_passes(name: str, tmp_path: Path) -> None:
     check = range_check(robot)
     for posture in (robot.lower, robot.upper, robot.comfort, 2.0 * robot.upper - robot.lower):
         check(JointState(0, robot.joints, posture))
-    for hand in (robot.left_centre, robot.right_centre):
+    for hand in (robot.centres[0], robot.centres[1]):
         check(hand)
         check(hand + 1.0)
     for posture in (3.0 * robot.upper - 2.0 * robot.lower, robot.comfort * math.nan, robot.comfort + math.inf):

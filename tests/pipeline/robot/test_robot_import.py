@@ -113,7 +113,7 @@ def test_import_says_nothing_on_the_terminal(tmp_path: Path, capfd: pytest.Captu
         ("robot.toml", '"l_elbow"', '"l_knee"', "joints l_knee .* not movable joints of the model, which has l_elbow"),
         ("robot.toml", '"l_elbow"', '"ankle"', "joints ankle .* not movable joints of the model, which has l_elbow"),
         ("robot.toml", '"l_elbow"', '"spin"', r"\[frozen\] joints spin are among the robot's joints"),
-        ("robot.toml", 'left = "l_palm"', 'left = "l_paw"', "frames l_paw .* are not links: chest, .*l_palm"),
+        ("robot.toml", 'link = "l_palm"', 'link = "l_paw"', "frames l_paw .* are not links: chest, .*l_palm"),
         (
             "import.toml",
             'drop = ["hip"]',

@@ -126,7 +126,7 @@ def check_imported(model: Model, joints: list[str], robot: RobotConfig) -> None:
         if whole.existJointName(name) and whole.joints[whole.getJointId(name)].nq == 1:
             configuration[whole.joints[whole.getJointId(name)].idx_q] = value
     pinocchio.framesForwardKinematics(whole, data, configuration)
-    frames = [whole.getFrameId(hand, pinocchio.FrameType.BODY) for hand in (robot.left_hand, robot.right_hand)]
+    frames = [whole.getFrameId(hand, pinocchio.FrameType.BODY) for hand in (hand.link for hand in robot.hands)]
     expected = [data.oMf[frame].translation for frame in frames]
     kinematics = Kinematics(robot)
     np.testing.assert_allclose(kinematics.hands(q), expected, atol=1e-9)

@@ -12,7 +12,7 @@ from recorders.errors import MotionError
 
 ROBOT = load_robot("asimo")
 TEACHER = Teacher(Kinematics(ROBOT))
-CENTRES = np.stack([ROBOT.left_centre, ROBOT.right_centre])
+CENTRES = np.stack([ROBOT.centres[0], ROBOT.centres[1]])
 RIGHT_ALONE = np.array([False, True])
 
 
@@ -67,8 +67,8 @@ def test_where_both_hands_are_out_of_reach_both_are_clipped() -> None:
     motion = Motion("apart", np.array([0.0, 0.1]), apart[:, 0], apart[:, 1], closed=False)
     clipped, found = bring_within_reach(TEACHER, motion, choice="clip")
     assert found.samples == 1
-    assert 0.3 < clipped.left[1, 1] - ROBOT.left_centre[1] < 0.8
-    assert 0.3 < ROBOT.right_centre[1] - clipped.right[1, 1] < 0.8
+    assert 0.3 < clipped.left[1, 1] - ROBOT.centres[0][1] < 0.8
+    assert 0.3 < ROBOT.centres[1][1] - clipped.right[1, 1] < 0.8
     assert approach(TEACHER, ROBOT.comfort, clipped.targets[1])[1].max() < 2 * REACH_BOUND_M
 
 

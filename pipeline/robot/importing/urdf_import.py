@@ -4,12 +4,12 @@ The text that comes out stands for itself: logs and controllers carry it, and no
 Pinocchio does the geometry: it fixes the joints that are not wanted and joins the masses of what is then one body.
 """
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from xml.etree.ElementTree import Element, SubElement, tostring
 
-from pipeline.robot.import_spec import Pose, RobotSource
-from pipeline.robot.reduction import reduced_model
-from pipeline.robot.urdf_writer import write_urdf
+from pipeline.robot.importing.import_spec import Pose, RobotSource
+from pipeline.robot.importing.reduction import reduced_model
+from pipeline.robot.importing.urdf_writer import write_urdf
 from pipeline.urdf.bodies import check_bodies
 from pipeline.urdf.description import WORLD, as_numbers, check_links, end_link, named, parse_urdf, root_link
 from recorders.errors import RobotError
@@ -17,7 +17,13 @@ from recorders.text.wording import names_text
 
 
 def import_urdf(
-    model_text: str, source: RobotSource, *, name: str, joints: Sequence[str], frames: tuple[str, str, str]
+    model_text: str,
+    source: RobotSource,
+    *,
+    name: str,
+    joints: Sequence[str],
+    frames: Sequence[str],
+    hands: Mapping[str, str],
 ) -> str:
     """Make the URDF of a robot from a model of others.
 
@@ -34,8 +40,10 @@ def import_urdf(
         The robot's name.
     joints : sequence of str
         The joints that stay, those of `source.virtual` included; all others are fixed.
-    frames : tuple of str
-        Links that must not be joined to others: the hands, left and right, and the frame of the gaze.
+    frames : sequence of str
+        Links that must not be joined to others: those of the hands, and the frame of the gaze.
+    hands : mapping of str to str
+        Names of the hands, by link.
 
     Raises
     ------
@@ -50,7 +58,7 @@ def import_urdf(
         raise RobotError(f"[frozen] joints {_list(both)} are among the robot's joints: expected them in one place")
     check_links(whole, frames)
     model = reduced_model(whole, joints=joints, frozen=dict(source.frozen))
-    return write_urdf(whole, model, joints=joints, frames=frames)
+    return write_urdf(whole, model, joints=joints, frames=frames, hands=hands)
 
 
 def _assembled(model: Element, source: RobotSource, name: str) -> Element:

@@ -7,12 +7,10 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pipeline.robot.toml_values import as_list, as_name, as_number, as_table, as_vector, check_keys, parse_toml
+from pipeline.robot.toml_values import Vector, as_list, as_name, as_number, as_point, as_table, check_keys, parse_toml
 from pipeline.urdf.description import MAX_BYTES, shown
 from recorders.errors import RobotError
 from recorders.files.regular_file import require_regular_file
-
-Vector = tuple[float, float, float]
 
 _KEYS = frozenset({"source"})
 _OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "virtual", "frames"})
@@ -164,7 +162,7 @@ def _model(value: object) -> tuple[str | None, str]:
 
 def _pose(table: Mapping[str, Any], where: str) -> Pose:
     return Pose(
-        _vector(table.get("xyz", [0, 0, 0]), f"{where} xyz"), _vector(table.get("rpy", [0, 0, 0]), f"{where} rpy")
+        as_point(table.get("xyz", [0, 0, 0]), f"{where} xyz"), as_point(table.get("rpy", [0, 0, 0]), f"{where} rpy")
     )
 
 
@@ -175,15 +173,10 @@ def _virtual(value: object, index: int) -> VirtualJoint:
         found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {shown(table['type'])}"
         raise RobotError(f"type of {name} of the robot config: {found}")
     numbers = {key: as_number(table[key], f"{key} of {name}") for key in ("lower", "upper", "effort", "velocity")}
-    return VirtualJoint(name, table["type"], _vector(table["axis"], f"axis of {name}"), **numbers)
+    return VirtualJoint(name, table["type"], as_point(table["axis"], f"axis of {name}"), **numbers)
 
 
 def _frame(value: object, index: int) -> AddedFrame:
     table = as_table(value, _FRAME_KEYS, f"frame {index}", or_not=_POSE_KEYS)
     name = as_name(table["name"], f"name of frame {index}")
     return AddedFrame(name, as_name(table["parent"], f"parent of {name}"), _pose(table, name))
-
-
-def _vector(value: object, where: str) -> Vector:
-    x, y, z = as_vector(value, where).tolist()
-    return x, y, z

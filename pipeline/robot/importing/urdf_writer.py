@@ -8,15 +8,17 @@ import numpy as np
 import pinocchio
 
 from pipeline.arrays import Floats
+from pipeline.robot.importing.visuals import Body, add_body, add_bone, add_hand, add_materials
 from pipeline.robot.pinocchio_model import joint_index, link_frame
-from pipeline.robot.visuals import Body, add_body, add_bone, add_hand, add_materials
 from pipeline.urdf.bodies import inertia_attributes, possible, principal_moments, read_inertia
 from pipeline.urdf.description import as_numbers, end_link, named
 
 _ROUNDING = 1e-11  # of moments of inertia as they are written [kg m^2], or of the largest: more than it can be
 
 
-def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tuple[str, str, str]) -> str:
+def write_urdf(
+    whole: Element, model: Any, *, joints: Sequence[str], frames: Sequence[str], hands: Mapping[str, str]
+) -> str:
     """Write a model as the URDF of a robot.
 
     Parameters
@@ -27,8 +29,10 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
         The model with no other joints than `joints`.
     joints : sequence of str
         Names, in the order in which they are written.
-    frames : tuple of str
-        Links of `whole`: the hands, left and right, and the frame of the gaze.
+    frames : sequence of str
+        Links of `whole` that stay: those of the hands, and the frame of the gaze.
+    hands : mapping of str to str
+        Names of the hands, by link.
 
     Returns
     -------
@@ -37,7 +41,7 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
     """
     name = whole.get("name", "")
     robot = Element("robot", name=name)
-    add_materials(robot, prefix=name)
+    add_materials(robot, hands.values(), prefix=name)
     elements = named(whole, "joint")
     moved = {joint_index(model, joint): end_link(elements[joint], "child") for joint in joints}
     links = _write_links(robot, model, {0: "world"} | moved)
@@ -45,8 +49,8 @@ def write_urdf(whole: Element, model: Any, *, joints: Sequence[str], frames: tup
         _write_joint(robot, elements[joint], model, links, prefix=name)
     for frame in dict.fromkeys(frames):
         _write_frame(robot, frame, model, links, prefix=name)
-    for side, frame in zip(("left", "right"), frames[:2], strict=True):
-        add_hand(named(robot, "link")[frame], side, prefix=name)
+    for link, hand in hands.items():
+        add_hand(named(robot, "link")[link], hand, prefix=name)
     for joint in joints:
         _write_motor(robot, joint)
     indent(robot)

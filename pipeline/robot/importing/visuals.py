@@ -4,8 +4,9 @@ Meshes stay with the model they belong to; these shapes need no file, and every 
 """
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from itertools import cycle
 from xml.etree.ElementTree import Element, SubElement
 
 import numpy as np
@@ -17,9 +18,13 @@ from pipeline.urdf.description import as_numbers
 MATERIALS = {
     "body": (0.93, 0.94, 0.95, 1.0),
     "bone": (0.45, 0.47, 0.50, 1.0),
-    "left": (0.34, 0.71, 0.91, 1.0),  # the hands' colours in recordings
-    "right": (0.90, 0.62, 0.00, 1.0),
 }
+HAND_COLOURS = (  # in recordings too; Okabe and Ito, for all kinds of colour vision
+    (0.34, 0.71, 0.91, 1.0),
+    (0.90, 0.62, 0.00, 1.0),
+    (0.00, 0.62, 0.45, 1.0),
+    (0.80, 0.47, 0.65, 1.0),
+)
 
 _BONE_RADIUS_M = 0.018
 _HAND_RADIUS_M = 0.03
@@ -37,9 +42,9 @@ class Body:
     inertia: Floats
 
 
-def add_materials(robot: Element, *, prefix: str) -> None:
+def add_materials(robot: Element, hands: Iterable[str], *, prefix: str) -> None:
     """Add the materials to which the shapes refer; their names begin with `prefix`, for viewers share them."""
-    for name, rgba in MATERIALS.items():
+    for name, rgba in {**MATERIALS, **dict(zip(hands, cycle(HAND_COLOURS), strict=False))}.items():
         SubElement(SubElement(robot, "material", name=f"{prefix}_{name}"), "color", rgba=as_numbers(rgba))
 
 
@@ -67,9 +72,9 @@ def add_bone(link: Element, end: ArrayLike, *, prefix: str) -> None:
     _add_shape(link, "sphere", {"radius": as_numbers([1.5 * _BONE_RADIUS_M])}, (x, y, z), (0, 0, 0), f"{prefix}_bone")
 
 
-def add_hand(link: Element, side: str, *, prefix: str) -> None:
-    """Draw a ball at the origin of a hand's frame; `side` is left or right."""
-    _add_shape(link, "sphere", {"radius": as_numbers([_HAND_RADIUS_M])}, (0, 0, 0), (0, 0, 0), f"{prefix}_{side}")
+def add_hand(link: Element, name: str, *, prefix: str) -> None:
+    """Draw a ball at the origin of the frame of the hand of this name."""
+    _add_shape(link, "sphere", {"radius": as_numbers([_HAND_RADIUS_M])}, (0, 0, 0), (0, 0, 0), f"{prefix}_{name}")
 
 
 def _add_shape(
