@@ -10,8 +10,10 @@ from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.connection_watch import watching_connections
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
-from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver, ReceiverConfig
+from recorders.wire.queries import ReceivedOffer
+from recorders.wire.receiver import Event, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.subscription import LiveMessage
 
 DEFAULT_IDLE_TIMEOUT_S = 2.0
 """So long a tracker may lose sight of the hand."""

@@ -21,7 +21,9 @@ from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.status import NodeSource
 from recorders.wire.frames import Frame, FrameType
-from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver
+from recorders.wire.queries import ReceivedOffer
+from recorders.wire.receiver import Event, Receiver
+from recorders.wire.subscription import LiveMessage
 from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
 
 _QUIET_S = 0.02  # after this, what has come so far is learned at once, rather than with what comes next

@@ -19,7 +19,9 @@ from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
 from recorders.wire.frames import NO_RUN, Frame, FrameType
-from recorders.wire.receiver import Event, LiveMessage, ReceivedOffer, Receiver
+from recorders.wire.queries import ReceivedOffer
+from recorders.wire.receiver import Event, Receiver
+from recorders.wire.subscription import LiveMessage
 from recorders.writing.writer import MAX_CHANNELS, LogWriter
 
 _POLL_S = 0.2

@@ -10,9 +10,12 @@ from typing import NamedTuple
 from recorders.errors import MessageError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
-from recorders.wire.stream import PROTOCOL_VERSION
+from recorders.wire.stream import MAX_MESSAGE, PROTOCOL_VERSION
 
 DEFAULT_NAMESPACE = "reenact"
+
+MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
+"""Larger payloads are refused unread [bytes]: a message, and its entry in a batch."""
 
 _ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
 _LIVE = struct.Struct("<4sI32sQQ")  # the same, with what all live messages share in two pieces

@@ -19,6 +19,7 @@ WINDOW_BYTES = 64 << 20
 """How much may be under way unacknowledged, whatever the window allows; a single message may, however large."""
 
 _MAX_INDEX = 2**63 - 1
+_FAREWELL = b"farewell "
 
 _OFFER_TYPES: dict[str, type | tuple[type, ...]] = {
     "run": str,
@@ -128,6 +129,11 @@ class Progress:
     result: dict[str, Any] | None = None
     error: str | None = None
 
+    @property
+    def is_final(self) -> bool:
+        """Whether the consumer is through with the stream: it has a result, or stopped."""
+        return self.result is not None or self.error is not None
+
     def to_json(self) -> bytes:
         """Return the progress as JSON."""
         return json.dumps(asdict(self)).encode()
@@ -139,6 +145,16 @@ class Progress:
         if not 0 <= progress.next <= progress.received <= _MAX_INDEX:
             raise WireError(f"progress: expected 0 <= next <= received, found {progress.next} and {progress.received}")
         return progress
+
+
+def asking(offer: Offer, *, farewell: bool = False) -> bytes:
+    """Return what a sender asks a consumer's `status` with: who it is, and whether it has all that it needs."""
+    return (_FAREWELL if farewell else b"") + offer.sender.encode()
+
+
+def asker(asked: bytes) -> str:
+    """Return the sender that asks, from the bytes that `asking` returns."""
+    return asked.removeprefix(_FAREWELL).decode(errors="replace")
 
 
 def _is_name(text: str) -> bool:

@@ -16,6 +16,7 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.wire.channel_table import published_channels
 from recorders.wire.frames import (
+    MAX_PAYLOAD,
     Frame,
     FrameType,
     batch_key,
@@ -23,9 +24,8 @@ from recorders.wire.frames import (
     message_key,
     pack,
 )
-from recorders.wire.receiver import MAX_PAYLOAD, asking
 from recorders.wire.session import publishing
-from recorders.wire.stream import WINDOW_BYTES, Offer, Progress
+from recorders.wire.stream import WINDOW_BYTES, Offer, Progress, asking
 from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status, matches
 from replay.transports.batches import batches
 from replay.transports.patience import Patience
@@ -337,7 +337,7 @@ class _Delivery:
         def note(sample: zenoh.Sample) -> None:
             with suppress(WireError, zenoh.ZError):  # anyone may publish here, also what is no progress at all
                 progress = Progress.from_json(sample.payload.to_bytes())
-                if progress.run == self._offer.run and _is_final(progress):
+                if progress.run == self._offer.run and progress.is_final:
                     confirmed = self._ask(name, "status", asking(self._offer))
                     progress = confirmed or replace(progress, result=None, error=None)
                 if progress.received <= self._furthest:
@@ -358,7 +358,7 @@ class _Delivery:
             return
         with self._changed:
             known = self._progress.get(name)
-            if known is not None and progress.next >= known.next and not _is_final(known):
+            if known is not None and progress.next >= known.next and not known.is_final:
                 self._progress[name] = progress
                 self._changed.notify_all()
 
@@ -377,10 +377,6 @@ def _why(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     return "terminated" if isinstance(error, SystemExit) else "it failed, and says why itself"
-
-
-def _is_final(progress: Progress) -> bool:
-    return progress.result is not None or progress.error is not None
 
 
 def _checked(name: str, progress: Progress) -> Progress:

@@ -43,10 +43,10 @@ from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import open_log
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack
+from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, message_key, pack
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
-from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule

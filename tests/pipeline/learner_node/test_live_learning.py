@@ -39,9 +39,9 @@ from recorders.messages.topics import (
     SESSION_PHASE,
 )
 from recorders.reading.reader import LogReader
-from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack, unpack
+from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import MAX_PAYLOAD, Receiver, ReceiverConfig
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.live import LiveStream, live_offer
 from replay.sources.schedule import Schedule

@@ -10,8 +10,9 @@ from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, decla
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.wire.frames import message_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import LiveMessage, Receiver, ReceiverConfig
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.subscription import LiveMessage
 
 KEY = message_key("reenact", ROBOT_DESCRIPTION)
 KEPT = ReceiverConfig(name="recorder", live=True, latched_topics=frozenset({ROBOT_DESCRIPTION}))

@@ -14,9 +14,11 @@ from waiting import wait_until
 from recorders.errors import WireError
 from recorders.wire.frames import Frame, FrameType, batch_key, control_key, pack
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import LiveMessage, ReceivedOffer, Receiver, ReceiverConfig
+from recorders.wire.queries import ReceivedOffer
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import Offer, Progress
+from recorders.wire.subscription import LiveMessage
 
 
 @contextmanager

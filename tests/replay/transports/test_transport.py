@@ -18,9 +18,9 @@ from collector import Collector
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
-from recorders.wire.frames import Frame, FrameType
+from recorders.wire.frames import MAX_PAYLOAD, Frame, FrameType
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import MAX_PAYLOAD, Receiver
+from recorders.wire.receiver import Receiver
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import WINDOW_BYTES, Offer
 from replay.transports.sender_config import SenderConfig
@@ -268,7 +268,7 @@ def test_no_more_than_so_many_bytes_are_under_way() -> None:
 
     class Watched(Receiver):
         def consumed(self, frame: Frame) -> None:
-            under_way.append(self._progress.received - self._progress.next)
+            under_way.append(self.progress.received - self.progress.next)
             super().consumed(frame)
 
     with (
