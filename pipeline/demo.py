@@ -188,7 +188,6 @@ def _explore_both(
             seed=seed,
             out=logs[0],
             overwrite=True,
-            say=console.notice,
             progress=advance,
             on_message=(lambda topic, message, time_ns: None) if watched is None else watched.feed,
         )

@@ -14,6 +14,7 @@ from pipeline.cli.robot import demonstrate, explore, robot
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
 from pipeline.terminal import console
+from pipeline.terminal.log_lines import logging_to_terminal
 from pipeline.terminal.signals import end_by_exceptions
 from recorders.errors import ReenactError
 from recorders.text.wording import escape_control, line_text
@@ -23,9 +24,10 @@ class _Program(TyperGroup):
     """Group of the verbs that ends with a line where a signal cut one short: click prints none after Ctrl-C."""
 
     def invoke(self, ctx: Any) -> Any:
-        """Run the verb."""
+        """Run the verb, and print what is logged meanwhile."""
         try:
-            return super().invoke(ctx)
+            with logging_to_terminal():
+                return super().invoke(ctx)
         except (KeyboardInterrupt, SystemExit) as stop:
             _fail(*exit_line(stop))
 

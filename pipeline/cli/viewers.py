@@ -9,8 +9,6 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.terminal import console
-
 if TYPE_CHECKING:
     from pipeline.learner.controller import Controller
     from pipeline.robot.config import RobotConfig
@@ -18,6 +16,7 @@ if TYPE_CHECKING:
     from pipeline.views.live import LiveView
     from recorders.messages.message_types import Message
     from recorders.messages.record import RecordedMessage
+
 
 # Read when Rerun is loaded, which is after the verbs are: where one fails, it would add many lines to the one of ours.
 os.environ.setdefault("RUST_LOG", "off")
@@ -46,7 +45,7 @@ class ViewOptions:
             return
         from pipeline.views.live import viewer
 
-        with viewer(self.view, self.viewer, console.notice) as view:
+        with viewer(self.view, self.viewer) as view:
             yield view
 
     @contextmanager

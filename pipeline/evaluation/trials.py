@@ -1,6 +1,5 @@
 """A controller tried on a motion, beside the teacher and the linear baseline."""
 
-from collections.abc import Callable
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
@@ -81,7 +80,6 @@ def evaluate_motion(
     motion: str | Path,
     *,
     linear_from: Path | None = None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> Trial:
     """Try a controller on a recording, a CSV file or a motion known by name.
 
@@ -93,8 +91,6 @@ def evaluate_motion(
         What is asked for.
     linear_from : Path, optional
         The log that the linear baseline is fitted to; by default the motion's own, where it is one.
-    say : callable
-        Told of a part of a session that is named alone.
 
     Raises
     ------
@@ -102,11 +98,11 @@ def evaluate_motion(
         If a log or the motion cannot be read, or was recorded with a robot of other joints.
     """
     robot = robot_of(controller)
-    fitted = None if linear_from is None else read_samples(one_session([linear_from], say), robot=robot)
+    fitted = None if linear_from is None else read_samples(one_session([linear_from]), robot=robot)
     if fitted is not None:
         _check_joints(controller, fitted, name=str(linear_from))
     if is_recorded(motion):
-        log = one_session([Path(motion)], say)
+        log = one_session([Path(motion)])
         return evaluate_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)

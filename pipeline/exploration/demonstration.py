@@ -133,7 +133,6 @@ def demonstrate(
     out: str | Path,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> DemonstrationResult:
     """Record an episode of demonstrated paths: teacher and simulated robot follow them, as in `exploration.explore`.
 
@@ -149,8 +148,8 @@ def demonstrate(
         Seed of the start posture.
     out, overwrite : str or Path, bool
         Log to write, and whether one that is there may be replaced.
-    progress, say : callable
-        Called with the fraction done, 0 to 1, and with a line about a log that a crash left at `out`.
+    progress : callable
+        Called with the fraction done, 0 to 1.
 
     Raises
     ------
@@ -170,7 +169,6 @@ def demonstrate(
         must_reach=False,
         overwrite=overwrite,
         progress=progress,
-        say=say,
     )
     return DemonstrationResult(
         path=explored.path,

@@ -65,7 +65,6 @@ def explore(
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
     on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> ExplorationResult:
     """Let the teacher follow a motion on the simulated robot and write the episode to a log.
 
@@ -83,9 +82,8 @@ def explore(
         More entries of the manifest, such as the source of the motion.
     must_reach : bool
         Whether a motion that leaves the robot's reach is refused.
-    progress, on_message, say : callable
-        Called with the fraction done, 0 to 1; with every message written, its topic and time [ns]; with a line about a
-        log that a crash left at `out`, and that is set aside.
+    progress, on_message : callable
+        Called with the fraction done, 0 to 1; with every message written, its topic and time [ns].
 
     Raises
     ------
@@ -101,7 +99,7 @@ def explore(
     start = start_posture(robot, seed=seed, spread=config.start_spread)
     settings = {"teacher": asdict(teacher), "simulation": asdict(simulation), "exploration": asdict(config)}
     manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **settings}
-    with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite, say=say) as writer:
+    with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
         total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
         episode = TeacherRun(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
         episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record

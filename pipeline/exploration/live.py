@@ -199,7 +199,6 @@ def explore_live(
     teacher: TeacherConfig = _TEACHER,
     config: ExplorationConfig = _EXPLORATION,
     progress: Callable[[float], None] = lambda fraction: None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> LiveExploration:
     """Let the teacher drive a robot node through a motion, and stream the session to the consumers that are awaited.
 
@@ -217,8 +216,8 @@ def explore_live(
         Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch_size` says.
     teacher, config : TeacherConfig, ExplorationConfig
         Parameters.
-    progress, say : callable
-        Called with the fraction done, 0 to 1, and with a line for every connection lost.
+    progress : callable
+        Called with the fraction done, 0 to 1.
 
     Raises
     ------
@@ -235,7 +234,7 @@ def explore_live(
         )
         live.settle()
         robot.wait()
-        with running_node(opened, live.source, config=session, namespace=sender.namespace, report=say):
+        with running_node(opened, live.source, config=session, namespace=sender.namespace):
             transport = ZenohTransport(opened, config=replace(sender, batch_size=1))
             consumers = transport.deliver(live.offer(), live.stream_from)
     return LiveExploration(

@@ -1,5 +1,6 @@
 """Paths of hands from a live pose topic: a publisher of PoseStamped demonstrates the motion, until it is over."""
 
+import logging
 import time
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -14,6 +15,8 @@ from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.subscription import LiveMessage
+
+logger = logging.getLogger(__name__)
 
 DEFAULT_IDLE_TIMEOUT_S = 2.0
 """So long a tracker may lose sight of the hand."""
@@ -67,12 +70,11 @@ def subscribe_paths(
     session: SessionConfig,
     config: ListenConfig,
     stopped: Callable[[], bool] = lambda: False,
-    say: Callable[[str], None] = lambda line: None,
 ) -> DemonstratedPaths:
     """Subscribe to pose topics until the demonstration is over, or somebody stops it.
 
     Poses may come with an attachment of ours or with none. What is no pose is left out with a line, what is a useless
-    one (no number, stamped before the last) is left out and counted.
+    one (no number, stamped before the last) is left out and counted. The beginning and the first pose are logged.
 
     Parameters
     ----------
@@ -84,8 +86,6 @@ def subscribe_paths(
         Where, and for how long.
     stopped : callable
         Whether somebody has stopped it.
-    say : callable
-        Told, a line each, that it listens, of the first pose, and of the first message refused for each reason.
 
     Raises
     ------
@@ -99,12 +99,12 @@ def subscribe_paths(
     receiving = ReceiverConfig(name=_NAME, namespace=config.namespace, live=True)
     with (
         open_session(session) as opened,
-        Receiver(opened, config=receiving, say=say) as receiver,
-        watching_connections(opened, session, own=None, namespace=config.namespace, report=say),
+        Receiver(opened, config=receiving) as receiver,
+        watching_connections(opened, session, own=None, namespace=config.namespace),
     ):
         where = ", ".join(session.listen or session.connect)
-        say(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
-        _Subscription(topics, renames, tracks, config, say).run(receiver, stopped)
+        logger.info(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
+        _Subscription(topics, renames, tracks, config).run(receiver, stopped)
     if not any(track.seen for track in tracks.values()):
         raise MotionError(f"live: no pose came on {' or '.join(_published(topics, renames))}")
     source = {"kind": "live", "name": "live", "sha256": poses_sha256(tracks)}
@@ -120,11 +120,9 @@ class _Subscription:
         renames: Mapping[str, str],
         tracks: Mapping[str, PoseTrack],
         config: ListenConfig,
-        say: Callable[[str], None],
     ) -> None:
         self._topics, self._renames, self._tracks = topics, renames, tracks
         self._config = config
-        self._say = say
         self._began_s = time.monotonic()
         self._last_s: float | None = None  # when the last pose came
         self._refused: set[str] = set()
@@ -154,13 +152,13 @@ class _Subscription:
             return
         if used:
             if self._last_s is None:
-                self._say(f"the first pose has come, on {record.topic}")
+                logger.info(f"the first pose has come, on {record.topic}")
             self._last_s = time.monotonic()
 
     def _refuse(self, topic: str, line: str) -> None:
         if topic not in self._refused:
             self._refused.add(topic)
-            self._say(f"refused on {topic}: {line}")
+            logger.warning(f"refused on {topic}: {line}")
 
     def _is_over(self) -> bool:
         if self._last_s is None:

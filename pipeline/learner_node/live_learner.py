@@ -1,5 +1,6 @@
 """A learner that learns live: what anyone publishes goes in, outputs, errors and digests come out."""
 
+import logging
 from collections import deque
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -25,6 +26,8 @@ from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
 from recorders.wire.subscription import LiveMessage
 from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
+
+logger = logging.getLogger(__name__)
 
 _QUIET_S = 0.02  # after this, what has come so far is learned at once, rather than with what comes next
 _POLL_S = 0.5
@@ -80,8 +83,6 @@ class LiveLearner:
         One that hears live messages too.
     publisher : LearnerPublisher
         Says what comes of it.
-    say : callable
-        Told, in one line, of what is refused.
     """
 
     def __init__(
@@ -91,14 +92,10 @@ class LiveLearner:
         config: LiveConfig,
         receiver: Receiver,
         publisher: LearnerPublisher,
-        *,
-        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
-        self._receiver, self._publisher, self._say = receiver, publisher, say
-        self._stream = LiveStream(
-            epochs=config.epochs, check=range_check(robot), phase=trainer.checkpoint_phase, say=say
-        )
+        self._receiver, self._publisher = receiver, publisher
+        self._stream = LiveStream(epochs=config.epochs, check=range_check(robot), phase=trainer.checkpoint_phase)
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0
@@ -214,7 +211,7 @@ class LiveLearner:
     def _leave(self, reason: str) -> None:
         """Leave a stream whose sender is gone; what it sent is learned, and anyone may go on."""
         self._receiver.abandon_stream()
-        self._say(f"a stream broke off, the learner goes on: {reason}")
+        logger.warning(f"a stream broke off, the learner goes on: {reason}")
 
     def _take_leave(self, result: dict[str, Any]) -> None:
         if self._receiver.offer is None:

@@ -1,6 +1,6 @@
 """The node `learn --live`: learns from published hand targets and joints, of a robot or a replay."""
 
-from collections.abc import Callable
+import logging
 from typing import Any
 
 import zenoh
@@ -20,6 +20,8 @@ from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 from replay.sources.live import live_offer
 
+logger = logging.getLogger(__name__)
+
 
 def learn_live(
     trainer: Trainer,
@@ -29,7 +31,6 @@ def learn_live(
     receiver: ReceiverConfig,
     config: LiveConfig | None = None,
     metrics_port: int | None = None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Learn from what anyone publishes, until Ctrl-C, SIGTERM, enough ticks, or the end of a stream that awaits this.
 
@@ -45,8 +46,8 @@ def learn_live(
         Endpoints; name and namespace.
     config : LiveConfig
         End of learning, and the log to write.
-    metrics_port, say : int and callable, optional
-        Port on 127.0.0.1 for Prometheus; called with a line when the learner is ready, and for refusals and losses.
+    metrics_port : int, optional
+        Port on 127.0.0.1 for Prometheus.
 
     Returns
     -------
@@ -64,18 +65,18 @@ def learn_live(
         if robot is None:
             robot = _answering(opened, receiver.namespace)
         else:
-            RobotCheck(opened, robot.joints, namespace=receiver.namespace, say=say, learner=True).warn()
+            RobotCheck(opened, robot.joints, namespace=receiver.namespace, learner=True).warn()
         with (
-            _Recording(config, robot, say) as recording,
+            _Recording(config, robot) as recording,
             LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
-            Receiver(opened, config=receiver, say=say) as receiving,
+            Receiver(opened, config=receiver) as receiving,
             until_stopped() as stopped,
         ):
-            learner = LiveLearner(trainer, robot, config, receiving, publisher, say=say)
+            learner = LiveLearner(trainer, robot, config, receiving, publisher)
             node, namespace = learner.source(receiver.name), receiver.namespace
-            with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port, report=say):
+            with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port):
                 where = f"{receiver.namespace}/** at {', '.join(session.listen or session.connect)}"
-                say(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
+                logger.info(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
                 return learner.run(stopped, keep=recording.keep)
 
 
@@ -89,7 +90,7 @@ def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
 class _Recording:
     """Log of the messages that are learned from, if one is wanted; it stays as far as it came if learning fails."""
 
-    def __init__(self, config: LiveConfig, robot: RobotConfig, say: Callable[[str], None]) -> None:
+    def __init__(self, config: LiveConfig, robot: RobotConfig) -> None:
         self._writer: LogWriter | None = None
         if config.record is None:
             return
@@ -99,7 +100,6 @@ class _Recording:
             attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
             overwrite=config.overwrite,
             rechunk=False,
-            say=say,
         )
 
     def __enter__(self) -> "_Recording":

@@ -1,5 +1,6 @@
 """The nodes of learning: the online learner and the replay that feeds it, each in a process of its own over Zenoh."""
 
+import logging
 from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
@@ -18,6 +19,8 @@ from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import Source
 from replay.transports.zenoh import ZenohTransport
 
+logger = logging.getLogger(__name__)
+
 OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)})
 """What the learner listens to: a message here that is not of its stream is refused aloud."""
 
@@ -31,13 +34,11 @@ def learn(
     session: SessionConfig,
     receiver: ReceiverConfig,
     metrics_port: int | None = None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Wait for a stream over Zenoh, learn from all of it, and return the result.
 
-    `say` is told, a line each, when the learner is ready, what it refuses, and what it loses sight of. A checkpoint, if
-    there is to be one, is also kept when the learner is stopped. With a `metrics_port`, its status is there for
-    Prometheus, on 127.0.0.1.
+    That it waits is logged, and what it refuses and loses sight of. A checkpoint, if there is to be one, is also kept
+    when the learner is stopped. With a `metrics_port`, its status is there for Prometheus, on 127.0.0.1.
 
     Raises
     ------
@@ -49,19 +50,18 @@ def learn(
     with (
         open_session(session) as opened,
         LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
-        Receiver(opened, config=receiver, say=say) as receiving,
+        Receiver(opened, config=receiver) as receiving,
         running_node(
             opened,
             _learner(trainer, receiving, publisher, name=receiver.name),
             config=session,
             namespace=receiver.namespace,
             metrics_port=metrics_port,
-            report=say,
         ),
     ):
         trainer.report_to(publisher.report)
         trainer.show_steps_to(publisher.show)
-        say(
+        logger.info(
             f"{receiver.name} waits for a replay or a live session that awaits it by this name, "
             f"at {', '.join(session.listen or session.connect)}"
         )
@@ -99,13 +99,12 @@ def replay(
     metrics_port: int | None = None,
     channels: Sequence[DeclaredChannel] = (),
     on_progress: Callable[[float], None] = lambda fraction: None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> dict[str, Any]:
     """Send a stream to the consumers that are awaited, and return their results.
 
-    `say` is told, a line each, if nobody listens to a stream that nobody need await, and what it loses sight of.
-    `on_progress` is told nothing of a stream whose length nobody knows. With a `metrics_port`, the status of the replay
-    is there for Prometheus, on 127.0.0.1. Recorders learn the types of what is sent from `channels`.
+    It is logged if nobody listens to a stream that nobody need await. `on_progress` is not called for a stream whose
+    length nobody knows. With a `metrics_port`, the status of the replay is there for Prometheus, on 127.0.0.1.
+    Recorders learn the types of what is sent from `channels`.
 
     Raises
     ------
@@ -135,9 +134,7 @@ def replay(
             state=lambda: "sending" if sent else "waiting",
             counts=lambda: {"messages": sent},
         )
-        with running_node(
-            opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port, report=say
-        ):
-            transport = ZenohTransport(opened, config=sender, on_progress=advanced, say=say, channels=channels)
+        with running_node(opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port):
+            transport = ZenohTransport(opened, config=sender, on_progress=advanced, channels=channels)
             results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}

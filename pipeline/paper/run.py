@@ -171,7 +171,6 @@ def _explore(
         teacher=config.teacher,
         simulation=config.simulation,
         overwrite=True,
-        say=console.notice,
         progress=progress,
     )
 

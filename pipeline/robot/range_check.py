@@ -1,7 +1,7 @@
 """Range checks of a robot's targets and joints: one check for every source, live or from a file."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
@@ -149,7 +149,6 @@ def live_log(
     robot: RobotConfig | None = None,
     epochs: int = 1,
     renames: Mapping[str, str] = MappingProxyType({}),
-    say: Callable[[str], None] = lambda line: None,
 ) -> LiveLog:
     """Return a recording as `learn --live` would have received it; the robot is the log's if none is given.
 
@@ -162,4 +161,4 @@ def live_log(
     """
     if robot is None:
         robot = require_recorded_robot(open_log(log), has_option=True)
-    return LiveLog(log, epochs=epochs, check=range_check(robot), renames=renames, say=say)
+    return LiveLog(log, epochs=epochs, check=range_check(robot), renames=renames)

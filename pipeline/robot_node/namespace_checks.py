@@ -1,7 +1,8 @@
 """Checks of a namespace: other controllers, a robot of other joints or in lockstep."""
 
+import logging
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import zenoh
@@ -9,7 +10,10 @@ import zenoh
 from pipeline.robot_node.protocol import RobotStatus, robot_key
 from recorders.errors import JointError, WireError
 from recorders.nodes.keys import controller_key
+from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
+
+logger = logging.getLogger(__name__)
 
 _ANSWER_S = 1.0  # who is there already answers within milliseconds
 _LOCKSTEP = (
@@ -58,6 +62,8 @@ def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: st
 class RobotCheck:
     """Asks the robot of a namespace whether it is the one that a controller or learner is for.
 
+    What whoever sends the targets may not know is logged, once each.
+
     Parameters
     ----------
     session : zenoh.Session
@@ -66,8 +72,6 @@ class RobotCheck:
         Joints that the controller commands, or that the learner reads.
     namespace : str
         First part of every key.
-    say : callable
-        Told, once each, what whoever sends the targets may not know.
     learner : bool
         Whether this is a learner: it sends no commands, and reads only its joints, whatever others there are.
     """
@@ -78,16 +82,14 @@ class RobotCheck:
         joints: tuple[str, ...],
         *,
         namespace: str,
-        say: Callable[[str], None],
         learner: bool = False,
     ) -> None:
         self._session = session
         self._joints = joints
         self._namespace = namespace
-        self._say = say
         self._who = "learner" if learner else "controller"
         self._commands = not learner
-        self._reported: set[str] = set()
+        self._warnings = OnceWarner(logger, limit=_MAX_LINES)
         self._came = threading.Event()
 
     @contextmanager
@@ -118,7 +120,7 @@ class RobotCheck:
         """Ask the robot that is there, if one is, and warn if its joints are not those of the controller or learner."""
         if (difference := self._ask()) is not None:
             outcome = "it refuses the commands" if self._commands else "nothing can be learned from it"
-            self._report_once(f"warning: {difference}; {outcome}")
+            self._warnings.warn(f"warning: {difference}; {outcome}")
 
     def _ask(self) -> str | None:
         """Return in what a robot differs, if it answers and does."""
@@ -132,7 +134,7 @@ class RobotCheck:
             if difference := self._difference(status):
                 return difference
             if self._commands and not status.real_time:
-                self._report_once(_LOCKSTEP)
+                self._warnings.warn(_LOCKSTEP)
         return None
 
     def _difference(self, status: RobotStatus) -> str | None:
@@ -142,11 +144,6 @@ class RobotCheck:
         parts = [_named("it lacks", ours - theirs), _named(f"the {self._who} lacks", theirs - ours)]
         name = escape_control(status.robot[:_MAX_NAME])
         return f"robot '{name}' has other joints than the {self._who}: {', '.join(filter(None, parts))}"
-
-    def _report_once(self, line: str) -> None:
-        if line not in self._reported and len(self._reported) < _MAX_LINES:
-            self._reported.add(line)
-            self._say(line)
 
     def _on_token(self, sample: zenoh.Sample) -> None:
         if sample.kind == zenoh.SampleKind.PUT:

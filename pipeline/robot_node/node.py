@@ -1,5 +1,6 @@
 """The simulated robot as a Zenoh node: joint commands in; joints, hands, link poses and clock out."""
 
+import logging
 import re
 import time
 from collections.abc import Callable
@@ -30,6 +31,8 @@ from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, c
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
+logger = logging.getLogger(__name__)
+
 MAX_WAITING = 1024
 """Commands and questions beyond this many are dropped: a flood must not fill the memory."""
 
@@ -58,6 +61,8 @@ class RobotNode:
     """Connects a robot to Zenoh; `pipeline.robot_node.protocol` defines the messages.
 
     Zenoh calls back on threads of its own, which only queue. The robot moves on the caller's thread, in `run`.
+    A command that is refused is logged, and not again while the reason, numbers aside, stays the same; a flood when it
+    begins, and time that slips.
 
     Parameters
     ----------
@@ -69,9 +74,6 @@ class RobotNode:
         First part of every key.
     config : FollowerConfig
         Rate and mode.
-    say : callable
-        Told, in one line, of a command that is refused; not again while the reason, numbers aside, stays the same.
-        Told as well of a flood, when it begins, and of time that slips.
 
     Raises
     ------
@@ -86,14 +88,12 @@ class RobotNode:
         *,
         namespace: str = DEFAULT_NAMESPACE,
         config: FollowerConfig | None = None,
-        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         check_namespace(namespace)
         self._backend = backend
         self._session = session
         self._namespace = namespace
         self._config = config or FollowerConfig()
-        self._say = say
         self._inbox: BoundedQueue[_Event] = BoundedQueue(limit=MAX_WAITING * ITEM_BYTES)
         self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
         self._last_refusal = ""
@@ -169,7 +169,7 @@ class RobotNode:
         self._robot.slipped_s += late_s
         if self._robot.slipped_s >= self._slip_to_report_s:
             self._slip_to_report_s = 2 * self._robot.slipped_s
-            self._say(
+            logger.warning(
                 f"time slips: {self._robot.slipped_s:.1f} s behind the clock on the wall so far; this machine is too "
                 "slow or too busy for real time"
             )
@@ -220,7 +220,7 @@ class RobotNode:
     def _note_flood(self, dropped: int, *, over: bool) -> None:
         self._robot.refused += dropped
         if dropped and not self._flooded:
-            self._say(f"a flood: dropped commands and questions, as more than {MAX_WAITING} of them wait")
+            logger.warning(f"a flood: dropped commands and questions, as more than {MAX_WAITING} of them wait")
         self._flooded = dropped > 0 or (self._flooded and not over)
 
     def _handle(self, event: _Event) -> None:
@@ -263,7 +263,7 @@ class RobotNode:
         kind = re.sub(r"[\d.]+", "", reason)
         if kind != self._last_refusal:
             self._last_refusal = kind
-            self._say(f"refused a command: {reason}")
+            logger.warning(f"refused a command: {reason}")
 
     def _answer(self, query: zenoh.Query) -> None:
         with query:
@@ -289,7 +289,6 @@ def run_robot(
     namespace: str = DEFAULT_NAMESPACE,
     config: FollowerConfig | None = None,
     metrics_port: int | None = None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> NoReturn:
     """Simulate a robot and let it follow commands over Zenoh, until an exception ends it, such as a signal's.
 
@@ -305,10 +304,10 @@ def run_robot(
     backend = Simulation(robot)
     with (
         open_session(session) as opened,
-        RobotNode(backend, opened, namespace=namespace, config=config, say=say) as node,
-        running_node(opened, node.source(), config=session, namespace=namespace, metrics_port=metrics_port, report=say),
+        RobotNode(backend, opened, namespace=namespace, config=config) as node,
+        running_node(opened, node.source(), config=session, namespace=namespace, metrics_port=metrics_port),
     ):
-        say(f"{robot.name} waits for commands at {', '.join(session.listen or session.connect)}")
+        logger.info(f"{robot.name} waits for commands at {', '.join(session.listen or session.connect)}")
         node.run()
 
 

@@ -1,8 +1,8 @@
-"""Writes a node's log and says its lines on a thread of its own, so that neither delays a command."""
+"""Writes a node's log and reports its lines on a thread of its own, so that neither delays a command."""
 
+import logging
 import queue
 import threading
-from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -10,12 +10,14 @@ from recorders.errors import ReenactError
 from recorders.messages.record import RecordedMessage
 from recorders.writing.writer import LogWriter
 
+logger = logging.getLogger(__name__)
+
 UNNUMBERED = -1
 """Sequence of a message that carries no number of its producer's; the log numbers it."""
 
 
 class Clerk:
-    """Takes records to write and lines to say, from any thread; a context manager.
+    """Takes records to write and lines to report, from any thread; a context manager.
 
     A signal, which Python handles on the main thread, cannot cut a record in two. A log that cannot be written any
     longer is given up, and what it is of goes on; the error is raised at the end.
@@ -24,8 +26,6 @@ class Clerk:
     ----------
     writer : LogWriter or None
         The log, finished as complete if the block ends by itself, by Ctrl-C or by SIGTERM.
-    say : callable
-        Told the lines.
 
     Attributes
     ----------
@@ -40,9 +40,8 @@ class Clerk:
         At the end of the block, if the log could not be written.
     """
 
-    def __init__(self, writer: LogWriter | None, say: Callable[[str], None]) -> None:
+    def __init__(self, writer: LogWriter | None) -> None:
         self._writer = writer
-        self._say = say
         self._inbox: queue.SimpleQueue[RecordedMessage | str | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="clerk")
         self._error: ReenactError | None = None
@@ -76,14 +75,14 @@ class Clerk:
         """Have a record written."""
         self._inbox.put(record)
 
-    def say(self, line: str) -> None:
-        """Have a line said."""
+    def report(self, line: str) -> None:
+        """Have a line logged as a warning."""
         self._inbox.put(line)
 
     def _work(self) -> None:
         while (item := self._inbox.get()) is not None:
             if isinstance(item, str):
-                self._say(item)
+                logger.warning(item)
             elif self.records:
                 self._write(item)
 
@@ -102,4 +101,4 @@ class Clerk:
         except ReenactError as error:
             self._error = error
             self.records = False
-            self._say(f"{error}; nothing more is recorded, all else goes on")
+            logger.warning(f"{error}; nothing more is recorded, all else goes on")

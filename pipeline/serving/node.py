@@ -1,6 +1,7 @@
 """The node `serve`: a learned controller as a Zenoh subscriber, with a status for whoever watches and a log."""
 
 import json
+import logging
 import threading
 import time
 from collections import deque
@@ -36,6 +37,8 @@ from recorders.wire.frames import (
 from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writing.writer import LogWriter
 
+logger = logging.getLogger(__name__)
+
 _RECENT = 4096  # commands of which the latency is kept
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
@@ -47,13 +50,12 @@ def serve(
     *,
     session: SessionConfig,
     config: ServeConfig | None = None,
-    say: Callable[[str], None] = lambda line: None,
     on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
     on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
 ) -> None:
     """Serve a controller until the process is told to stop.
 
-    `say` is told, a line each, when the controller is ready, of the first message refused for each reason, and of a log
+    A line each is logged when the controller is ready, for the first message refused for each reason, and for a log
     that cannot be written any longer: the robot goes on being commanded. However the serving ends, the log is finished,
     and `on_end` is given the last status and the controller as it is then. `on_command` is given every command that was
     sent, as CDR, and the messages that it answers; it must return at once.
@@ -74,8 +76,8 @@ def serve(
         If learning diverged.
     """
     config = config or ServeConfig()
-    writer = _log(controller, config, say)
-    clerk = Clerk(writer, say)
+    writer = _log(controller, config)
+    clerk = Clerk(writer)
     node = None
     try:
         with clerk:
@@ -90,11 +92,10 @@ def serve(
                     config=session,
                     namespace=config.namespace,
                     metrics_port=config.metrics_port,
-                    report=clerk.say,
                 ),
             ):
                 where = ", ".join(session.listen or session.connect)
-                clerk.say(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)} at {where}")
+                logger.info(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)} at {where}")
                 node.wait(robot)
     finally:
         if node is not None and node.serves:
@@ -133,7 +134,7 @@ class Node:
         on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
-        self._served = served = ServedController(controller, config=config.serving, say=clerk.say)
+        self._served = served = ServedController(controller, config=config.serving, report=clerk.report)
         self._config = config
         self._clerk = clerk
         self._lock = threading.Lock()  # several connections have several reading threads
@@ -167,7 +168,7 @@ class Node:
         """
         name, namespace = self._config.name, self._config.namespace
         refuse_other_controllers(session, name, namespace=namespace, allow_multiple=self._config.allow_multiple)
-        robot = RobotCheck(session, self._served.joints, namespace=namespace, say=self._clerk.say)
+        robot = RobotCheck(session, self._served.joints, namespace=namespace)
         with ExitStack() as stack:
             stack.enter_context(robot.watching())
             robot.check()
@@ -355,7 +356,7 @@ class Node:
             query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
 
 
-def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]) -> LogWriter | None:
+def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
     if config.record is None:
         return None
     return LogWriter(
@@ -370,7 +371,6 @@ def _log(controller: Controller, config: ServeConfig, say: Callable[[str], None]
         attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
         overwrite=config.overwrite,
         rechunk=False,
-        say=say,
     )
 
 

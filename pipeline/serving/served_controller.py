@@ -1,5 +1,6 @@
 """The learned controller at work: hand targets in, joint commands out, learning on if asked; no transport."""
 
+import logging
 import struct
 from collections import Counter, deque
 from collections.abc import Callable
@@ -28,6 +29,8 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
 from recorders.ticks.joiner import Tick
 
+logger = logging.getLogger(__name__)
+
 Floats = NDArray[np.float64]
 
 MAX_OPEN = 64  # ticks that wait for a partner; whoever sends halves alone must not fill the memory
@@ -54,7 +57,7 @@ class ServedController:
     time that has passed since then is ahead; both are refused, so that a single tick from nowhere moves no robot, and
     keeps no later one from doing so. But after `RESTART_AFTER` such ticks in a row, stale or ahead, each topic's stamps
     rising and no tick answered between them, their publisher's clock has begun anew, or the tick answered came from
-    another clock: a new cycle begins with the next tick, which `say` is told the first time.
+    another clock: a new cycle begins with the next tick, which is reported the first time.
 
     Parameters
     ----------
@@ -62,8 +65,9 @@ class ServedController:
         What was learned; a u that was pending when it was saved is forgotten.
     config : ServingConfig
         Learning, washout, what is reported.
-    say : callable
-        Told a line of the first message refused for each reason, and of the first clock that began anew.
+    report : callable, optional
+        Takes a line for the first message refused for each reason, and for the first clock that began anew; must return
+        at once, as a command may wait for it. They are logged if it is not given.
 
     Raises
     ------
@@ -76,10 +80,10 @@ class ServedController:
         controller: Controller,
         *,
         config: ServingConfig | None = None,
-        say: Callable[[str], None] = lambda line: None,
+        report: Callable[[str], None] = logger.warning,
     ) -> None:
         self._controller = controller
-        self._say = say
+        self._report = report
         self._config = config or ServingConfig()
         self._robot = robot_of(controller)
         self._learner = controller.learner()
@@ -202,7 +206,7 @@ class ServedController:
         # The text may quote what came from the network.
         self._last_refusal = "".join(c if c.isprintable() else "?" for c in line[:_MAX_LINE])
         if self._refused[reason.value] == 1:
-            self._say(f"refused, {reason.value}: {self._last_refusal}")
+            self._report(f"refused, {reason.value}: {self._last_refusal}")
 
     def status(self) -> dict[str, Any]:
         """Return both digests, counts by reason and by joint, and the error of the predictions scored, as JSON has it.
@@ -274,7 +278,7 @@ class ServedController:
     def _begin_anew(self, stamp: int, reason: Refusal) -> None:
         """Begin a cycle without a marker, as stamps have."""
         if not self._restarted:
-            self._say(
+            self._report(
                 f"{RESTART_AFTER} ticks in a row are {reason}, the last at {stamp} ns after one at "
                 f"{self._order.last_ns} ns: a new cycle begins with the next"
             )

@@ -1,5 +1,6 @@
 """Recording that a viewer shows while it grows; a failure here is reported in one line and stops nothing else."""
 
+import logging
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 
@@ -10,19 +11,21 @@ from recorders.errors import ReenactError
 from recorders.rerun_scene.recording import Destination, open_recording
 from recorders.rerun_scene.viewer import check_url, open_viewer
 
+logger = logging.getLogger(__name__)
+
 
 @contextmanager
-def viewer(wanted: bool, url: str | None, say: Callable[[str], None]) -> Iterator["LiveView | None"]:
+def viewer(wanted: bool, url: str | None) -> Iterator["LiveView | None"]:
     """Open a window, or find the viewer at `url`, for what runs in the block; None if neither is wanted, or possible.
 
-    `say` is told, in one line, if it is not possible.
+    Where it is not possible, that is logged.
     """
     view = None
     if wanted or url is not None:
         try:
-            view = LiveView(check_url(url) if url is not None else open_viewer(), say)
+            view = LiveView(check_url(url) if url is not None else open_viewer())
         except ReenactError as error:
-            say(f"--view: {error}; going on without")
+            logger.warning(f"--view: {error}; going on without")
     try:
         yield view
     finally:
@@ -33,21 +36,20 @@ def viewer(wanted: bool, url: str | None, say: Callable[[str], None]) -> Iterato
 class LiveView:
     """A viewer that is there, and the recording that it shows.
 
+    When it fails that is logged, and from then on nothing is sent.
+
     Parameters
     ----------
     url : str
         Where the viewer takes recordings.
-    say : callable
-        Told, in one line, when it fails; from then on nothing is sent.
 
     Attributes
     ----------
     url : str
     """
 
-    def __init__(self, url: str, say: Callable[[str], None]) -> None:
+    def __init__(self, url: str) -> None:
         self.url = url
-        self._say = say
         self._stack = ExitStack()
         self._failed = False
 
@@ -59,7 +61,7 @@ class LiveView:
             action()
         except Exception as error:
             self._failed = True
-            self._say(f"--view: the viewer shows no more: {' '.join(str(error).split()) or type(error).__name__}")
+            logger.warning(f"--view: the viewer shows no more: {' '.join(str(error).split()) or type(error).__name__}")
 
     def open(self, *, title: str, blueprint: rrb.Blueprint, kind: str) -> rr.RecordingStream:
         """Begin the recording; it is complete at `close`."""

@@ -1,9 +1,10 @@
 """Reports connections that are lost, nodes that are gone, and when either is back."""
 
+import logging
 import queue
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from datetime import datetime
 from typing import Self
@@ -13,10 +14,14 @@ import zenoh
 from recorders.nodes.keys import NodeId, node_key, node_of
 from recorders.wire.session import SessionConfig, endpoint_of
 
+logger = logging.getLogger(__name__)
+
 LASTING = ("robot", "controller")
 """Nodes that end only on request; all others also end by themselves, and are not missed."""
 
 _GRACE_S = 0.5
+_LOST = ("lost", logging.WARNING, _GRACE_S)
+_BACK = ("back", logging.INFO, 0.0)
 _PACE_S = 0.1  # between two lines, whoever declares and undeclares tokens how often
 _MAX_WAITING = 1000  # lines
 _MAX_KNOWN = 1000  # anyone may declare a token: later ones are not looked after
@@ -28,11 +33,10 @@ class _Losses:
     A loss is reported a little later, with its own time: the end of a node whose peers end with it is none.
     """
 
-    def __init__(self, report: Callable[[str], None]) -> None:
-        self._report = report
+    def __init__(self) -> None:
         self._lock = threading.Lock()
         self._is_there: dict[str, bool] = {}
-        self._lines: queue.Queue[tuple[float, str]] = queue.Queue(_MAX_WAITING)  # when each is due
+        self._lines: queue.Queue[tuple[float, int, str]] = queue.Queue(_MAX_WAITING)  # when due, level
         self._over = threading.Event()
         self._thread = threading.Thread(target=self._work, name="losses", daemon=True)
 
@@ -43,7 +47,7 @@ class _Losses:
     def __exit__(self, *error: object) -> None:
         self._over.set()
         with suppress(queue.Full):
-            self._lines.put_nowait((0.0, ""))
+            self._lines.put_nowait((0.0, logging.INFO, ""))
         self._thread.join()
 
     def note(self, what: str, *, is_there: bool) -> None:
@@ -55,21 +59,21 @@ class _Losses:
                 return
             self._is_there[what] = is_there
             if before is not None and before != is_there:
-                line = f"{'back' if is_there else 'lost'} {what} at {now}"
+                change, level, delay_s = _BACK if is_there else _LOST
                 with suppress(queue.Full):
-                    self._lines.put_nowait((time.monotonic() + (0.0 if is_there else _GRACE_S), line))
+                    self._lines.put_nowait((time.monotonic() + delay_s, level, f"{change} {what} at {now}"))
 
     def _work(self) -> None:
         while not self._over.is_set():
-            due_s, line = self._lines.get()
+            due_s, level, line = self._lines.get()
             if not self._over.wait(max(0.0, due_s - time.monotonic())):
-                self._report(line)
+                logger.log(level, line)
                 self._over.wait(_PACE_S)
 
 
 @contextmanager
 def watching_connections(
-    session: zenoh.Session, config: SessionConfig, *, own: NodeId | None, namespace: str, report: Callable[[str], None]
+    session: zenoh.Session, config: SessionConfig, *, own: NodeId | None, namespace: str
 ) -> Iterator[None]:
     """Report in one line, with the time, what goes and what comes back while the block runs.
 
@@ -87,8 +91,6 @@ def watching_connections(
         The node that this session is of, if it is of one.
     namespace : str
         First part of every key.
-    report : callable
-        Takes a line; called on a thread of its own.
     """
 
     def on_link(event: zenoh.LinkEvent) -> None:
@@ -103,7 +105,7 @@ def watching_connections(
 
     tokens = node_key(namespace, "*", "*", "alive")
     with (
-        _Losses(report) as losses,
+        _Losses() as losses,
         session.info.declare_link_events_listener(on_link, history=True),
         session.liveliness().declare_subscriber(tokens, on_token, history=True),
     ):

@@ -1,6 +1,6 @@
 """The base of all long-running nodes: a token, a status, metrics, and a watch on their connections."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 
 import zenoh
@@ -20,9 +20,8 @@ def running_node(
     config: SessionConfig,
     namespace: str,
     metrics_port: int | None = None,
-    report: Callable[[str], None] = lambda line: None,
 ) -> Iterator[None]:
-    """Let a node be seen while the block runs, and report what it loses sight of itself.
+    """Let a node be seen while the block runs, and log what it loses sight of itself.
 
     Parameters
     ----------
@@ -36,8 +35,6 @@ def running_node(
         First part of every key.
     metrics_port : int, optional
         Port on 127.0.0.1 for Prometheus.
-    report : callable
-        Takes a line for whatever is lost or back; called on a thread of its own.
 
     Raises
     ------
@@ -47,6 +44,6 @@ def running_node(
     with (
         declared_node(session, source, namespace=namespace) as meter,
         metrics_served(meter, metrics_port),
-        watching_connections(session, config, own=NodeId(source.kind, source.name), namespace=namespace, report=report),
+        watching_connections(session, config, own=NodeId(source.kind, source.name), namespace=namespace),
     ):
         yield

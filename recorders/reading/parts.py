@@ -1,7 +1,8 @@
 """Sessions in parts: a recording that was split, or a list of logs, named by a folder, by its stem or file by file."""
 
+import logging
 import re
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -11,6 +12,8 @@ from recorders.files.regular_file import begins_with
 from recorders.mcap_format.records import MAGIC
 from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
+
+logger = logging.getLogger(__name__)
 
 PART = "part"
 """The entry of the manifest that states which part of which session a log is: `session`, `number`, `more`."""
@@ -87,15 +90,15 @@ def find_log(path: Path) -> Log:
     return path
 
 
-def one_session(paths: Sequence[Path], say: Callable[[str], None] = lambda line: None) -> Log:
+def one_session(paths: Sequence[Path]) -> Log:
     """Return the one session that a list of logs is: numbered parts go by their numbers, other logs as listed.
+
+    A part that is named without the others is reported.
 
     Parameters
     ----------
     paths : sequence of Path
         Logs or parts, or one folder or stem.
-    say : callable
-        Told of a part that is named without the others.
 
     Raises
     ------
@@ -107,22 +110,22 @@ def one_session(paths: Sequence[Path], say: Callable[[str], None] = lambda line:
     if len(paths) == 1:
         if (part := _part(paths[0])) and (part.number or part.more):
             whole = _split_name(paths[0].name)
-            say(f"{paths[0]} is one part of a session, taken alone; {whole} beside it names them all")
+            logger.warning(f"{paths[0]} is one part of a session, taken alone; {whole} beside it names them all")
         return find_log(paths[0])
     if len({_split_name(path.name) for path in paths}) == 1:
         return _whole(sorted(paths, key=_number))
     return Parts(tuple(paths))
 
 
-def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: None) -> list[Log]:
+def recordings(paths: Sequence[Path]) -> list[Log]:
     """Return the recordings that are named, in this order; those of several parts of one session are one.
+
+    A part that is named without the others is reported.
 
     Parameters
     ----------
     paths : sequence of Path
         Logs, parts, folders and stems.
-    say : callable
-        Told of a part that is named without the others.
 
     Raises
     ------
@@ -133,7 +136,7 @@ def recordings(paths: Sequence[Path], say: Callable[[str], None] = lambda line: 
     for index, path in enumerate(paths):
         part = _part(path)
         sessions.setdefault(part.session if part else f"log {index}", []).append(path)
-    return [one_session(members, say) for members in sessions.values()]
+    return [one_session(members) for members in sessions.values()]
 
 
 def is_followed(path: Path) -> bool:

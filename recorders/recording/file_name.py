@@ -1,8 +1,9 @@
 """File names of a recording: as given, by the time at which it begins, or beside the remains of a crash."""
 
+import logging
 import os
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from itertools import count
 from pathlib import Path
 
@@ -10,13 +11,15 @@ from recorders.errors import TakenError
 from recorders.reading.parts import is_followed, parts_in
 from recorders.writing.part_file import is_written, part_of
 
+logger = logging.getLogger(__name__)
+
 _UNNAMED = Path("session.mcap")
 
 
-def recording_names(
-    out: Path | None, *, splits: bool, overwrite: bool, now_ns: int, say: Callable[[str], None]
-) -> Iterator[Path]:
+def recording_names(out: Path | None, *, splits: bool, overwrite: bool, now_ns: int) -> Iterator[Path]:
     """Yield the names that a recording may have, the best one first; the others in case that one is taken meanwhile.
+
+    Files that a crash left are reported.
 
     Parameters
     ----------
@@ -29,8 +32,6 @@ def recording_names(
         Whether existing files may be replaced.
     now_ns : int
         The time [ns]; names have it in UTC, so that they sort, whatever a clock in the street shows.
-    say : callable
-        Told, in one line, of files that a crash left.
 
     Raises
     ------
@@ -42,7 +43,7 @@ def recording_names(
     elif splits and not overwrite and (taken := parts_in(out.parent, out.stem)):
         left = _cut_short(taken)
         for name in _by_time(out, now_ns):
-            say(
+            logger.warning(
                 f"{left} was left by a recording that did not come to its end, and stays: `reenact recover` makes a "
                 f"log of it. The parts of this one are called {name.stem}_*{name.suffix}"
             )

@@ -1,5 +1,6 @@
 """The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
 
+import logging
 import time
 from collections.abc import Callable
 from pathlib import Path
@@ -24,6 +25,8 @@ from recorders.wire.receiver import Event, Receiver
 from recorders.wire.subscription import LiveMessage
 from recorders.writing.writer import MAX_CHANNELS, LogWriter
 
+logger = logging.getLogger(__name__)
+
 _POLL_S = 0.2
 _TOO_MANY = f"one topic more: a log holds no more than {MAX_CHANNELS} channels"
 _STOPPED = "the recorder was stopped"
@@ -46,8 +49,6 @@ class LiveRecorder:
         Whether existing files may be replaced.
     on_progress : callable
         Told of the recording so far, a few times a second.
-    say : callable
-        Told, in one line, of what a crash left, and of a clock that steps back.
     clock : callable
         The clock on the wall [ns]; log time goes by it, but never falls.
 
@@ -71,14 +72,12 @@ class LiveRecorder:
         config: RecordConfig | None = None,
         overwrite: bool = False,
         on_progress: Callable[[RecordingStats], None] = lambda recording: None,
-        say: Callable[[str], None] = lambda line: None,
         clock: Callable[[], int] = time.time_ns,
     ) -> None:
         self._config = config or RecordConfig()
         self._overwrite = overwrite
         self._on_progress = on_progress
-        self._say = say
-        self._clock = LogClock(clock, say=say)
+        self._clock = LogClock(clock)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
         self._last: dict[str, int] = {}
@@ -249,7 +248,7 @@ class LiveRecorder:
 
     def _refuse_topic(self) -> None:
         if not self.recording.refused[_TOO_MANY]:
-            self._say(f"refused a message on {_TOO_MANY}")
+            logger.warning(f"refused a message on {_TOO_MANY}")
         self.recording.refused[_TOO_MANY] += 1
 
     def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:
@@ -293,7 +292,7 @@ class LiveRecorder:
 
     def _begin(self, out: Path | None, now_ns: int) -> tuple[Path, LogWriter]:
         """Open the first file, under the first name that nobody else takes at this moment; returns that name too."""
-        names = recording_names(out, splits=self._splits, overwrite=self._overwrite, now_ns=now_ns, say=self._say)
+        names = recording_names(out, splits=self._splits, overwrite=self._overwrite, now_ns=now_ns)
         for name in names:
             try:
                 return name, self._open(name)
@@ -315,7 +314,6 @@ class LiveRecorder:
             attachments=self._attachments,
             overwrite=self._overwrite,
             rechunk=False,
-            say=self._say,
         )
         self.recording.paths.append(path)
         self._written = 0

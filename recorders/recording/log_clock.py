@@ -1,22 +1,24 @@
 """The log time of a recording: the clock on the wall, but never back."""
 
+import logging
 from collections.abc import Callable
+
+logger = logging.getLogger(__name__)
 
 
 class LogClock:
     """The clock of log times: where the system clock steps back, log time waits for it.
 
+    A step back is reported, and not again before log time has caught up.
+
     Parameters
     ----------
     clock : callable
         The clock on the wall [ns].
-    say : callable
-        Told, in one line, that it stepped back; not again before it has caught up.
     """
 
-    def __init__(self, clock: Callable[[], int], *, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, clock: Callable[[], int]) -> None:
         self._clock = clock
-        self._say = say
         self._last_ns = 0
         self._waits = False
 
@@ -25,7 +27,7 @@ class LogClock:
         now_ns = self._clock()
         behind_ns = self._last_ns - now_ns
         if behind_ns > 0 and not self._waits:
-            self._say(
+            logger.warning(
                 f"the clock on the wall stepped back by {behind_ns / 1e9:g} s: log time waits until it has caught up"
             )
         self._waits = behind_ns > 0

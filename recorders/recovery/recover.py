@@ -93,7 +93,6 @@ def recover(
     *,
     overwrite: bool = False,
     on_progress: Callable[[float], None] = lambda fraction: None,
-    say: Callable[[str], None] = lambda line: None,
 ) -> Recovery:
     """Write what can be believed of a damaged log to another one.
 
@@ -110,8 +109,6 @@ def recover(
         Whether a file of that name may be replaced.
     on_progress : callable
         Called with the fraction done.
-    say : callable
-        Told, in one line, of an unfinished log that was left where the new one is written, and is set aside.
 
     Raises
     ------
@@ -124,7 +121,7 @@ def recover(
     _refuse_source(out, source)
     check_place(out, overwrite=overwrite)
     found = survey(source, on_progress=lambda fraction: on_progress(fraction / 2))
-    with _new_file(out, overwrite=overwrite, say=say) as file:
+    with _new_file(out, overwrite=overwrite) as file:
         return _Copy(found, file).run(out, lambda fraction: on_progress((1 + fraction) / 2))
 
 
@@ -241,9 +238,9 @@ class _Copy:
 
 
 @contextmanager
-def _new_file(out: Path, *, overwrite: bool, say: Callable[[str], None]) -> Iterator[BinaryIO]:
+def _new_file(out: Path, *, overwrite: bool) -> Iterator[BinaryIO]:
     """Open a file that gets its name when the block ends, and goes away if it fails."""
-    file = _claimed(out, overwrite=overwrite, say=say)
+    file = _claimed(out, overwrite=overwrite)
     try:
         yield file.stream
         file.publish()
@@ -262,12 +259,12 @@ def _refuse_source(out: Path, source: Path) -> None:
             )
 
 
-def _claimed(out: Path, *, overwrite: bool, say: Callable[[str], None]) -> PartFile:
+def _claimed(out: Path, *, overwrite: bool) -> PartFile:
     """Make the file; an interruption meanwhile leaves no empty one."""
     part = part_of(out)
     was_there = part.exists()
     try:
-        return PartFile(out, overwrite=overwrite, say=say)
+        return PartFile(out, overwrite=overwrite)
     except LogError:
         raise
     except BaseException:

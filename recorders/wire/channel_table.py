@@ -7,7 +7,8 @@ is bounded, and checked before it is believed.
 
 import base64
 import json
-from collections.abc import Callable, Iterable, Iterator, Sequence
+import logging
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any, Self, TypeAlias, TypeVar
 
@@ -15,6 +16,9 @@ import zenoh
 
 from recorders.errors import WireError
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.text.once import OnceWarner
+
+logger = logging.getLogger(__name__)
 
 TABLE_VERSION = 1
 MAX_TABLE = 4 << 20
@@ -22,6 +26,7 @@ MAX_TABLE = 4 << 20
 
 _MAX_NAME = 1000  # characters
 _ANSWER_S = 2.0
+_MAX_LINE = 300  # characters
 _MAX_SENDERS = 16  # whose tables are remembered
 
 Schema: TypeAlias = tuple[str, str, bytes]
@@ -81,7 +86,6 @@ def published_channels(
     namespace: str,
     sender: str,
     channels: Sequence[DeclaredChannel],
-    say: Callable[[str], None] = lambda line: None,
 ) -> Iterator[None]:
     """Publish the channels of a stream, and answer whoever asks for them, while the block runs.
 
@@ -89,7 +93,9 @@ def published_channels(
     """
     table, key = to_json(channels), table_key(namespace, sender)
     if len(table) > MAX_TABLE:
-        say(f"types and schemas take {len(table)} bytes, more than the {MAX_TABLE} that travel: a recorder learns none")
+        logger.warning(
+            f"types and schemas take {len(table)} bytes, more than the {MAX_TABLE} that travel: a recorder learns none"
+        )
     if not channels or len(table) > MAX_TABLE:
         yield
         return
@@ -114,14 +120,12 @@ class SenderChannels:
         An open session.
     namespace : str
         First part of every key.
-    say : callable
-        Told of an answer that is no table.
     """
 
-    def __init__(self, session: zenoh.Session, namespace: str, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, session: zenoh.Session, namespace: str) -> None:
         self._session = session
         self._namespace = namespace
-        self._say = say
+        self._warnings = OnceWarner(logger, limit=_MAX_SENDERS, longest=_MAX_LINE)
         self._published: dict[str, bytes] = {}  # by key, not read yet
         self._tables: dict[bytes, dict[str, list[DeclaredChannel]]] = {}
         self._stack = ExitStack()
@@ -150,7 +154,7 @@ class SenderChannels:
             for channel in self._answer(sender):
                 table.setdefault(channel.topic, []).append(channel)
         except WireError as error:
-            self._say(str(error))
+            self._warnings.warn(str(error))
         _remember(self._tables, sender, table)
         return table
 

@@ -1,10 +1,11 @@
 """The receiving end over Zenoh, for one consumer: a stream in order and acknowledged, and live messages."""
 
+import logging
 import math
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
 from types import TracebackType
@@ -22,6 +23,8 @@ from recorders.wire.received_stream import ReceivedStream
 from recorders.wire.refusals import Refusals
 from recorders.wire.stream import Consumer, Offer, Progress
 from recorders.wire.subscription import LiveMessage, Subscription, live_messages
+
+logger = logging.getLogger(__name__)
 
 _FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
 _POLL_S = 1.0
@@ -79,8 +82,6 @@ class Receiver:
         An open session.
     config : ReceiverConfig
         Name, namespace and patience.
-    say : callable
-        Told, in one line, of every offer and kind of message that is refused.
 
     Attributes
     ----------
@@ -95,17 +96,15 @@ class Receiver:
         session: zenoh.Session,
         *,
         config: ReceiverConfig | None = None,
-        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._session = session
         self._config = config or ReceiverConfig()
-        self._say = say
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
         self._stream = ReceivedStream(self._config.name, silence_s=self._config.silence_s)
         self._step = threading.Condition()  # held for each step of the stream
-        self._refusals = Refusals(say)
+        self._refusals = Refusals()
         self._stack = ExitStack()
-        self.channels = SenderChannels(session, self._config.namespace, say=self._refusals.report)
+        self.channels = SenderChannels(session, self._config.namespace)
         self._subscription = Subscription(
             session,
             self._config.namespace,
@@ -197,7 +196,7 @@ class Receiver:
         """Take an offer, from the stream index `start` on."""
         with self._step:
             progress = self._stream.accept(offered.offer, start, time.monotonic())
-        self._say(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
+        logger.info(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
         offered.answer(progress)
 
     def refuse(self, offered: ReceivedOffer, reason: str) -> None:

@@ -1,21 +1,18 @@
-"""Counts what is refused of the network and reports each reason once, whatever strangers send."""
+"""Counts what is refused of the network and logs each reason once, whatever strangers send."""
 
+import logging
 from collections import Counter
-from collections.abc import Callable
 
-from recorders.text.wording import escape_control
+from recorders.text.once import OnceWarner
+
+logger = logging.getLogger(__name__)
 
 _MAX_REASONS = 1000  # anyone may publish on any key: the reports must not fill the memory
 _MAX_LINE = 1000  # nor may a single line of it [characters]
 
 
 class Refusals:
-    """Refused messages by topic and reason, of which each is reported once.
-
-    Parameters
-    ----------
-    say : callable
-        Told of each, in one line.
+    """Refused messages by topic and reason, of which each is logged once.
 
     Attributes
     ----------
@@ -23,9 +20,9 @@ class Refusals:
         How many messages were refused, by topic and reason.
     """
 
-    def __init__(self, say: Callable[[str], None]) -> None:
-        self._say = say
-        self._reported: set[str] = set()
+    def __init__(self) -> None:
+        # One more than the reasons: "other topics".
+        self._warnings = OnceWarner(logger, limit=_MAX_REASONS + 1, longest=_MAX_LINE)
         self.counts: Counter[str] = Counter()
 
     def count(self, topic: str, reason: str) -> None:
@@ -36,8 +33,5 @@ class Refusals:
         self.report(f"refused a message on {topic}: {reason}")
 
     def report(self, line: str) -> None:
-        """Report a line once, as anybody may cause it again and again."""
-        line = escape_control(line[:_MAX_LINE])
-        if line not in self._reported and len(self._reported) < _MAX_REASONS + 1:  # one more: "other topics"
-            self._reported.add(line)
-            self._say(line)
+        """Log a line once, as anybody may cause it again and again."""
+        self._warnings.warn(line)

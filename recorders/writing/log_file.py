@@ -33,8 +33,6 @@ class LogFile:
         Whether files of this name may be replaced.
     rechunk : bool
         Whether a log in which chunks ended early is copied into regular ones.
-    say : callable
-        Told of a log that a crash left, and that is set aside.
 
     Attributes
     ----------
@@ -56,9 +54,8 @@ class LogFile:
         end: Callable[[ChunkWriter, bool], None],
         overwrite: bool,
         rechunk: bool,
-        say: Callable[[str], None],
     ) -> None:
-        self._file = PartFile(path, overwrite=overwrite, say=say)
+        self._file = PartFile(path, overwrite=overwrite)
         self.part = self._file.part
         try:
             self.chunks = ChunkWriter(self._file.stream, self.part)

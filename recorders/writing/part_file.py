@@ -2,6 +2,7 @@
 
 import errno
 import fcntl
+import logging
 import os
 import re
 import shutil
@@ -15,6 +16,8 @@ from recorders.errors import LogError, TakenError
 from recorders.files.anonymous_file import AnonymousFile
 from recorders.files.whole_files import sync_folder
 
+logger = logging.getLogger(__name__)
+
 _FLAGS = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
@@ -22,7 +25,7 @@ class PartFile:
     """`PATH.part`, locked while it is open, so that no two writers have the same one.
 
     It is always a new file. One of that name that nobody writes any more is what a crash left of another recording: it
-    is set aside, as `PATH.part.0001` and so on, the latest last.
+    is set aside, as `PATH.part.0001` and so on, the latest last, and reported.
 
     Parameters
     ----------
@@ -30,8 +33,6 @@ class PartFile:
         Where the file goes in the end.
     overwrite : bool
         Whether a file there may be replaced.
-    say : callable
-        Told, in one line, what was set aside.
 
     Attributes
     ----------
@@ -46,12 +47,11 @@ class PartFile:
         If another writes such a file, or it cannot be made.
     """
 
-    def __init__(self, path: Path, *, overwrite: bool, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, path: Path, *, overwrite: bool) -> None:
         self.path = path
         check_place(path, overwrite=overwrite)
         self.part = part_of(path)
         self._overwrite = overwrite
-        self._say = say
         try:
             descriptor = self._claim()
         except (OSError, ValueError) as error:  # ValueError: a name that no system can have
@@ -225,7 +225,7 @@ class PartFile:
             with suppress(FileExistsError):
                 _move(self.part, aside)
                 break
-        self._say(
+        logger.warning(
             f"{self.part} was left by a recording that did not come to its end; it is now {aside}, and "
             "`reenact recover` makes a log of it"
         )

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from functools import partial
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -66,8 +66,6 @@ class LogWriter:
         Whether a log of this name may be replaced. A `.part` that nobody writes any more is set aside in any case.
     rechunk : bool
         Whether that copy is made. Where log times come from a clock on the wall no two recordings are identical anyway.
-    say : callable
-        Told, in one line, of what was set aside.
 
     Raises
     ------
@@ -84,7 +82,6 @@ class LogWriter:
         attachments: Mapping[str, bytes] = _NOTHING,
         overwrite: bool = False,
         rechunk: bool = True,
-        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self.path = Path(path)
         self._given = dict(manifest)
@@ -94,7 +91,7 @@ class LogWriter:
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[_Channel, int] = {}
         self._numbered: Counter[str] = Counter()
-        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, rechunk=rechunk, say=say)
+        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, rechunk=rechunk)
         self.part = self._file.part
         try:
             self._file.change(lambda: self._begin(attachments))

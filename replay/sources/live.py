@@ -1,8 +1,9 @@
 """Turns live messages of any publisher into a stream for a learner: phase markers, and complete ticks after them."""
 
 import hashlib
+import logging
 from collections import Counter, deque
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import replace
 from itertools import pairwise
 
@@ -21,6 +22,8 @@ from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import read_robot, renamed
 
+logger = logging.getLogger(__name__)
+
 LIVE_RUN = hashlib.sha256(b"live").hexdigest()[:32]
 """Names a run to which nobody has given a name with a phase marker."""
 
@@ -36,6 +39,8 @@ class LiveStream:
     those of other runs are followed under that name. Where a tick is missing, the marker is repeated before the next
     one: no tick is ever paired with one that is not its successor.
 
+    What is refused and missing is logged: the first time for each reason, the 10th, the 100th.
+
     Parameters
     ----------
     epochs : int
@@ -44,8 +49,8 @@ class LiveStream:
         What else is asked of a target or of joints.
     phase : Phase, optional
         Where the learner that takes the stream stands already.
-    say : callable
-        Told, in one line, of what is refused and missing: the first time for each reason, the 10th, the 100th.
+    quiet : bool
+        Whether nothing is logged, as for a stream that has been seen before.
 
     Attributes
     ----------
@@ -65,11 +70,11 @@ class LiveStream:
         epochs: int = 1,
         check: Check = pass_all,
         phase: Phase | None = None,
-        say: Callable[[str], None] = lambda line: None,
+        quiet: bool = False,
     ) -> None:
         self._epochs = epochs
         self._phase = phase
-        self._say = say
+        self._quiet = quiet
         self._marked = False  # whether the marker in force has been passed on
         self._joiner = LiveTicks(check)
         self._arrived: Counter[str] = Counter()
@@ -174,15 +179,15 @@ class LiveStream:
         return RecordedMessage(SESSION_PHASE, String.TYPE, data, self._repeats - 1, tick.records[0].log_time_ns)
 
     def _report_sometimes(self, line: str, count: int) -> None:
-        if str(count).strip("0") == "1":
+        if not self._quiet and str(count).strip("0") == "1":
             line = escape_control(line)
-            self._say(line if count == 1 else f"{line} ({count} times so far)")
+            logger.warning(line if count == 1 else f"{line} ({count} times so far)")
 
 
 class LiveLog:
     """A log as a live stream: the same as that of a learner which received the same messages live.
 
-    It goes by the order of the file, which is that of arrival.
+    It goes by the order of the file, which is that of arrival. What is refused and missing is logged once.
 
     Parameters
     ----------
@@ -194,8 +199,6 @@ class LiveLog:
         What else is asked of a target or of joints.
     renames : mapping of str to str
         Our topic names for those that the log uses.
-    say : callable
-        Told of what is refused and missing.
 
     Raises
     ------
@@ -211,7 +214,6 @@ class LiveLog:
         epochs: int = 1,
         check: Check = pass_all,
         renames: Mapping[str, str] = _NO_RENAMES,
-        say: Callable[[str], None] = lambda line: None,
     ) -> None:
         self._reader = open_log(path)
         self.path = self._reader.path
@@ -220,7 +222,7 @@ class LiveLog:
         self._check = check
         self._robot = read_robot(self._reader)
         self._check_order()
-        counted = self._new_stream(say)
+        counted = self._new_stream(quiet=False)
         self._count = sum(1 for _ in self._stream(counted))
         self._run = counted.run
         if counted.steps == 0:
@@ -240,8 +242,8 @@ class LiveLog:
             if index >= start:
                 yield record
 
-    def _new_stream(self, say: Callable[[str], None] = lambda line: None) -> LiveStream:
-        return LiveStream(epochs=self._epochs, check=self._check, say=say)
+    def _new_stream(self, *, quiet: bool = True) -> LiveStream:
+        return LiveStream(epochs=self._epochs, check=self._check, quiet=quiet)
 
     def _check_order(self) -> None:
         """Refuse a log whose chunks lie in another order than they were recorded in."""

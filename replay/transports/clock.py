@@ -1,14 +1,17 @@
 """Clocks: when the messages of a stream are due."""
 
+import logging
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from fractions import Fraction
 from typing import Protocol
 
 from recorders.errors import ConfigError
 from recorders.messages.record import RecordedMessage
 from recorders.text.quantities import seconds_text
+
+logger = logging.getLogger(__name__)
 
 _NS_PER_S = 1_000_000_000
 _LONG_WAIT_NS = 60 * _NS_PER_S
@@ -39,13 +42,12 @@ class Paced:
     """Keeps the distances between the messages, divided by a rate; where it cannot, it slips and reports by how much.
 
     The rate is a ceiling: a stream that is held up goes on from where it is, without hurrying after what it lost.
+    A wait of a minute or more is logged: a log whose clock has leapt may ask for years.
 
     Parameters
     ----------
     rate : float
         1 is real time, 2 twice as fast; from 0.1 to 1000.
-    say : callable
-        Told, in one line, of a wait of a minute or more: a log whose clock has leapt may ask for years.
 
     Attributes
     ----------
@@ -58,11 +60,10 @@ class Paced:
         If the rate is out of range.
     """
 
-    def __init__(self, rate: float, *, say: Callable[[str], None] = lambda line: None) -> None:
+    def __init__(self, rate: float) -> None:
         if not 0.1 <= rate <= 1000.0:
             raise ConfigError(f"rate: expected 0.1 to 1000, found {rate}")
         self._rate = Fraction(rate)
-        self._say = say
         self._last_log_ns: int | None = None
         self._due_ns = 0
         self._rest = 0  # what the division by the rate has left over so far
@@ -79,7 +80,7 @@ class Paced:
             self._due_ns += apart_ns
             if apart_ns >= _LONG_WAIT_NS:
                 gap, wait = seconds_text(recorded_ns), seconds_text(apart_ns // _NS_PER_S * _NS_PER_S)
-                self._say(f"the next message comes in {wait} s: the recording has a gap of {gap} s before it")
+                logger.info(f"the next message comes in {wait} s: the recording has a gap of {gap} s before it")
         self._last_log_ns = log_time_ns
         if self._due_ns > now_ns:
             while (left_s := (self._due_ns - time.monotonic_ns()) / _NS_PER_S) > 0.0:

@@ -1,5 +1,6 @@
 """The sending end over Zenoh: a window of unacknowledged messages, sent again after a gap."""
 
+import logging
 import threading
 import time
 from collections import deque
@@ -32,6 +33,8 @@ from replay.transports.patience import Patience
 from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import StreamFrom
 
+logger = logging.getLogger(__name__)
+
 _VERBS = {"learner": "learn", "recorder": "record", "controller": "serve"}  # by the name that each has by default
 _POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
@@ -54,8 +57,6 @@ class ZenohTransport:
         Consumers, window and patience.
     on_progress : callable
         Told how many messages every consumer has consumed.
-    say : callable
-        Told, in one line, if no consumer is awaited and nobody listens.
     channels : sequence of DeclaredChannel
         The channels of what is sent, published for recorders: by the names that it is sent under.
     """
@@ -66,22 +67,22 @@ class ZenohTransport:
         *,
         config: SenderConfig | None = None,
         on_progress: Callable[[int], None] = lambda consumed: None,
-        say: Callable[[str], None] = lambda line: None,
         channels: Sequence[DeclaredChannel] = (),
     ) -> None:
         self._session = session
         self._config = config or SenderConfig()
         self._on_progress = on_progress
-        self._say = say
         self._channels = channels
 
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
         if not self._config.consumers and not self._find_listener():
-            self._say(f"nobody listens in namespace '{self._config.namespace}' yet; the stream begins all the same")
+            logger.warning(
+                f"nobody listens in namespace '{self._config.namespace}' yet; the stream begins all the same"
+            )
         offer = replace(offer, sender=uuid4().hex, window=self._config.window)
         with (
-            published_channels(self._session, self._config.namespace, offer.sender, self._channels, self._say),
+            published_channels(self._session, self._config.namespace, offer.sender, self._channels),
             _Delivery(self._session, self._config, offer, self._on_progress, self._channels) as delivery,
         ):
             return delivery.run(stream_from)

@@ -44,15 +44,11 @@ def run_robot_node(*, listen: list[str], **config: Any) -> NoReturn:
     from pipeline.robot.config import load_robot
     from pipeline.robot_node.follower import FollowerConfig
     from pipeline.robot_node.node import run_robot
-    from pipeline.terminal import console
+    from pipeline.terminal.log_lines import logging_to_terminal
     from recorders.wire.session import SessionConfig
 
-    run_robot(
-        load_robot("asimo"),
-        session=SessionConfig(listen=tuple(listen)),
-        config=FollowerConfig(**config),
-        say=console.notice,
-    )
+    with logging_to_terminal():
+        run_robot(load_robot("asimo"), session=SessionConfig(listen=tuple(listen)), config=FollowerConfig(**config))
 
 
 def run_exploration(

@@ -43,10 +43,7 @@ def evaluate(
     if deploy and linear_from is not None:
         raise ConfigError("expected one of --deploy and --linear-from, found both")
     loaded = Loaded.load(controller)
-    if deploy:
-        result = _deployed(loaded, motion)
-    else:
-        result = evaluate_motion(loaded, motion, linear_from=linear_from, say=console.notice).summary()
+    result = _deployed(loaded, motion) if deploy else evaluate_motion(loaded, motion, linear_from=linear_from).summary()
     console.show(result, as_json=as_json)
 
 

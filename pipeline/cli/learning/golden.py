@@ -89,7 +89,7 @@ def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
     from recorders.reading.parts import Parts, one_session, recordings
     from replay.golden.log_tier import strip_topics
 
-    found = [one_session(logs, console.notice)] if session and logs else recordings(logs, console.notice)
+    found = [one_session(logs)] if session and logs else recordings(logs)
     files: list[Path] = []
     for index, log in enumerate(found):
         if isinstance(log, Parts):

@@ -63,7 +63,7 @@ def _as_live(logs: list[Path], robot: "RobotConfig | None", epochs: int, names: 
     from pipeline.robot.range_check import live_log
     from recorders.reading.parts import one_session
 
-    return live_log(one_session(logs, console.notice), robot=robot, epochs=epochs, renames=names, say=console.notice)
+    return live_log(one_session(logs), robot=robot, epochs=epochs, renames=names)
 
 
 def _from_logs(logs: list[Path], epochs: int | None, names: dict[str, str], *, as_recorded: bool) -> "Source":
@@ -73,5 +73,5 @@ def _from_logs(logs: list[Path], epochs: int | None, names: dict[str, str], *, a
     from replay.sources.session import RecordedSession
 
     if as_recorded:
-        return RecordedSession(one_session(logs, console.notice), epochs=epochs, renames=names)
-    return Replay(recordings(logs, console.notice), Schedule(epochs=epochs or 150), renames=names)
+        return RecordedSession(one_session(logs), epochs=epochs, renames=names)
+    return Replay(recordings(logs), Schedule(epochs=epochs or 150), renames=names)

@@ -38,7 +38,7 @@ def diff(
     from pipeline.cli.logs.diff_files import DiffConfig
     from pipeline.cli.logs.diff_files import diff as run
 
-    found = run(a, b, DiffConfig(tuple(topic or ()), tuple(ignore or ()), tolerance), say=console.notice)
+    found = run(a, b, DiffConfig(tuple(topic or ()), tuple(ignore or ()), tolerance))
     if as_json:
         console.show({"equal": found is None, "first_divergence": found and asdict(found)}, as_json=True)
     else:

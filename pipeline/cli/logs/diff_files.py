@@ -1,6 +1,6 @@
 """The first divergence of two files of one kind: two logs, or two controllers."""
 
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -46,10 +46,8 @@ class DiffConfig:
         return left
 
 
-def diff(
-    a: Path, b: Path, config: DiffConfig | None = None, *, say: Callable[[str], None] = lambda line: None
-) -> Divergence | ControllerDifference | None:
-    """Return where two recordings or two controllers first differ, None if they do not; `say` is told of lone parts.
+def diff(a: Path, b: Path, config: DiffConfig | None = None) -> Divergence | ControllerDifference | None:
+    """Return where two recordings or two controllers first differ, None if they do not.
 
     `str()` of what is returned is one line for the user, `dataclasses.asdict` the same for JSON.
 
@@ -62,7 +60,7 @@ def diff(
     config = config or DiffConfig()
     rules = config.rules
     if is_log(a) and is_log(b):
-        left, right = (open_log(one_session([path], say)) for path in (a, b))
+        left, right = (open_log(one_session([path])) for path in (a, b))
         topics = config.choose(left.topics.keys() | right.topics.keys())
         return first_divergence(left.records(topics=topics), right.records(topics=topics), rules)
     if config != DiffConfig():

@@ -25,7 +25,7 @@ def info(
     from recorders.reading.parts import Parts, one_session
     from recorders.recovery.session_info import summarise_log
 
-    log = one_session(logs, console.notice)
+    log = one_session(logs)
     with console.progress("info") as advance:
         summary = summarise_log(log, on_progress=advance)
     parts = {"parts": [str(path) for path in log.paths]} if isinstance(log, Parts) else {}

@@ -26,7 +26,7 @@ def recover(
     if damaged.is_dir():
         raise ConfigError(f"{damaged}: expected a log, found a folder; the parts of a session are recovered one by one")
     with console.progress("recover") as advance:
-        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance, say=console.notice)
+        recovery = run(damaged, out, overwrite=overwrite, on_progress=advance)
     if as_json:
         console.show(recovery.to_dict(), as_json=True)
         return

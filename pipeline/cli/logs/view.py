@@ -58,7 +58,7 @@ def view(
         raise ConfigError("--robot and --map are for logs: a controller carries its robot")
     if not learned and motion is not None:
         raise ConfigError("--motion is for controllers: a log shows the motion that it holds")
-    log = one_session(shown, console.notice)
+    log = one_session(shown)
     _require_file(log)
     to = _destination(save, viewer, overwrite=overwrite)
     if learned:

@@ -125,9 +125,7 @@ def learn(
             default_config(rule, seed=seed), robot=config, checkpoint=checkpoints.config(), on_progress=show
         )
         learn_from = partial(learn_live, robot=config, config=live.config(overwrite=overwrite)) if live.live else run
-        result = learn_from(
-            trainer, session=session, receiver=receiver, metrics_port=node.prometheus, say=console.notice
-        )
+        result = learn_from(trainer, session=session, receiver=receiver, metrics_port=node.prometheus)
     trainer.check_learned()
     trainer.controller().save(out)
     console.show(result | {"controller": str(out)}, as_json=as_json)

@@ -83,13 +83,12 @@ def record(
     with (
         console.counter("record") as show,
         open_session(session) as opened,
-        Receiver(opened, config=receiving, say=console.notice) as receiver,
+        Receiver(opened, config=receiving) as receiver,
         LiveRecorder(  # last, as it sets aside what a crash left: only a recording that begins may do that
             out,
             config=config,
             overwrite=overwrite,
             on_progress=lambda so_far: show(so_far.messages, so_far.size),
-            say=console.notice,
         ) as recorder,
         running_node(
             opened,
@@ -97,7 +96,6 @@ def record(
             config=session,
             namespace=node.namespace,
             metrics_port=node.prometheus,
-            report=console.notice,
         ),
         until_stopped() as stopped,
     ):

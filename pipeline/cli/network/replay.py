@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from replay.sources.playback import Playback
     from replay.transports.transport import Source
 
+
 _SPECTATORS = "nobody is awaited: whoever listens may lose messages"
 
 
@@ -118,7 +119,7 @@ def replay(
     sender = SenderConfig(
         consumers, namespace=node.namespace, window=sending.window, batch_size=batch_size, wait_s=wait
     )
-    pace = Unpaced() if rate is None else Paced(rate, say=console.notice)
+    pace = Unpaced() if rate is None else Paced(rate)
     session = node.config(wait_s=wait)
     if not consumers:
         console.notice(_SPECTATORS)
@@ -132,7 +133,6 @@ def replay(
             metrics_port=node.prometheus,
             channels=channels,
             on_progress=advance,
-            say=console.notice,
         )
     if isinstance(pace, Paced):
         result["slipped_s"] = round(pace.slipped_s, 3)
@@ -154,7 +154,7 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
         end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
         loops=playing.loop,
     )
-    return Playback(recordings(logs, console.notice), config)
+    return Playback(recordings(logs), config)
 
 
 def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
@@ -167,5 +167,5 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
-        return RecordedSession(one_session(logs, console.notice), epochs=schedule.epochs, renames=names)
-    return Replay(recordings(logs, console.notice), Schedule(epochs=schedule.epochs or 150), renames=names)
+        return RecordedSession(one_session(logs), epochs=schedule.epochs, renames=names)
+    return Replay(recordings(logs), Schedule(epochs=schedule.epochs or 150), renames=names)

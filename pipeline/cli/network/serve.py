@@ -92,7 +92,7 @@ def serve(
     loaded = Learned.load(controller)
     try:
         with viewer.commands(loaded, title=f"{options.name} serves") as on_command:
-            run(loaded, session=session, config=config, say=console.notice, on_end=end, on_command=on_command)
+            run(loaded, session=session, config=config, on_end=end, on_command=on_command)
     except (KeyboardInterrupt, SystemExit) as stop:
         if not last:
             raise

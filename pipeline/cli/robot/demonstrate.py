@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pipeline.exploration.hand_paths import DemonstratedPaths
     from pipeline.exploration.live_paths import ListenConfig
 
+
 LIVE = "live"
 
 
@@ -164,7 +165,6 @@ def demonstrate(
             out=out,
             overwrite=overwrite,
             progress=advance,
-            say=console.notice,
         )
     console.show(result.to_dict(), as_json=as_json)
 
@@ -181,7 +181,7 @@ def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningS
     path = drawings().get(source, Path(source))
     if is_log(path):
         topics = pose_topics(pose.topic, hand=pose.hand)
-        return read_log_paths(one_session([path], console.notice), topics, renames=renames(pose.map_))
+        return read_log_paths(one_session([path]), topics, renames=renames(pose.map_))
     if pose.topic or pose.map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
     return read_csv_paths(path, hand=pose.hand)
@@ -201,5 +201,4 @@ def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) 
             session=where,
             config=config,
             stopped=stopped,
-            say=console.notice,
         )

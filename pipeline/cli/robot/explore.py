@@ -106,7 +106,6 @@ def _simulate(motion: str, robot: str, seed: int, out: Path, viewer: ViewOptions
             overwrite=overwrite,
             progress=advance,
             on_message=on_message,
-            say=console.notice,
         )
     return asdict(summary) | {"path": str(summary.path)}
 
@@ -127,6 +126,5 @@ def _drive(motion: str, seed: int, drive: DriveOptions) -> dict[str, Any]:
             session=session_config(None, drive.connect, drive.zenoh_config, listens=False, wait_s=drive.wait),
             sender=sender,
             progress=advance,
-            say=console.notice,
         )
     return asdict(live)

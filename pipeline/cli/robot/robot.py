@@ -7,7 +7,6 @@ import typer
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import Robot
 from pipeline.cli.sessions import ListeningNode
-from pipeline.terminal import console
 
 
 @grouped
@@ -38,5 +37,4 @@ def robot(
         namespace=node.namespace,
         config=following,
         metrics_port=node.prometheus,
-        say=console.notice,
     )

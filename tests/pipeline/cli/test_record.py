@@ -240,17 +240,16 @@ def test_anybodys_messages_are_recorded_and_what_is_no_ros_message_is_opaque(tmp
 
 
 def test_a_topic_too_many_for_a_log_is_refused_and_ends_nothing(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("recorders.writing.writer.MAX_CHANNELS", 3)
-    told: list[str] = []
-    with recording_here(tmp_path / "log.mcap", say=told.append) as (producer, live, stopped):
+    with recording_here(tmp_path / "log.mcap") as (producer, live, stopped):
         for index in range(20):
             producer.publish(f"/values/{index % 5}", Float64MultiArray([1.0]), log_time_ns=0)
         await_that(lambda: live.recording.messages + live.recording.refused.total() == 20)
         stopped()
     assert LogReader(tmp_path / "log.mcap").counts == {f"/values/{index}": 4 for index in range(3)}
-    assert told == ["refused a message on one topic more: a log holds no more than 65535 channels"]
+    assert caplog.messages == ["refused a message on one topic more: a log holds no more than 65535 channels"]
 
 
 def test_topics_are_chosen(tmp_path: Path) -> None:
@@ -318,13 +317,13 @@ def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
     assert [[record.sequence for record in LogReader(path)] for path in paths] == [[0], [1], [2]]
 
 
-def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(tmp_path: Path) -> None:
-    told: list[str] = []
+def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     now_ns = 1_700_000_000_000_000_001
     shown = iter([0, 0, 5, 5 - 3600 * 10**9, -now_ns, 6])  # the first names the file
-    options = {"clock": lambda: now_ns + next(shown), "say": told.append}
     with (
-        recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
+        recording_here(tmp_path / "log.mcap", clock=lambda: now_ns + next(shown)) as (producer, live, stopped),
     ):
         for index in range(5):
             producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
@@ -332,7 +331,7 @@ def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(tmp_path: Path
         stopped()
     times_ns = [record.log_time_ns - now_ns for record in LogReader(tmp_path / "log.mcap")]
     assert times_ns == [0, 5, 5, 5, 6]
-    assert told == ["the clock on the wall stepped back by 3600 s: log time waits until it has caught up"]
+    assert caplog.messages == ["the clock on the wall stepped back by 3600 s: log time waits until it has caught up"]
 
 
 def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_recorded(tmp_path: Path) -> None:

@@ -136,13 +136,10 @@ def test_no_choice_of_what_is_out_of_reach_lets_another_unit_pass(
         assert "looks like centimetres; bring it to metres with --scale" in refused(line, folder, monkeypatch, capfd)
 
 
-def test_served_targets_and_joints_are_checked_by_the_same_rule(folder: Path) -> None:
+def test_served_targets_and_joints_are_checked_by_the_same_rule(folder: Path, caplog: pytest.LogCaptureFixture) -> None:
     from pipeline.learner.controller import Controller
 
-    said: list[str] = []
-    served = ServedController(
-        Controller.load(folder / "controller.npz"), config=ServingConfig(learn=True), say=said.append
-    )
+    served = ServedController(Controller.load(folder / "controller.npz"), config=ServingConfig(learn=True))
     wrong: list[tuple[str, Message]] = [
         (LEFT_TARGET, PoseStamped(1, ASIMO.centres[0] * 1e3)),
         (SAMPLE_JOINTS, JointState(1, ASIMO.joints, np.rad2deg(ASIMO.comfort))),
@@ -150,7 +147,7 @@ def test_served_targets_and_joints_are_checked_by_the_same_rule(folder: Path) ->
     for topic, message in wrong:
         assert served.take(RecordedMessage(topic, message.TYPE, encode(message), 0, 0)) is None
     assert served.status()["refused"] == {"out of range": 2}
-    assert said[0].endswith("looks like millimetres")
+    assert caplog.messages[0].endswith("looks like millimetres")
     assert served.status()["last_refusal"].endswith("looks like degrees")
 
 

@@ -48,15 +48,19 @@ def status(*joints: str) -> bytes:
         (("rise", "spin"), "it lacks turn, the controller lacks spin", "it lacks turn, the learner lacks spin"),
     ],
 )
-def test_joints_are_compared_by_name(joints: tuple[str, ...], controller: str, learner: str) -> None:
+def test_joints_are_compared_by_name(
+    joints: tuple[str, ...], controller: str, learner: str, caplog: pytest.LogCaptureFixture
+) -> None:
     with answering(status(*joints)) as session:
         for is_learner, expected in ((False, controller), (True, learner)):
-            said: list[str] = []
-            check = RobotCheck(session, JOINTS, namespace="lab", say=said.append, learner=is_learner)
+            caplog.clear()
+            check = RobotCheck(session, JOINTS, namespace="lab", learner=is_learner)
             check.warn()
             check.warn()
-            assert len(said) == bool(expected)
-            assert all(f": {expected}; " in line and line.startswith("warning: robot 'berta'") for line in said)
+            assert len(caplog.messages) == bool(expected)
+            assert all(
+                f": {expected}; " in line and line.startswith("warning: robot 'berta'") for line in caplog.messages
+            )
             if expected:
                 with pytest.raises(JointError, match=expected):
                     check.check()
@@ -65,8 +69,9 @@ def test_joints_are_compared_by_name(joints: tuple[str, ...], controller: str, l
 
 
 @pytest.mark.parametrize("payload", [b"", b"{}", b"[1]", b"x" * 100_000, status(*JOINTS).replace(b'"turn"', b"7")])
-def test_whoever_answers_with_no_status_of_a_robot_is_passed_over(payload: bytes) -> None:
-    said: list[str] = []
+def test_whoever_answers_with_no_status_of_a_robot_is_passed_over(
+    payload: bytes, caplog: pytest.LogCaptureFixture
+) -> None:
     with answering(payload) as session:
-        RobotCheck(session, ("turn",), namespace="lab", say=said.append).check()
-    assert said == []
+        RobotCheck(session, ("turn",), namespace="lab").check()
+    assert caplog.messages == []

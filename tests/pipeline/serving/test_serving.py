@@ -245,29 +245,27 @@ FAR = [*CENTRE[:5], 1e300]
     ],
 )
 def test_what_is_no_target_is_refused_and_changes_nothing(
-    controller: Controller, bad: list[RecordedMessage], reason: Refusal
+    controller: Controller, bad: list[RecordedMessage], reason: Refusal, caplog: pytest.LogCaptureFixture
 ) -> None:
-    said: list[str] = []
-    served, undisturbed = ServedController(controller, say=said.append), ServedController(controller)
+    served, undisturbed = ServedController(controller), ServedController(controller)
     feed(served, pair(10))
     feed(undisturbed, pair(10))
     before = state_of(served)
     assert feed(served, bad) == []
     status = served.status()
     assert status["refused"] == {reason.value: 1}
-    assert len(said) == 1
-    assert said[0].startswith(f"refused, {reason.value}: ")
-    assert said[0].endswith(status["last_refusal"])
+    (line,) = caplog.messages
+    assert line.startswith(f"refused, {reason.value}: ")
+    assert line.endswith(status["last_refusal"])
     assert status["digest"] == before
     assert [c.data for c in feed(served, pair(30))] == [c.data for c in feed(undisturbed, pair(30))]
 
 
-def test_a_text_from_the_network_is_made_printable(controller: Controller) -> None:
-    said: list[str] = []
-    served = ServedController(controller, config=ServingConfig(learn=True), say=said.append)
+def test_a_text_from_the_network_is_made_printable(controller: Controller, caplog: pytest.LogCaptureFixture) -> None:
+    served = ServedController(controller, config=ServingConfig(learn=True))
     served.take(record(SAMPLE_JOINTS, JointState(1, ("\x1b[2J\nroot",), np.zeros(1))))
     assert served.status()["refused"] == {"wrong joints": 1}
-    assert said[0].isprintable()
+    assert caplog.messages[0].isprintable()
 
 
 def test_halves_are_dropped_and_counted_when_a_newer_pair_is_complete(controller: Controller) -> None:
@@ -322,11 +320,10 @@ def test_a_marker_begins_a_cycle_with_a_washout_of_its_own(controller: Controlle
 
 @pytest.mark.parametrize("learn", [False, True])
 def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_once(
-    controller: Controller, log: Path, learn: bool
+    controller: Controller, log: Path, learn: bool, caplog: pytest.LogCaptureFixture
 ) -> None:
-    said: list[str] = []
     config = ServingConfig(learn=learn, washout_steps=0)
-    served = ServedController(controller, config=config, say=said.append)
+    served = ServedController(controller, config=config)
     assert len(feed(served, whole_tick(10**18))) == 1
     stale = [whole_tick(k) for k in range(1, RESTART_AFTER + 1)]
     assert feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS]) == []
@@ -335,7 +332,7 @@ def test_a_clock_that_begins_anew_is_followed_after_some_ticks_and_that_is_said_
     again = [whole_tick(10**18 + k) for k in range(1, RESTART_AFTER + 2)]
     assert len(feed(served, [m for tick in again for m in tick if learn or m.topic != SAMPLE_JOINTS])) == 1
     feed(served, [m for tick in stale for m in tick if learn or m.topic != SAMPLE_JOINTS])
-    assert [line for line in said if "a new cycle begins" in line] == [
+    assert [line for line in caplog.messages if "a new cycle begins" in line] == [
         f"{RESTART_AFTER} ticks in a row are stale, the last at {RESTART_AFTER} ns after one at {10**18} ns: "
         "a new cycle begins with the next"
     ]

@@ -329,16 +329,15 @@ def test_a_viewer_that_is_not_there_stops_nothing(log: Path, controller: Path, t
 
 
 def test_a_viewer_that_ends_in_mid_run_is_one_line(
-    log: Path, controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    log: Path, controller: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
     monkeypatch.setattr("recorders.rerun_scene.recording._FLUSH_S", 0.1)  # nobody is there to be waited for
-    said: list[str] = []
     with rerun_server(tmp_path) as server:
-        view = LiveView(server.url, said.append)
+        view = LiveView(server.url)
         trainer = ViewedTrainer(LearnerConfig(seed=1), view=LearningView(view))
     train_on(Replay([log], Schedule(epochs=EPOCHS)), trainer)
     view.close()
     view.close()
     assert trainer.result()["digest"] == Controller.load(controller).digest
-    assert len(said) == 1, said
-    assert said[0].startswith("--view: the viewer shows no more: ")
+    (line,) = caplog.messages
+    assert line.startswith("--view: the viewer shows no more: ")

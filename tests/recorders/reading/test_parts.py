@@ -117,20 +117,22 @@ def test_parts_of_others_that_overlap_are_merged_by_time(tmp_path: Path) -> None
     assert list(open_log(one_session(paths))) == list(map(message, range(11)))
 
 
-def test_recordings_are_grouped_by_session_and_keep_their_order(log: Path, parts: list[Path]) -> None:
-    said: list[str] = []
-    assert recordings([parts[2], parts[0], log, parts[1], parts[3], log], said.append) == [
+def test_recordings_are_grouped_by_session_and_keep_their_order(
+    log: Path, parts: list[Path], caplog: pytest.LogCaptureFixture
+) -> None:
+    assert recordings([parts[2], parts[0], log, parts[1], parts[3], log]) == [
         Parts(tuple(parts)),
         log,
         log,
     ]
-    assert said == []
+    assert caplog.messages == []
 
 
-def test_a_part_alone_is_that_part_and_said_to_be_one(parts: list[Path]) -> None:
-    said: list[str] = []
-    assert recordings([parts[1]], said.append) == [parts[1]]
-    assert said == [f"{parts[1]} is one part of a session, taken alone; session.mcap beside it names them all"]
+def test_a_part_alone_is_that_part_and_said_to_be_one(parts: list[Path], caplog: pytest.LogCaptureFixture) -> None:
+    assert recordings([parts[1]]) == [parts[1]]
+    assert caplog.messages == [
+        f"{parts[1]} is one part of a session, taken alone; session.mcap beside it names them all"
+    ]
 
 
 def test_a_folder_of_several_recordings_is_none(log: Path, parts: list[Path]) -> None:

@@ -1,14 +1,17 @@
 """What is lost and what is back: said with the time, for the endpoint and for nodes behind it, and only then."""
 
+import logging
 import queue
 import re
 import time
+from collections.abc import Iterator
 from contextlib import ExitStack
+from logging.handlers import QueueHandler
 
 import pytest
 from visitor import await_ready, visitor
 
-from recorders.nodes.connection_watch import watching_connections
+from recorders.nodes.connection_watch import logger, watching_connections
 from recorders.nodes.keys import NodeId, node_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -16,20 +19,31 @@ from recorders.wire.session import SessionConfig, open_session
 OWN = NodeId("recorder", "recorder")
 WAIT_S = 30.0
 
+Lines = queue.SimpleQueue[logging.LogRecord]
 
-def test_an_endpoint_that_is_killed_is_lost_and_back_with_the_time() -> None:
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+
+@pytest.fixture
+def lines() -> Iterator[Lines]:
+    """What is logged, from now on."""
+    found: Lines = queue.SimpleQueue()
+    handler = QueueHandler(found)  # type: ignore[type-var]
+    logger.addHandler(handler)
+    yield found
+    logger.removeHandler(handler)
+
+
+def test_an_endpoint_that_is_killed_is_lost_and_back_with_the_time(lines: Lines) -> None:
     endpoint = free_endpoint()
     config = SessionConfig(connect=(endpoint,), wait_s=WAIT_S)
     with ExitStack() as stack:
         first = stack.enter_context(visitor("idle", listen=[endpoint]))
         session = stack.enter_context(open_session(config))
         await_ready(first)
-        stack.enter_context(watching_connections(session, config, own=OWN, namespace="reenact", report=lines.put))
+        stack.enter_context(watching_connections(session, config, own=OWN, namespace="reenact"))
         first.kill()
-        assert moment(lines.get(timeout=WAIT_S)) == ("lost", endpoint)
+        assert moment(lines.get(timeout=WAIT_S).getMessage()) == ("lost", endpoint)
         stack.enter_context(visitor("idle", listen=[endpoint]))
-        assert moment(lines.get(timeout=WAIT_S)) == ("back", endpoint)
+        assert moment(lines.get(timeout=WAIT_S).getMessage()) == ("back", endpoint)
     assert lines.empty()
 
 
@@ -40,8 +54,7 @@ def moment(line: str) -> tuple[str, str]:
     return found[1], found[2]
 
 
-def test_nodes_that_end_only_when_they_are_told_to_are_missed_and_no_others() -> None:
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+def test_nodes_that_end_only_when_they_are_told_to_are_missed_and_no_others(lines: Lines) -> None:
     endpoint = free_endpoint()
     config = SessionConfig(listen=(endpoint,))
     own = NodeId("controller", "mine")
@@ -54,21 +67,20 @@ def test_nodes_that_end_only_when_they_are_told_to_are_missed_and_no_others() ->
         deadline_s = time.monotonic() + WAIT_S
         while len(list(session.liveliness().get("lab/**/@node/**", timeout=1.0))) < 4:
             assert time.monotonic() < deadline_s
-        stack.enter_context(watching_connections(session, config, own=own, namespace="lab", report=lines.put))
+        stack.enter_context(watching_connections(session, config, own=own, namespace="lab"))
         for gone in (passing, foreign, mine, there):
             gone.undeclare()
-        assert lines.get(timeout=WAIT_S).startswith("lost robot asimo at ")
+        assert lines.get(timeout=WAIT_S).getMessage().startswith("lost robot asimo at ")
         stack.enter_context(token(node_key("lab", "robot", "asimo", "alive")))
-        assert lines.get(timeout=WAIT_S).startswith("back robot asimo at ")
+        assert lines.get(timeout=WAIT_S).getMessage().startswith("back robot asimo at ")
     assert lines.empty()
 
 
 @pytest.mark.parametrize("kind", ["robot", "controller"])
-def test_what_ends_with_the_one_that_watches_is_not_lost(kind: str) -> None:
-    lines: queue.SimpleQueue[str] = queue.SimpleQueue()
+def test_what_ends_with_the_one_that_watches_is_not_lost(kind: str, lines: Lines) -> None:
     config = SessionConfig(listen=(free_endpoint(),))
     with open_session(config) as session:
         gone = session.liveliness().declare_token(node_key("lab", kind, "anna", "alive"))
-        with watching_connections(session, config, own=OWN, namespace="lab", report=lines.put):
+        with watching_connections(session, config, own=OWN, namespace="lab"):
             gone.undeclare()
     assert lines.empty()

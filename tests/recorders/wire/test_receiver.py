@@ -116,16 +116,15 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
         assert (answer.run, answer.result) == (offer.run, {"count": 3})
 
 
-def test_what_strangers_make_it_say_is_bounded_and_printable() -> None:
-    said: list[str] = []
-    with two_sessions() as (session, other), Receiver(session, say=said.append) as receiver:
+def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogCaptureFixture) -> None:
+    with two_sessions() as (session, other), Receiver(session) as receiver:
         for index in range(3):
             offer = Offer(run="ab" * 16, schedule={}, logs=[], sender=f"{index:032x}")
             other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=0.1)
             offered = receiver.next_event(10.0)
             assert isinstance(offered, ReceivedOffer)
             receiver.refuse(offered, "not now \x1b[2J")
-    assert said == [r"refused an offer: not now \x1b[2J"]
+    assert caplog.messages == [r"refused an offer: not now \x1b[2J"]
 
 
 def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:

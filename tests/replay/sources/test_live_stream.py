@@ -102,10 +102,12 @@ def wrong_messages(tick: Sequence[RecordedMessage]) -> list[tuple[RecordedMessag
     ]
 
 
-def test_what_is_of_no_use_is_refused_and_changes_nothing(ticks: list[list[RecordedMessage]]) -> None:
-    said: list[str] = []
+def test_what_is_of_no_use_is_refused_and_changes_nothing(
+    ticks: list[list[RecordedMessage]], caplog: pytest.LogCaptureFixture
+) -> None:
     bad = wrong_messages(ticks[5])
-    live, stream = made(flat(ticks[:5]) + [record for record, _ in bad] + flat(ticks[5:]), say=said.append)
+    live, stream = made(flat(ticks[:5]) + [record for record, _ in bad] + flat(ticks[5:]))
+    said = list(caplog.messages)
     assert stream == made(flat(ticks))[1]
     assert sorted(live.refused.elements()) == sorted(f"{record.topic}: {kind}" for record, kind in bad)
     assert len(said) == len(live.refused)
@@ -120,11 +122,10 @@ def test_a_second_message_of_a_tick_is_refused(ticks: list[list[RecordedMessage]
     assert live.refused == {f"{LEFT_TARGET}: repeated": 1}
 
 
-def test_it_is_said_ever_more_rarely(ticks: list[list[RecordedMessage]]) -> None:
-    said: list[str] = []
-    live, _ = made(flat(ticks) + [ticks[0][0]] * 150, say=said.append)
+def test_it_is_said_ever_more_rarely(ticks: list[list[RecordedMessage]], caplog: pytest.LogCaptureFixture) -> None:
+    live, _ = made(flat(ticks) + [ticks[0][0]] * 150)
     assert live.refused.total() == 150
-    assert [line.partition(" (")[2] for line in said] == ["", "10 times so far)", "100 times so far)"]
+    assert [line.partition(" (")[2] for line in caplog.messages] == ["", "10 times so far)", "100 times so far)"]
 
 
 @pytest.mark.parametrize(

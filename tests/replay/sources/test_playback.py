@@ -228,9 +228,10 @@ def test_numbers_out_of_range_are_refused(options: dict[str, int]) -> None:
         PlaybackConfig(**options)  # type: ignore[arg-type]
 
 
-def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path) -> None:
+def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(
+    log: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     heard: list[bytes] = []
-    said: list[str] = []
     endpoint = free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as listening,
@@ -238,7 +239,7 @@ def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path)
         ThreadPoolExecutor() as threads,
     ):
         playback = Playback([log])
-        transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch_size=1), say=said.append)
+        transport = ZenohTransport(playing, config=SenderConfig(consumers=(), batch_size=1))
         delivered = threads.submit(transport.deliver, playback.offer(), playback.stream)
         wait_until(lambda: delivered.running() or delivered.done())
         listening.declare_subscriber("reenact/hand/*/target", lambda sample: heard.append(sample.payload.to_bytes()))
@@ -246,16 +247,15 @@ def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(log: Path)
         expected = [record.data for record in LogReader(log) if record.topic != SAMPLE_JOINTS]
         wait_until(lambda: len(heard) >= len(expected))
     assert heard == expected
-    assert said == []
+    assert caplog.messages == []
 
 
-def test_that_nobody_listens_is_said_and_it_plays_all_the_same(log: Path) -> None:
-    said: list[str] = []
+def test_that_nobody_listens_is_said_and_it_plays_all_the_same(log: Path, caplog: pytest.LogCaptureFixture) -> None:
     with open_session(SessionConfig(listen=(free_endpoint(),))) as session:
         playback = Playback([log])
-        transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch_size=1), say=said.append)
+        transport = ZenohTransport(session, config=SenderConfig(consumers=(), batch_size=1))
         assert transport.deliver(playback.offer(), playback.stream) == {}
-    assert said == ["nobody listens in namespace 'reenact' yet; the stream begins all the same"]
+    assert caplog.messages == ["nobody listens in namespace 'reenact' yet; the stream begins all the same"]
 
 
 def test_topics_are_chosen_by_patterns_as_record_chooses_them(log: Path) -> None:
