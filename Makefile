@@ -1,10 +1,12 @@
-# `make demo` and `make test` are all a fresh clone needs: Python 3.11 and make.
+# `make demo` and `make test` are all a fresh clone needs: CPython 3.11, 3.12 or 3.13, and make.
 PYTHON ?= $(shell command -v python3.11 || command -v python3)
+VERSION := $(shell $(PYTHON) -c 'import sys; print("{}.{}".format(*sys.version_info))')
+SUPPORTED = $(if $(filter 3.11 3.12 3.13,$(VERSION)),,$(error expected CPython 3.11, 3.12 or 3.13, found $(PYTHON) $(VERSION): make PYTHON=/path/to/python3.11))
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
-SOURCES := pipeline recorders replay tests
+CORE := .venv-core-$(VERSION)
 
-.PHONY: demo test test-all check examples bench docs lock clean
+.PHONY: demo test test-all test-core check examples bench docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
@@ -14,6 +16,13 @@ test: check examples
 
 test-all: check examples
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+
+# With the core alone, in an environment of its own: the golden cases and the tests of the recorders. `make test-core PYTHON=python3.13`
+test-core: $(CORE)/locked
+	$(CORE)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
+	$(CORE)/bin/reenact golden check data/golden
+	$(CORE)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
+		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py tests/recorders
 
 check: .venv/dev
 	$(BIN)/ruff check .
@@ -34,7 +43,7 @@ docs: .venv/docs
 
 # The locked set first, with hashes; then the package itself, which `--require-hashes` would refuse.
 .venv/runtime: requirements.lock pyproject.toml
-	$(PYTHON) -c 'import sys; sys.exit(sys.version_info[:2] != (3, 11) and "reenact needs Python 3.11: make PYTHON=/path/to/python3.11")'
+	$(SUPPORTED)
 	$(PIP) --version >/dev/null 2>&1 || $(PYTHON) -m venv --clear .venv
 	$(PIP) install --quiet --require-hashes -r requirements.lock
 	$(PIP) install --quiet --no-deps --no-build-isolation --editable .
@@ -48,11 +57,19 @@ docs: .venv/docs
 	$(PIP) install --quiet --require-hashes -r requirements-docs.lock
 	touch $@
 
+$(CORE)/locked: requirements-core.lock
+	$(SUPPORTED)
+	$(PYTHON) -m venv --clear $(CORE)
+	$(CORE)/bin/python -m pip install --quiet --disable-pip-version-check --require-hashes -r requirements-core.lock
+	touch $@
+
 # For maintainers: the lock files anew from pyproject.toml. Needs `uv` on the path.
+lock: COMPILE = uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
 lock:
-	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --extra sim --extra view --group build pyproject.toml -o requirements.lock
-	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --extra sim --extra view --group build --group dev -c requirements.lock pyproject.toml -o requirements-dev.lock
-	uv pip compile -q --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --group docs -c requirements-dev.lock -o requirements-docs.lock
+	$(COMPILE) --extra sim --extra view --group build pyproject.toml -o requirements.lock
+	$(COMPILE) --extra sim --extra view --group build --group dev -c requirements.lock pyproject.toml -o requirements-dev.lock
+	$(COMPILE) --group build --group test -c requirements-dev.lock pyproject.toml -o requirements-core.lock
+	$(COMPILE) --group docs -c requirements-dev.lock -o requirements-docs.lock
 
 clean:
-	rm -rf .venv out dist
+	rm -rf .venv .venv-core-* out dist

@@ -2,6 +2,9 @@
 
 from typing import ClassVar
 
+DISTRIBUTION = "reenact-robot"
+"""Name of the program where it is installed from: `reenact` is another's there."""
+
 
 class ReenactError(Exception):
     """Root of every error raised on purpose; its text is one line for the user.
@@ -61,7 +64,8 @@ class MissingExtra(ReenactError):
 
     def __init__(self, package: str, extra: str) -> None:
         super().__init__(
-            f"this needs the package {package}, which is not installed; `pip install 'reenact[{extra}]'` installs it"
+            f"this needs the package {package}, which is not installed; "
+            f"`pip install '{DISTRIBUTION}[{extra}]'` installs it"
         )
         self.extra = extra
 

@@ -4,18 +4,22 @@ import re
 import shutil
 import subprocess
 import sys
+import tomllib
 from pathlib import Path
 
 import pytest
 
 import pipeline
 from pipeline.cli import app as cli
+from pipeline.extras import _EXTRAS
+from recorders.errors import DISTRIBUTION
 
 ROOT = Path(pipeline.__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 GUIDES = {path.name: path.read_text() for path in (ROOT / "data" / "guides").glob("*.md")}
 PAGES = {"README.md": README, "CONTRIBUTING.md": (ROOT / "CONTRIBUTING.md").read_text()} | GUIDES
-LOCKS = ("requirements.lock", "requirements-dev.lock", "requirements-docs.lock")
+LOCKS = ("requirements.lock", "requirements-core.lock", "requirements-dev.lock", "requirements-docs.lock")
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 PACKAGES = ("pipeline", "recorders", "replay")
 
 
@@ -89,11 +93,46 @@ def test_every_locked_requirement_has_a_hash() -> None:
         assert all("--hash=sha256:" in entry for entry in pinned if "==" in entry.splitlines()[0])
 
 
-def test_the_runtime_lock_is_part_of_the_development_lock() -> None:
+@pytest.mark.parametrize("lock", ["requirements.lock", "requirements-core.lock"])
+def test_what_runs_is_what_is_developed_with(lock: str) -> None:
     def pins(name: str) -> set[str]:
         return set(re.findall(r"^[\w.-]+==\S+", (ROOT / name).read_text(), re.MULTILINE))
 
-    assert pins("requirements.lock") <= pins("requirements-dev.lock")
+    assert len(pins(lock)) > 30
+    assert pins(lock) <= pins("requirements-dev.lock")
+
+
+def test_the_core_is_locked_without_its_extras() -> None:
+    extras = {re.match(r"[\w-]+", name)[0] for names in PROJECT["optional-dependencies"].values() for name in names}
+    locked = set(re.findall(r"^[\w-]+", (ROOT / "requirements-core.lock").read_text(), re.MULTILINE))
+    assert {"drake", "rerun-sdk", "matplotlib", "distributed"} <= extras
+    assert locked & extras == set()
+
+
+def test_each_extra_that_an_error_names_can_be_installed() -> None:
+    extras = PROJECT["optional-dependencies"]
+    assert PROJECT["name"] == DISTRIBUTION
+    assert set(_EXTRAS.values()) <= set(extras)
+    assert extras["all"] == [f"{DISTRIBUTION}[{','.join(name for name in extras if name != 'all')}]"]
+
+
+def test_every_page_tells_of_the_same_pythons() -> None:
+    stated = {line.rpartition(" ")[2] for line in PROJECT["classifiers"] if " :: Python :: 3." in line}
+    assert stated == {"3.11", "3.12", "3.13"}
+    assert PROJECT["requires-python"] == ">=3.11,<3.14"
+    for page in ("README.md", "Makefile"):
+        assert "CPython 3.11, 3.12 or 3.13" in (ROOT / page).read_text(), page
+    assert set(re.findall(r"^for version in (.*);", (ROOT / ".ci" / "run").read_text(), re.M)) == {"3.12 3.13"}
+
+
+def test_before_a_commit_runs_what_ci_checks() -> None:
+    (entry,) = re.findall(r"entry: (.*)", (ROOT / ".pre-commit-config.yaml").read_text())
+    assert entry == "make check"
+    assert re.search(r"^test: check ", (ROOT / "Makefile").read_text(), re.MULTILINE)
+
+
+def test_the_citation_is_of_this_version() -> None:
+    assert f"\nversion: {PROJECT['version']}\n" in (ROOT / "CITATION.cff").read_text()
 
 
 def test_nothing_that_is_shipped_is_large() -> None:

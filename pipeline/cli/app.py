@@ -16,7 +16,7 @@ from pipeline.extras import missing_extra
 from pipeline.terminal import console
 from pipeline.terminal.log_lines import logging_to_terminal
 from pipeline.terminal.signals import end_by_exceptions
-from recorders.errors import ReenactError
+from recorders.errors import DISTRIBUTION, ReenactError
 from recorders.text.wording import escape_control, line_text
 
 
@@ -49,7 +49,7 @@ def _reenact(
     if version:
         import importlib.metadata
 
-        console.line(f"reenact {importlib.metadata.version('reenact')}")
+        console.line(f"reenact {importlib.metadata.version(DISTRIBUTION)}")
         raise typer.Exit
     help_without_verb(ctx)
 

@@ -10,7 +10,7 @@ from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
 
-from recorders.errors import LogError
+from recorders.errors import DISTRIBUTION, LogError
 from recorders.mcap_format.migrations import upgrade
 from recorders.mcap_format.unread import Unread
 from recorders.messages.record import RecordedMessage
@@ -22,7 +22,8 @@ METADATA_NAME = "reenact"  # the name of the MCAP metadata record
 _ENVIRONMENT = "environment"  # what `LogWriter` always adds
 _MOST_NAMES = 2**21  # characters of all topics: the summary counts them too
 _CHECKSUM = "manifest_sha256"
-_PACKAGES = ("reenact", "drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
+_PACKAGES = ("drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
+_DISTRIBUTIONS = {"reenact": DISTRIBUTION, **dict(zip(_PACKAGES, _PACKAGES, strict=True))}
 _FRAME = struct.Struct("<IQQ")  # sequence, log time [ns], length of the data
 
 
@@ -69,7 +70,7 @@ def environment() -> dict[str, Any]:
         "system": platform.system(),
         "machine": platform.machine(),
         "cpu": _cpu_model(),
-        "packages": {name: found for name in _PACKAGES if (found := _version(name))},
+        "packages": {name: found for name, installed in _DISTRIBUTIONS.items() if (found := _version(installed))},
     }
 
 

@@ -169,4 +169,4 @@ def test_the_endpoint_that_is_taken_by_default_is_said(verb: str, capsys: pytest
 
 
 def test_the_version(capsys: pytest.CaptureFixture[str]) -> None:
-    assert printed("--version", capsys) == f"reenact {importlib.metadata.version('reenact')}\n"
+    assert printed("--version", capsys) == f"reenact {importlib.metadata.version('reenact-robot')}\n"

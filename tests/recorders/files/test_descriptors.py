@@ -44,7 +44,12 @@ def test_more_than_there_can_be_is_one_error(monkeypatch: pytest.MonkeyPatch) ->
 
 
 @pytest.mark.parametrize(
-    ("verb", "limit"), [(("record", "--out", "x.mcap"), 12), (("record", "--out", "x.mcap"), 40), (("robot",), 20)]
+    ("verb", "limit"),
+    [
+        (("record", "--out", "x.mcap"), 12),
+        (("record", "--out", "x.mcap"), 40),
+        pytest.param(("robot",), 20, marks=pytest.mark.extra),
+    ],
 )
 def test_a_verb_that_publishes_or_records_says_so_at_once(tmp_path: Path, verb: tuple[str, ...], limit: int) -> None:
     def few() -> None:

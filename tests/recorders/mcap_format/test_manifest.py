@@ -49,7 +49,7 @@ def test_the_environment_names_no_user_host_or_path():
     found = environment()
     assert found == environment()
     assert found.keys() == {"python", "implementation", "system", "machine", "cpu", "packages"}
-    assert {"numpy", "mcap"} <= found["packages"].keys()
+    assert {"numpy", "mcap", "reenact"} <= found["packages"].keys()
     named = {found[key] for key in found if key != "packages"}
     assert not named & {platform.node(), getpass.getuser()}
     assert not any(str(value).startswith("/") for value in named)

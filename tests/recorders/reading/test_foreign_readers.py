@@ -91,6 +91,7 @@ def quiet_environment(tmp_path):
     return {**environment, "XDG_DATA_HOME": str(tmp_path / "data")}
 
 
+@pytest.mark.extra
 def test_rerun_imports_every_joint_and_target(log, ours, quiet_environment):
     columns = ["Scalars:scalars", "SeriesLines:names", "InstancePoses3D:translations", "InstancePoses3D:quaternions"]
     done = subprocess.run(
@@ -110,6 +111,7 @@ def test_rerun_imports_every_joint_and_target(log, ours, quiet_environment):
     assert found[f"{LEFT_TARGET} InstancePoses3D:quaternions"] == upright
 
 
+@pytest.mark.extra
 def test_reruns_own_command_converts_the_log(log, tmp_path, quiet_environment):
     command = shutil.which("rerun", path=Path(sys.executable).parent)
     out = tmp_path / "log.rrd"

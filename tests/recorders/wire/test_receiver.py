@@ -39,6 +39,12 @@ def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
     return None
 
 
+def alive(session: zenoh.Session, consumer: str) -> bool:
+    """Whether a consumer is known to be there."""
+    replies = session.liveliness().get(control_key("reenact", consumer, "alive"), timeout=10.0)
+    return any(reply.ok is not None for reply in replies)
+
+
 def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
     config = ReceiverConfig(live=True, waiting_bytes=20_000)
     with two_sessions() as (session, other), Receiver(session, config=config) as receiver:
@@ -68,11 +74,13 @@ def test_a_second_consumer_of_a_name_is_refused_until_the_first_has_gone() -> No
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         with visitor("learn", connect=[endpoint]) as first:
             await_ready(first)
+            wait_until(lambda: alive(session, "learner"))  # the token comes by another way than the word
             with pytest.raises(WireError, match="a consumer 'learner' is in namespace 'reenact' already"):
                 Receiver(session).__enter__()
             with Receiver(session, config=ReceiverConfig(name="other")):
                 pass
             first.kill()
+        wait_until(lambda: not alive(session, "learner"))
         with Receiver(session):
             pass
 

@@ -96,6 +96,7 @@ def test_no_room_for_the_regular_copy_leaves_a_whole_log(small_disk: Path) -> No
     assert len(list(LogReader(log.part))) == 2
 
 
+@pytest.mark.extra
 def test_exploration_on_a_full_disk_ends_with_one_line(small_disk: Path, tmp_path: Path) -> None:
     with explorer(small_disk / "log.mcap", tmp_path) as process:
         printed, complaints = process.communicate(timeout=PATIENCE_S)
@@ -105,6 +106,7 @@ def test_exploration_on_a_full_disk_ends_with_one_line(small_disk: Path, tmp_pat
 
 
 @pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGTERM, 143)])
+@pytest.mark.extra
 def test_exploration_that_is_stopped_leaves_a_finished_part(
     tmp_path: Path, number: signal.Signals, status: int
 ) -> None:
