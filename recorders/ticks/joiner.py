@@ -1,4 +1,4 @@
-"""Ticks: the three messages of one sample, joined exactly on the stamp of their headers."""
+"""Ticks for training: the messages of one sample in recorded order, where anything amiss is an error."""
 
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
@@ -15,6 +15,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.messages.validation import FloatArray, read_only
 from recorders.text.wording import names_text
+from recorders.ticks.stamp_joiner import OpenTick, StampJoiner, name_of
 
 MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
@@ -51,16 +52,6 @@ class Tick(NamedTuple):
     records: tuple[RecordedMessage, ...]
 
 
-class _OpenTick:
-    """A tick that waits for more messages."""
-
-    __slots__ = ("records", "values")
-
-    def __init__(self) -> None:
-        self.records: list[RecordedMessage | None] = [None] * len(LEARNER_TOPICS)
-        self.values: list[Any] = [None] * len(LEARNER_TOPICS)  # targets (3,) and joints, by rank
-
-
 def pass_all(value: FloatArray | JointState) -> None:
     """Let every target and all joints pass, where no robot is known that they could be of."""
 
@@ -80,8 +71,8 @@ class TickJoiner:
 
     def __init__(self, check: Check = pass_all) -> None:
         self._check = check
-        self._open: dict[int, _OpenTick] = {}
-        self._last = [-1] * len(LEARNER_TOPICS)
+        self._ticks: StampJoiner[Any] = StampJoiner(tuple(RANKS), limit=MAX_OPEN, give_up=self._refuse_incomplete)
+        self._last = [-1] * len(RANKS)
 
     def feed(self, record: RecordedMessage) -> tuple[Tick, ...]:
         """Take in one message and return the tick that it completes, if any.
@@ -101,48 +92,41 @@ class TickJoiner:
         try:
             self._check(value)
         except (JointError, MessageError) as error:
-            raise type(error)(f"{_name(record)}: {error}") from None
+            raise type(error)(f"{name_of(record)}: {error}") from None
         if stamp <= self._last[rank]:
             raise _out_of_order(record, stamp, self._last[rank])
         self._last[rank] = stamp
-        tick = self._open.get(stamp) or self._begin(record, stamp)
-        tick.records[rank] = record
-        tick.values[rank] = value
-        return () if None in tick.records else (self._complete(tick, stamp),)
+        parts = self._ticks.add(stamp, rank, record, value)
+        if parts is None:
+            return ()
+        (left, target_l), (right, target_r), (joints, posture) = parts
+        return (Tick(stamp, target_l, target_r, posture, (left, right, joints)),)
 
     @property
     def idle(self) -> bool:
         """Whether no tick waits for more of its messages."""
-        return not self._open
+        return not self._ticks
 
     def finish(self) -> None:
         """End the cycle; raises MessageError, naming what is missing, if a tick is not complete."""
-        unfinished = min(self._open, default=None)
+        oldest = self._ticks.oldest()
         try:
-            if unfinished is not None:
-                raise _missing(unfinished, self._open[unfinished], "the cycle is over")
+            if oldest is not None:
+                self._refuse_incomplete(*oldest, "the cycle is over")
         finally:
             self.clear()
 
     def clear(self) -> None:
         """Forget the messages of unfinished ticks and begin a new cycle."""
-        self._open.clear()
-        self._last = [-1] * len(LEARNER_TOPICS)
+        self._ticks.clear()
+        self._last = [-1] * len(RANKS)
 
-    def _begin(self, record: RecordedMessage, stamp: int) -> _OpenTick:
-        if len(self._open) >= MAX_OPEN:
-            oldest = min(self._open)
-            raise _missing(oldest, self._open[oldest], f"{_name(record)} is {MAX_OPEN} ticks ahead of it")
-        tick = self._open[stamp] = _OpenTick()
-        return tick
-
-    def _complete(self, tick: _OpenTick, stamp: int) -> Tick:
-        del self._open[stamp]
-        if self._open and min(self._open) < stamp:
-            oldest = min(self._open)
-            raise _missing(oldest, self._open[oldest], f"the tick at {stamp} ns is complete")
-        left, right, joints = tick.values
-        return Tick(stamp, left, right, joints, tuple(tick.records))  # type: ignore[arg-type]  # None is none of them
+    def _refuse_incomplete(self, stamp: int, tick: OpenTick, but: str) -> None:
+        stamp, tick = self._ticks.oldest() or (stamp, tick)
+        absent, present = self._ticks.absent(tick), [name_of(record) for record, _ in filter(None, tick)]
+        raise MessageError(
+            f"the tick at {stamp} ns lacks {names_text(absent)}: it has {names_text(present)}, and {but}"
+        )
 
 
 def join_ticks(records: Iterable[RecordedMessage], check: Check = pass_all) -> Iterator[Tick]:
@@ -225,12 +209,12 @@ def read_input(record: RecordedMessage, rank: int) -> tuple[int, FloatArray | Jo
     """
     expected, read, read_remembered = _INPUTS[rank]
     if record.type != expected:
-        raise MessageError(f"{_name(record)}: expected {expected}, found {record.type!r}")
+        raise MessageError(f"{name_of(record)}: expected {expected}, found {record.type!r}")
     data = record.data
     try:
         return read_remembered(data) if len(data) <= _MAX_REMEMBERED_SIZE else read(data)
     except MessageError as error:
-        raise MessageError(f"{_name(record)}: {error}") from None
+        raise MessageError(f"{name_of(record)}: {error}") from None
 
 
 def _read_target(data: bytes) -> tuple[int, FloatArray]:
@@ -253,20 +237,10 @@ def _refuse_nan(values: FloatArray, stamp: int) -> None:
             raise MessageError(f"expected finite numbers at {stamp} ns, found {number}")
 
 
-def _name(record: RecordedMessage) -> str:
-    return f"{record.topic} #{record.sequence}"
-
-
 def _out_of_order(record: RecordedMessage, stamp: int, last: int) -> MessageError:
     if stamp == last:
-        return MessageError(f"{_name(record)}: a second message at {stamp} ns, expected one per tick")
-    return MessageError(f"{_name(record)}: stamp {stamp} ns runs backwards, the one before was {last} ns")
-
-
-def _missing(stamp: int, tick: _OpenTick, but: str) -> MessageError:
-    absent = [topic.name for topic, record in zip(LEARNER_TOPICS, tick.records, strict=True) if record is None]
-    present = [_name(record) for record in tick.records if record]
-    return MessageError(f"the tick at {stamp} ns lacks {names_text(absent)}: it has {names_text(present)}, and {but}")
+        return MessageError(f"{name_of(record)}: a second message at {stamp} ns, expected one per tick")
+    return MessageError(f"{name_of(record)}: stamp {stamp} ns runs backwards, the one before was {last} ns")
 
 
 # Training feeds the same episode hundreds of times, so the latest messages are remembered by their bytes, which is

@@ -7,29 +7,15 @@ from typing import NamedTuple
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import JointError, MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SAMPLE_JOINTS
+from recorders.messages.topics import SAMPLE_JOINTS
 from recorders.ticks.joiner import RANKS, Check, pass_all, read_input
+from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner, name_of
 
 MAX_PENDING = 64
 """Ticks that may wait for more of their messages: how far one publisher may run ahead of another."""
 
 MAX_MESSAGE = 64 << 10
 """Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
-
-
-class RejectionError(MessageError):
-    """A message is rejected; `kind` is the reason in a word or two."""
-
-    def __init__(self, kind: str, line: str) -> None:
-        super().__init__(line)
-        self.kind = kind
-
-
-class _Part(NamedTuple):
-    """A message of a tick that waits, and its producer's number, if it has one."""
-
-    record: RecordedMessage
-    number: int | None
 
 
 class LiveTick(NamedTuple):
@@ -110,7 +96,7 @@ class LiveTicks:
 
     def __init__(self, check: Check = pass_all) -> None:
         self._check = check
-        self._pending: dict[int, list[_Part | None]] = {}  # by stamp, in order of arrival
+        self._ticks: StampJoiner[int | None] = StampJoiner(tuple(RANKS), limit=MAX_PENDING, give_up=self._give_up)
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
         self._numbers = _Numbers()
         self.dropped = 0
@@ -118,8 +104,8 @@ class LiveTicks:
 
     def begin(self) -> None:
         """Begin a new cycle: ticks that wait are given up, and time starts anew."""
-        self.dropped += len(self._pending)
-        self._pending.clear()
+        self.dropped += len(self._ticks)
+        self._ticks.clear()
         self._refused_at.clear()
         self._numbers.begin()
         self._last_ns = -1
@@ -146,14 +132,18 @@ class LiveTicks:
         except RejectionError:
             self._note_refused(record, rank)
             raise
-        tick = self._find(record, rank, stamp)
-        tick[rank] = _Part(record, record.sequence if numbered else None)
-        present = [part for part in tick if part is not None]
-        return self._complete(stamp, present) if len(present) == len(tick) else None
+        if stamp <= self._last_ns:
+            raise RejectionError(
+                "not after the last tick",
+                f"{name_of(record)}: stamp {stamp} ns is not after the tick at {self._last_ns} ns; "
+                "time starts anew with a phase marker only",
+            )
+        parts = self._ticks.add(stamp, rank, record, record.sequence if numbered else None)
+        return None if parts is None else self._complete(stamp, parts)
 
     def _read(self, record: RecordedMessage, rank: int) -> int:
         if len(record.data) > MAX_MESSAGE:
-            line = f"{record.topic} #{record.sequence}: {len(record.data)} bytes, expected at most {MAX_MESSAGE}"
+            line = f"{name_of(record)}: {len(record.data)} bytes, expected at most {MAX_MESSAGE}"
             raise RejectionError("too large", line)
         try:
             stamp, value = read_input(record, rank)
@@ -163,7 +153,7 @@ class LiveTicks:
             self._check(value)
         except (JointError, MessageError) as error:
             kind = "wrong joints" if isinstance(error, JointError) else "implausible"
-            raise RejectionError(kind, f"{record.topic} #{record.sequence}: {error}") from None
+            raise RejectionError(kind, f"{name_of(record)}: {error}") from None
         return stamp
 
     def _note_refused(self, record: RecordedMessage, rank: int) -> None:
@@ -178,36 +168,15 @@ class LiveTicks:
         if len(self._refused_at) > MAX_PENDING:
             del self._refused_at[next(iter(self._refused_at))]
 
-    def _find(self, record: RecordedMessage, rank: int, stamp: int) -> list[_Part | None]:
-        if stamp <= self._last_ns:
-            raise RejectionError(
-                "not after the last tick",
-                f"{record.topic} #{record.sequence}: stamp {stamp} ns is not after the tick at {self._last_ns} ns; "
-                "time starts anew with a phase marker only",
-            )
-        tick = self._pending.get(stamp)
-        if tick is None:
-            if len(self._pending) >= MAX_PENDING:
-                self._give_up(next(iter(self._pending)))
-            tick = self._pending[stamp] = [None] * len(LEARNER_TOPICS)
-        elif tick[rank] is not None:
-            line = f"{record.topic} #{record.sequence}: a second message at {stamp} ns, expected one per tick"
-            raise RejectionError("repeated", line)
-        return tick
-
-    def _complete(self, stamp: int, parts: list[_Part]) -> LiveTick:
-        del self._pending[stamp]
-        for earlier in [other for other in self._pending if other < stamp]:
-            self._give_up(earlier)
+    def _complete(self, stamp: int, parts: list[tuple[RecordedMessage, int | None]]) -> LiveTick:
         for earlier in [other for other in self._refused_at if other <= stamp]:
             del self._refused_at[earlier]
-        known, jumped = self._numbers.known, self._numbers.jump([part.number for part in parts])
+        known, jumped = self._numbers.known, self._numbers.jump([number for _, number in parts])
         gap = known and (self._lost or jumped)
         self._last_ns, self._lost = stamp, False
-        return LiveTick(stamp, tuple(part.record for part in parts), gap)
+        return LiveTick(stamp, tuple(record for record, _ in parts), gap)
 
-    def _give_up(self, stamp: int) -> None:
-        tick = self._pending.pop(stamp)
+    def _give_up(self, stamp: int, tick: OpenTick, _but: str) -> None:
         self.dropped += 1
         has_target = any(part is not None for rank, part in enumerate(tick) if rank != _JOINTS)
         self._lost |= has_target or stamp in self._refused_at

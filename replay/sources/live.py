@@ -17,7 +17,8 @@ from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import RANKS, Check, pass_all
-from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks, RejectionError
+from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks
+from recorders.ticks.stamp_joiner import RejectionError
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import read_robot, renamed
