@@ -2,8 +2,7 @@
 
 from typing import TypeAlias
 
-import numpy as np
-from numpy.typing import NDArray
+from recorders.messages.validation import FloatArray
 
-Floats: TypeAlias = NDArray[np.float64]
+Floats: TypeAlias = FloatArray
 """Array of double precision."""

@@ -28,7 +28,7 @@ from pipeline.views.live import LiveView
 from pipeline.views.motion import MotionView
 from pipeline.views.view import view_controller
 from recorders.errors import CheckFailed, ConfigError, WireError
-from recorders.files.anonymous_file import write_whole
+from recorders.files.anonymous_file import write_json
 from recorders.messages.topics import JOINT_STATES
 from recorders.rerun_scene.hands import FrontalPlane
 from recorders.rerun_scene.recording import Destination, record_motion
@@ -141,7 +141,7 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | No
             _show(view, controller_path, motion=PATTERNS[1])
     file_digest = str(trainer.result()["digest"])
     result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs)
-    _write_json(out / SUMMARY, result.summary(out))
+    write_json(out / SUMMARY, result.summary(out))
     if zenoh_digest != file_digest:
         raise CheckFailed(
             f"expected one state, found {zenoh_digest[:16]} learned over Zenoh and {file_digest[:16]} from the file"
@@ -294,7 +294,3 @@ def _clear_folder(out: Path) -> None:
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    write_whole(path, (json.dumps(content, indent=2) + "\n").encode())

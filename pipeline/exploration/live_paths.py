@@ -10,6 +10,7 @@ from pipeline.exploration.pose_track import PoseTrack
 from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.connection_watch import watching_connections
+from recorders.text.once import OnceWarner
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver, ReceiverConfig
@@ -125,7 +126,7 @@ class _Subscription:
         self._config = config
         self._began_s = time.monotonic()
         self._last_s: float | None = None  # when the last pose came
-        self._refused: set[str] = set()
+        self._warnings = OnceWarner(logger, limit=len(topics) + len(renames))
 
     def run(self, receiver: Receiver, stopped: Callable[[], bool]) -> None:
         """Take poses until the demonstration is over."""
@@ -148,17 +149,12 @@ class _Subscription:
         try:
             used = self._tracks[side].take(record)
         except MessageError as error:
-            self._refuse(record.topic, str(error))
+            self._warnings.warn(f"refused on {record.topic}: {error}", kind=record.topic)
             return
         if used:
             if self._last_s is None:
                 logger.info(f"the first pose has come, on {record.topic}")
             self._last_s = time.monotonic()
-
-    def _refuse(self, topic: str, line: str) -> None:
-        if topic not in self._refused:
-            self._refused.add(topic)
-            logger.warning(f"refused on {topic}: {line}")
 
     def _is_over(self) -> bool:
         if self._last_s is None:

@@ -10,10 +10,10 @@ from typing import Any, cast
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import OnlineLearner, Settings
-from pipeline.learner.state import FloatArray
-from pipeline.robot.config import parse_robot
+from pipeline.robot.recorded import offered_robot
 from pipeline.training.run import LearningRun
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, JointError, MessageError
@@ -33,7 +33,7 @@ class _ObservedLearner:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._learner, name)
 
-    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
+    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> Floats:
         outputs = self._learner.step(u, d, learning=learning)
         self.outputs = np.ascontiguousarray(outputs, "<f8").tobytes()
         return outputs
@@ -53,8 +53,10 @@ class ObservedRun:
 
     Raises
     ------
+    LogError
+        If the stream carries no robot.
     ConfigError
-        If the stream carries no robot. From `run`: if the run is over before it is to be resumed.
+        From `run`: if the run is over before it is to be resumed.
     """
 
     def __init__(self, config: Settings, offer: Offer, resume_after: int | None) -> None:
@@ -94,10 +96,7 @@ class ObservedRun:
         return "" if self._run.phase is None else self._names.get(self._run.phase.log, next(iter(self._names.values())))
 
     def _begin(self) -> tuple[LearningRun, _ObservedLearner]:
-        robot = self._offer.robot
-        if not robot:
-            raise ConfigError("golden case: expected logs that carry their robot, found none in them")
-        run = LearningRun(self._config, parse_robot(robot["toml"], robot["urdf"]), self._offer.run)
+        run = LearningRun(self._config, offered_robot(self._offer), self._offer.run)
         learner = _ObservedLearner(run.learner)
         run.learner = cast(OnlineLearner, learner)
         return run, learner

@@ -10,15 +10,15 @@ import numpy as np
 
 from pipeline.learner.registry import KEY, config_from_dict, config_to_dict
 from pipeline.learner.rule import DEFAULT
-from pipeline.robot.config import RobotConfig, load_robot, parse_robot
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.urdf.description import canonical_urdf
-from recorders.errors import ConfigError, LogError
+from recorders.errors import ConfigError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.reader import LogReader
 from replay.diff.fields import format_pair
 from replay.golden.recipe import CaseSpec
-from replay.sources.scheduled import read_robot
 
 _FOLLOWING = {"inputs": "the robot's hands", "outputs": "the robot's joints", "epochs": "--epochs, or the session"}
 """Settings that a learner takes from elsewhere, and where from."""
@@ -85,7 +85,7 @@ class Own:
         changed = None if self._settings is None else _of_settings(recipe.learner, self._settings)
         if changed is not None or self._robot is None:
             return changed
-        found = (_of_robots(_logged(log), self._robot) for log in recipe.logs)
+        found = (_of_robots(require_recorded_robot(LogReader(log)), self._robot) for log in recipe.logs)
         return next((difference for difference in found if difference is not None), None)
 
 
@@ -128,13 +128,6 @@ def _tags(robot: RobotConfig) -> list[str]:
 
 def _plain(value: Any) -> Any:
     return value.tolist() if isinstance(value, np.ndarray) else value
-
-
-def _logged(log: Path) -> RobotConfig:
-    files = read_robot(LogReader(log))
-    if not files:
-        raise LogError(f"{log}: expected the robot's files among the attachments, found none")
-    return parse_robot(files["toml"], files["urdf"])
 
 
 def _read_toml(path: Path) -> dict[str, Any]:

@@ -5,9 +5,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
+from pipeline.arrays import Floats
 from pipeline.learner import npz
 from pipeline.learner.controller_diff import first_difference_of_arrays
-from pipeline.learner.state import FloatArray
 from recorders.errors import ConfigError, ControllerError
 from replay.golden.recipe import EpochEnd, State
 
@@ -24,7 +24,7 @@ def pack(states: Sequence[State]) -> bytes:
     return npz.pack(members)
 
 
-def unpack(data: bytes, epoch: int) -> dict[str, FloatArray]:
+def unpack(data: bytes, epoch: int) -> dict[str, Floats]:
     """Return the state at the end of an epoch.
 
     Raises
@@ -32,7 +32,7 @@ def unpack(data: bytes, epoch: int) -> dict[str, FloatArray]:
     ConfigError
         If the bytes are no such file.
     """
-    state: dict[str, FloatArray] = {}
+    state: dict[str, Floats] = {}
     for member, values in _members(data).items():
         match = _MEMBER.fullmatch(member)
         if match is None or isinstance(values, str):
@@ -56,5 +56,5 @@ def _members(data: bytes) -> Mapping[str, npz.Member]:
         raise ConfigError(f"the states of the case: {error}") from error
 
 
-def _same(a: FloatArray | None, b: FloatArray) -> bool:
+def _same(a: Floats | None, b: Floats) -> bool:
     return a is not None and a.shape == b.shape and a.tobytes() == b.tobytes()

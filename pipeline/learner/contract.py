@@ -6,10 +6,11 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import config_from_dict, config_to_dict, find_rule, rule_names
 from pipeline.learner.rule import OnlineLearner, Rule, Settings
-from pipeline.learner.state import FloatArray, state_digest
+from pipeline.learner.state import state_digest
 from recorders.errors import ConfigError, ControllerError, MessageError
 
 _STEPS = 256
@@ -40,7 +41,7 @@ class LearningRuleContract:
         centres = np.linspace(-0.5, 0.5, self.config.outputs)
         return self.rule.learner(self.config, input_centre=centres[: self.config.inputs], output_centre=centres)
 
-    def motion(self, steps: int) -> tuple[FloatArray, FloatArray]:
+    def motion(self, steps: int) -> tuple[Floats, Floats]:
         """Return inputs of a closed motion, and targets that they decide."""
         phases = np.arange(steps)[:, np.newaxis] * (2.0 * np.pi / _PERIOD)
         u = 0.1 * np.sin(phases * (1 + np.arange(self.config.inputs) % 3) + np.arange(self.config.inputs))

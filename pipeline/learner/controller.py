@@ -9,22 +9,22 @@ import dataclasses
 import json
 import math
 import os
-import secrets
 import stat
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO, Self
+from typing import Any, Self
 
 import numpy as np
 
+from pipeline.arrays import Floats
 from pipeline.learner import npz
 from pipeline.learner.registry import config_from_dict, config_to_dict, make_learner
 from pipeline.learner.rule import OnlineLearner, Settings
-from pipeline.learner.state import FloatArray, check_state, state_digest
+from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
+from recorders.files.anonymous_file import AnonymousFile, write_whole
 from recorders.files.regular_file import begins_with, require_regular_file
-from recorders.files.whole_files import sync_folder
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
@@ -64,13 +64,13 @@ class Controller:
     """
 
     config: Settings
-    input_centre: FloatArray
-    output_centre: FloatArray
+    input_centre: Floats
+    output_centre: Floats
     joints: tuple[str, ...]
     robot_toml: str
     robot_urdf: str
-    state: Mapping[str, FloatArray]
-    pending: FloatArray
+    state: Mapping[str, Floats]
+    pending: Floats
     provenance: Mapping[str, Any]
 
     def __post_init__(self) -> None:
@@ -99,7 +99,7 @@ class Controller:
         joints: tuple[str, ...],
         robot_toml: str,
         robot_urdf: str,
-        pending: FloatArray | None = None,
+        pending: Floats | None = None,
         provenance: Mapping[str, Any] | None = None,
     ) -> Self:
         """Take a learner's present state; `pending` is the u that waits for its target."""
@@ -163,7 +163,8 @@ class Controller:
                 f"found {len(text)}"
             )
         constants = {name: getattr(self, name) for name in _CONSTANTS}
-        _write_atomically(Path(path), npz.pack({_HEADER: text, **constants, **self.state}))
+        with _naming_the_file(Path(path)):
+            write_whole(Path(path), npz.pack({_HEADER: text, **constants, **self.state}))
 
     @classmethod
     def load(cls, path: str | os.PathLike[str]) -> Self:
@@ -200,16 +201,16 @@ class Controller:
         return controller
 
 
-def _frozen(values: FloatArray) -> FloatArray:
+def _frozen(values: Floats) -> Floats:
     copy = np.array(values, dtype=np.float64)
     copy.flags.writeable = False
     return copy
 
 
-def _read_arrays(file: npz.Npz, config: Settings) -> dict[str, FloatArray]:
+def _read_arrays(file: npz.Npz, config: Settings) -> dict[str, Floats]:
     """Read the arrays of a controller of this configuration; one of another size is not even unpacked."""
     constants = {"input_centre": (config.inputs,), "output_centre": (config.outputs,), "pending": (config.inputs,)}
-    arrays: dict[str, FloatArray] = {}
+    arrays: dict[str, Floats] = {}
     for name, shape in {**constants, **config.state_shapes()}.items():
         if name not in file.names:
             raise ControllerError(f"expected array {name}, found {names_text(file.names)}")
@@ -282,7 +283,8 @@ def check_writable(path: str | os.PathLike[str], *, overwrite: bool = True) -> N
     """
     if not Path(path).parent.is_dir():
         raise ControllerError(f"cannot write controller {path}: expected a folder {Path(path).parent}, found none")
-    with _beside(Path(path)):
+    with _naming_the_file(Path(path)):
+        AnonymousFile(Path(path)).discard()
         if _holds_something_else(Path(path)):
             raise ControllerError(
                 f"cannot write controller {path}: there is a file that is no controller, which stays as it is; "
@@ -303,28 +305,13 @@ def _holds_something_else(path: Path) -> bool:
     return False
 
 
-def _write_atomically(path: Path, data: bytes) -> None:
-    """Write beside the destination, sync, rename, sync the directory: a crash leaves the old file or the new."""
-    with _beside(path) as file:
-        file.write(data)
-        file.flush()
-        os.fsync(file.fileno())
-        Path(file.name).replace(path)
-        sync_folder(path.parent)
-
-
 @contextmanager
-def _beside(path: Path) -> Iterator[BinaryIO]:
-    """Open a new file in the folder of `path`, with the permissions of any new file; it is gone at the end."""
+def _naming_the_file(path: Path) -> Iterator[None]:
+    """Raise ControllerError if a controller cannot be written as `path`, or what the block does for it fails."""
     try:
         if not path.name or not _may_be_replaced(path):
             raise ControllerError(f"cannot write controller {path}: expected the name of a file, found something else")
-        temporary = path.with_name(f".reenact.{secrets.token_hex(4)}.part")
-        try:
-            with temporary.open("xb") as file:
-                yield file
-        finally:
-            temporary.unlink(missing_ok=True)
+        yield
     except (OSError, ValueError) as error:  # ValueError: a name that no system can have
         raise ControllerError(f"cannot write controller {path}: {getattr(error, 'strerror', None) or error}") from error
 

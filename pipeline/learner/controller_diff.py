@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
-from pipeline.learner.state import FloatArray
 from replay.diff.fields import ABSENT, format_pair
 
 
@@ -54,7 +54,7 @@ def first_difference(a: Controller, b: Controller) -> ControllerDifference | Non
     return next((part for part in parts if part is not None), None)
 
 
-def first_difference_of_arrays(a: Mapping[str, FloatArray], b: Mapping[str, FloatArray]) -> ControllerDifference | None:
+def first_difference_of_arrays(a: Mapping[str, Floats], b: Mapping[str, Floats]) -> ControllerDifference | None:
     """Return the first element, in the order of the names of `a`, whose bits differ in two sets of float64 arrays."""
     for name in {**a, **b}:
         if name not in a or name not in b:
@@ -66,11 +66,11 @@ def first_difference_of_arrays(a: Mapping[str, FloatArray], b: Mapping[str, Floa
     return None
 
 
-def _constants(controller: Controller) -> dict[str, FloatArray]:
+def _constants(controller: Controller) -> dict[str, Floats]:
     return {name: getattr(controller, name) for name in ("input_centre", "output_centre")}
 
 
-def _of_arrays(name: str, a: FloatArray, b: FloatArray) -> ControllerDifference | None:
+def _of_arrays(name: str, a: Floats, b: Floats) -> ControllerDifference | None:
     if a.shape != b.shape:
         return ControllerDifference(name, f"shape {a.shape}", f"shape {b.shape}")
     flat_a, flat_b = np.ravel(a), np.ravel(b)

@@ -3,11 +3,11 @@
 import numpy as np
 from numpy.typing import ArrayLike
 
-from pipeline.learner.state import FloatArray
+from pipeline.arrays import Floats
 from recorders.errors import ConfigError, MessageError
 
 
-def rows_of(name: str, values: ArrayLike, width: int) -> FloatArray:
+def rows_of(name: str, values: ArrayLike, width: int) -> Floats:
     """Return rows as float64, shape (n, width), one number beside the next.
 
     Raises
@@ -21,7 +21,7 @@ def rows_of(name: str, values: ArrayLike, width: int) -> FloatArray:
     return rows
 
 
-def finite_rows(name: str, values: ArrayLike, width: int) -> FloatArray:
+def finite_rows(name: str, values: ArrayLike, width: int) -> Floats:
     """Return rows as `rows_of` does, with finite numbers alone.
 
     Raises
@@ -35,7 +35,7 @@ def finite_rows(name: str, values: ArrayLike, width: int) -> FloatArray:
     return rows
 
 
-def pairs_of(u: FloatArray, d: FloatArray) -> None:
+def pairs_of(u: Floats, d: Floats) -> None:
     """Check that there are as many targets d as inputs u.
 
     Raises
@@ -47,7 +47,7 @@ def pairs_of(u: FloatArray, d: FloatArray) -> None:
         raise MessageError(f"expected as many rows of d as of u, found {len(d)} and {len(u)}")
 
 
-def centre_of(name: str, values: ArrayLike, size: int) -> FloatArray:
+def centre_of(name: str, values: ArrayLike, size: int) -> Floats:
     """Return a constant of a learner as an array that cannot be written to.
 
     Raises

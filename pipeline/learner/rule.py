@@ -11,7 +11,8 @@ from typing import Any, ClassVar, Protocol, Self
 
 from numpy.typing import ArrayLike
 
-from pipeline.learner.state import MAX_NUMBERS, FloatArray, state_numbers
+from pipeline.arrays import Floats
+from pipeline.learner.state import MAX_NUMBERS, state_numbers
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text, value_text
 
@@ -123,29 +124,29 @@ class OnlineLearner(Protocol):
         """The configuration."""
 
     @property
-    def input_centre(self) -> FloatArray:
+    def input_centre(self) -> Floats:
         """Constant taken from u [m], shape (inputs,)."""
 
     @property
-    def output_centre(self) -> FloatArray:
+    def output_centre(self) -> Floats:
         """Constant taken from d and added to the outputs, shape (outputs,)."""
 
     def begin_epoch(self, epoch: int) -> None:
         """Start an epoch: seeded state of its own, rates of its own, weights kept."""
 
-    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
+    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> Floats:
         """Take steps with targets d (n, outputs); returns the outputs (n, outputs), each from before its update."""
 
-    def predict(self, u: ArrayLike) -> FloatArray:
+    def predict(self, u: ArrayLike) -> Floats:
         """Take steps forward only: u (n, inputs) to outputs (n, outputs)."""
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Forget what came before: from a seeded state, hold the target u0 (inputs,) for some steps."""
 
-    def state(self) -> dict[str, FloatArray]:
+    def state(self) -> dict[str, Floats]:
         """Copy everything that later steps depend on, named and shaped as `Settings.state_shapes` has it."""
 
-    def load_state(self, state: Mapping[str, FloatArray]) -> None:
+    def load_state(self, state: Mapping[str, Floats]) -> None:
         """Go on from a state, to the bit; ControllerError if it is none, and nothing has changed then."""
 
     def connections_digest(self) -> str:

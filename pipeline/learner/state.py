@@ -5,19 +5,18 @@ import math
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from recorders.errors import ControllerError
 from recorders.text.wording import names_text
 
-FloatArray = NDArray[np.float64]
 Shapes = Mapping[str, tuple[int, ...]]
 
 MAX_NUMBERS = 2**20
 """Numbers in a state that goes into a file; a thousand neurons, each connected to each, take fewer."""
 
 
-def state_digest(state: Mapping[str, FloatArray], pending: FloatArray | None = None) -> str:
+def state_digest(state: Mapping[str, Floats], pending: Floats | None = None) -> str:
     """SHA-256 of a learner's state and of the u that waits for its target.
 
     Parameters
@@ -44,7 +43,7 @@ def state_numbers(shapes: Shapes) -> int:
     return sum(math.prod(shape) for shape in shapes.values())
 
 
-def check_state(shapes: Shapes, state: Mapping[str, FloatArray]) -> None:
+def check_state(shapes: Shapes, state: Mapping[str, Floats]) -> None:
     """Check names, shapes and values of a state.
 
     Raises

@@ -1,12 +1,10 @@
 """The whole of the paper, rerun from seeds: exploration, ten trainings of each pattern, every test, deployment."""
 
-import json
 import time
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from pipeline.deployment.deploy import deploy
 from pipeline.evaluation.trials import robot_of
@@ -26,7 +24,7 @@ from pipeline.terminal import console
 from pipeline.training.batch import Executors, Outcome, Run, RunsError, as_they_end, compute, compute_all
 from pipeline.training.executors import local_processes
 from recorders.errors import CheckFailed, ConfigError
-from recorders.files.anonymous_file import write_whole
+from recorders.files.anonymous_file import write_json
 from recorders.writing.part_file import part_of
 from replay.sources.schedule import Schedule
 
@@ -121,7 +119,7 @@ def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_pr
         deployed = deploy(controller, load_motion(PATTERN_2, robot), progress=advance)
     costs = command_costs(controller, trial, period_ns=_PATTERN_PERIOD_NS)
     paper = PaperResults(config.seed, robot, networks, drawings(), deployed, costs, seconds)
-    _write_json(out / SUMMARY, paper.summary())
+    write_json(out / SUMMARY, paper.summary())
     return paper
 
 
@@ -212,7 +210,3 @@ def _save_controllers(folder: Path, networks: Mapping[str, NetworkEnsemble]) -> 
     for learned in networks.values():
         for seed, controller in zip(learned.seeds, learned.controllers, strict=True):
             controller.save(folder / f"{learned.pattern}-{seed}.npz")
-
-
-def _write_json(path: Path, content: dict[str, Any]) -> None:
-    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())

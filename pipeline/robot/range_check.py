@@ -5,12 +5,12 @@ from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from types import MappingProxyType
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState
-from recorders.messages.validation import FloatArray
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.ticks.joiner import JointMap
@@ -57,9 +57,9 @@ class RangeCheck:
         self.distance_m = min(max(_LENGTHS * self._length_m, _LEAST_DISTANCE_M), MAX_DISTANCE_M)
         self._hands: list[list[float]] = robot.centres.tolist()
         self._centre = [sum(axis) / len(self._hands) for axis in zip(*self._hands, strict=True)]
-        self._passed: dict[int, FloatArray | JointState] = {}  # by identity, which holds as long as they are kept
+        self._passed: dict[int, Floats | JointState] = {}  # by identity, which holds as long as they are kept
 
-    def __call__(self, value: FloatArray | JointState) -> None:
+    def __call__(self, value: Floats | JointState) -> None:
         """Check a target [m], shape (3,), or joints.
 
         Raises

@@ -1,8 +1,12 @@
-"""Robot of a log: its files among the attachments."""
+"""Robot of a log, of which it is an attachment, or of a stream, in whose offer it is."""
+
+from collections.abc import Collection
 
 from pipeline.robot.config import RobotConfig, parse_robot
-from recorders.errors import ConfigError, LogError
+from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.reading.session_reader import Reader
+from recorders.text.wording import names_text
+from recorders.wire.stream import Offer
 from replay.sources.scheduled import read_robot
 
 
@@ -26,7 +30,19 @@ def require_recorded_robot(reader: Reader, *, has_option: bool = False) -> Robot
     """
     if (robot := recorded_robot(reader)) is not None:
         return robot
+    raise _missing(f"{reader.path}: the log", reader.attachments, has_option=has_option)
+
+
+def offered_robot(offer: Offer, *, has_option: bool = False) -> RobotConfig:
+    """Return the robot that the offer of a stream carries; raises as `require_recorded_robot` does."""
+    texts = offer.robot.get("toml"), offer.robot.get("urdf")
+    if not all(isinstance(text, str) for text in texts):
+        raise _missing("the stream", offer.robot, has_option=has_option)
+    return parse_robot(str(texts[0]), str(texts[1]), origin="the robot of the stream")
+
+
+def _missing(origin: str, found: Collection[str], *, has_option: bool) -> ReenactError:
+    line = f"{origin} carries no robot"
     if has_option:
-        raise ConfigError(f"{reader.path}: the log carries no robot; give one with --robot")
-    found = reader.attachments or "none"
-    raise LogError(f"{reader.path}: expected the robot's files among the attachments, found {found}")
+        return ConfigError(f"{line}; give one with --robot")
+    return LogError(f"{line}: expected the robot's files, found {names_text(found) or 'none'}")

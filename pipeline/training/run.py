@@ -5,8 +5,8 @@ from dataclasses import asdict, dataclass, field
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.evaluation.errors import check_errors, hand_errors
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import make_learner
@@ -23,8 +23,6 @@ from recorders.messages.phase import EVALUATE, LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.ticks.joiner import Tick, TickJoiner
 from replay.sources.stream_digest import StreamDigest
-
-Floats = NDArray[np.float64]
 
 PIECE = 64
 """Steps per call of the kernel. The pieces do not enter the result; one call costs as much as a step."""

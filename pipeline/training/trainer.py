@@ -7,7 +7,8 @@ from typing import Any, NamedTuple
 
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
-from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.recorded import offered_robot
 from pipeline.samples.pairs import Presentation
 from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
 from pipeline.training.run import CycleReport, LearningRun, Steps
@@ -83,7 +84,7 @@ class Trainer:
             If there is a checkpoint of another run, or it cannot be used.
         """
         schedule = Schedule.from_dict(offer.schedule)
-        robot = self._robot or _offered_robot(offer)
+        robot = self._robot or offered_robot(offer, has_option=True)
         run = LearningRun(self._config.fitted(epochs=schedule.epochs), robot, offer.run, on_steps=self._on_steps)
         self._next = self._resume(run, offer)
         self._saved_ticks = run.counts.ticks
@@ -383,10 +384,3 @@ def train_on(source: Source, trainer: Trainer) -> Trainer:
     else:
         InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
     return trainer
-
-
-def _offered_robot(offer: Offer) -> RobotConfig:
-    texts = offer.robot.get("toml"), offer.robot.get("urdf")
-    if not all(isinstance(text, str) for text in texts):
-        raise ConfigError("the stream names no robot, and none was given; give one with --robot")
-    return parse_robot(str(texts[0]), str(texts[1]), origin="the robot of the stream")

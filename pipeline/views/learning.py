@@ -6,9 +6,10 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import hand_errors
+from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
-from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairs import HANDS
 from pipeline.training.checkpoints import CheckpointConfig
@@ -82,7 +83,7 @@ class LearningView:
             return
         u, outputs = (np.concatenate(parts) for parts in zip(*self._steps, strict=True))
         joints = outputs[:, HANDS:]
-        self._kinematics = self._kinematics or Kinematics(parse_robot(controller.robot_toml, controller.robot_urdf))
+        self._kinematics = self._kinematics or Kinematics(robot_of(controller))
         if hands_cm is None:
             left, right = (hand_errors(self._kinematics, joints, u).mean(axis=0) * _CM_PER_M).tolist()
             hands_cm = left, right

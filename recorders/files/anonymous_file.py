@@ -1,10 +1,14 @@
 """A file without a name while it is written, so that a process that is killed leaves nothing of it; and free names."""
 
+import json
 import os
+from collections.abc import Mapping
 from contextlib import suppress
 from itertools import count
 from pathlib import Path
-from typing import BinaryIO
+from typing import Any, BinaryIO
+
+from recorders.files.whole_files import sync_folder
 
 _FLAGS = os.O_RDWR | os.O_CLOEXEC
 _OPEN_FILES = "/proc/self/fd"  # gives a file without a name one
@@ -70,7 +74,7 @@ class AnonymousFile:
 
 
 def write_whole(path: Path, data: bytes) -> None:
-    """Write a file that has its name once it is whole, on the disk; a link of that name is replaced, not followed.
+    """Write a file that has its name once it is whole, both on the disk; a link of that name is replaced, not followed.
 
     Raises
     ------
@@ -83,8 +87,14 @@ def write_whole(path: Path, data: bytes) -> None:
         file.stream.flush()
         os.fsync(file.stream.fileno())
         file.replace()
+        sync_folder(path.parent)
     finally:
         file.discard()
+
+
+def write_json(path: Path, content: Mapping[str, Any]) -> None:
+    """Write JSON for readers, as `write_whole` does; raises ValueError if a number is none."""
+    write_whole(path, (json.dumps(content, indent=2, allow_nan=False) + "\n").encode())
 
 
 def free_name(near: Path, ending: str) -> Path:

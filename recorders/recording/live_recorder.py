@@ -19,6 +19,7 @@ from recorders.reading.parts import PART, part_path
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
+from recorders.text.once import OnceWarner
 from recorders.wire.frames import NO_RUN, Frame, FrameType
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
@@ -78,6 +79,7 @@ class LiveRecorder:
         self._overwrite = overwrite
         self._on_progress = on_progress
         self._clock = LogClock(clock)
+        self._warnings = OnceWarner(logger, limit=1)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
         self._last: dict[str, int] = {}
@@ -247,8 +249,7 @@ class LiveRecorder:
         self.recording.size += len(record.data)
 
     def _refuse_topic(self) -> None:
-        if not self.recording.refused[_TOO_MANY]:
-            logger.warning(f"refused a message on {_TOO_MANY}")
+        self._warnings.warn(f"refused a message on {_TOO_MANY}")
         self.recording.refused[_TOO_MANY] += 1
 
     def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:

@@ -26,9 +26,10 @@ class OnceWarner:
         self._longest = longest
         self._logged: set[str] = set()
 
-    def warn(self, line: str) -> None:
-        """Log a line as a warning, unless it has been logged."""
+    def warn(self, line: str, *, kind: str | None = None) -> None:
+        """Log a line as a warning, unless it has been logged, or another of its kind has."""
         line = escape_control(line[: self._longest])
-        if line not in self._logged and len(self._logged) < self._limit:
-            self._logged.add(line)
+        kind = line if kind is None else kind
+        if kind not in self._logged and len(self._logged) < self._limit:
+            self._logged.add(kind)
             self._logger.warning(line)

@@ -6,14 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.simulation.simulation import Simulation
-
-Floats = NDArray[np.float64]
 
 ROBOT = load_robot("asimo")
 MS = 1_000_000

@@ -15,7 +15,8 @@ import numpy as np
 from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
-FloatArray = NDArray[np.float64]
+from pipeline.arrays import Floats
+
 IndexArray = NDArray[np.uint32]
 SizeArray = NDArray[np.int64]
 ByteArray = NDArray[np.uint8]
@@ -65,16 +66,16 @@ class Views(NamedTuple):
     a connection has the last zero as its source.
     """
 
-    reservoir_weights: FloatArray  # (reservoir, reservoir_slots), fixed
-    output_weights: FloatArray  # (outputs, output_slots), adapted
-    a: FloatArray  # (reservoir,)
-    b: FloatArray  # (reservoir,)
-    x: FloatArray  # (outputs + reservoir,), in the order of eq. (4)
-    z: FloatArray  # (sources,)
-    error: FloatArray  # (outputs,), e(k-1) of eq. (7)
-    gathered: FloatArray  # (outputs, output_slots), scratch: sources of the outputs in this step
-    gamma: FloatArray  # (outputs,), scratch
-    slope_error: FloatArray  # (sources,), scratch: f'(x_s) e_s at the outputs s, zero elsewhere
+    reservoir_weights: Floats  # (reservoir, reservoir_slots), fixed
+    output_weights: Floats  # (outputs, output_slots), adapted
+    a: Floats  # (reservoir,)
+    b: Floats  # (reservoir,)
+    x: Floats  # (outputs + reservoir,), in the order of eq. (4)
+    z: Floats  # (sources,)
+    error: Floats  # (outputs,), e(k-1) of eq. (7)
+    gathered: Floats  # (outputs, output_slots), scratch: sources of the outputs in this step
+    gamma: Floats  # (outputs,), scratch
+    slope_error: Floats  # (sources,), scratch: f'(x_s) e_s at the outputs s, zero elsewhere
 
 
 class Rates(NamedTuple):
@@ -125,7 +126,7 @@ def log(x: float) -> float:
 
 
 @_compiled
-def views(sizes: SizeArray, memory: FloatArray) -> Views:
+def views(sizes: SizeArray, memory: Floats) -> Views:
     """Divide a block of memory; `sizes` holds the values of a `Sizes`."""
     _, outputs, reservoir, reservoir_slots, output_slots, _, sources = sizes
     gathered = outputs * output_slots
@@ -148,7 +149,7 @@ def views(sizes: SizeArray, memory: FloatArray) -> Views:
 
 
 @_compiled
-def sum_sources(weights: FloatArray, sources: IndexArray, z: FloatArray, x: FloatArray) -> None:
+def sum_sources(weights: Floats, sources: IndexArray, z: Floats, x: Floats) -> None:
     """Activations of the reservoir, eq. (1)."""
     for i in range(x.size):
         total = 0.0
@@ -158,9 +159,7 @@ def sum_sources(weights: FloatArray, sources: IndexArray, z: FloatArray, x: Floa
 
 
 @_compiled
-def sum_and_gather(
-    weights: FloatArray, sources: IndexArray, z: FloatArray, gathered: FloatArray, x: FloatArray
-) -> None:
+def sum_and_gather(weights: Floats, sources: IndexArray, z: Floats, gathered: Floats, x: Floats) -> None:
     """Activations of the outputs, eq. (1), with the source of each slot gathered for the update."""
     for i in range(x.size):
         total = 0.0
@@ -172,7 +171,7 @@ def sum_and_gather(
 
 
 @_compiled
-def sum_of_squares(z: FloatArray) -> float:
+def sum_of_squares(z: Floats) -> float:
     """Squared norm of z, whose length is a multiple of four, as four interleaved sums."""
     s0 = s1 = s2 = s3 = 0.0
     for j in range(0, z.size, 4):
@@ -184,14 +183,14 @@ def sum_of_squares(z: FloatArray) -> float:
 
 
 @_compiled
-def fermi(x: FloatArray, a: FloatArray, b: FloatArray, y: FloatArray) -> None:
+def fermi(x: Floats, a: Floats, b: Floats, y: Floats) -> None:
     """Activities of the reservoir, eq. (3)."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-a[i] * x[i] - b[i]))
 
 
 @_compiled
-def fermi_outputs(x: FloatArray, y: FloatArray) -> None:
+def fermi_outputs(x: Floats, y: Floats) -> None:
     """Activities of the outputs, which are only fed back: eq. (3) with a = 1, b = 0."""
     for i in range(x.size):
         y[i] = 1.0 / (1.0 + exp(-x[i]))
@@ -209,7 +208,7 @@ def add_feedback_error(sources: IndexArray, first_slot: int, first_output: int, 
 
 
 @_compiled
-def decorrelate(weights: FloatArray, gathered: FloatArray, gamma: FloatArray, rate: float) -> None:
+def decorrelate(weights: Floats, gathered: Floats, gamma: Floats, rate: float) -> None:
     """BPDC, eqs. (5) and (6): u and f(x) are both sources of slots; an empty slot has zero and stays zero."""
     for i in range(gamma.size):
         step = rate * gamma[i]
@@ -218,7 +217,7 @@ def decorrelate(weights: FloatArray, gathered: FloatArray, gamma: FloatArray, ra
 
 
 @_compiled
-def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatArray, zeta: float, mu: float) -> None:
+def intrinsic_plasticity(x: Floats, y: Floats, a: Floats, b: Floats, zeta: float, mu: float) -> None:
     """IP, eqs. (8) and (9), the latter read as delta a = zeta / a + x delta b."""
     inverse = 1.0 / mu
     for i in range(x.size):
@@ -228,7 +227,7 @@ def intrinsic_plasticity(x: FloatArray, y: FloatArray, a: FloatArray, b: FloatAr
 
 
 @_compiled
-def all_finite(values: FloatArray) -> bool:
+def all_finite(values: Floats) -> bool:
     """Return whether there is neither NaN nor infinity."""
     wrong = 0
     flat = values.reshape(-1)
@@ -245,9 +244,7 @@ def is_finite(views: Views) -> bool:
 
 
 @_compiled
-def teach(
-    d: FloatArray, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views
-) -> None:
+def teach(d: Floats, first_output: int, feedback_slot: int, sources: IndexArray, rates: Rates, views: Views) -> None:
     """BPDC update of everything that leads to an output, eqs. (5) to (7); z still holds u(k) and y(k)."""
     for i in range(d.size):
         views.gamma[i] = -(views.x[i] - d[i])
@@ -257,7 +254,7 @@ def teach(
 
 
 @_compiled
-def activate(sizes: SizeArray, memory: FloatArray) -> None:
+def activate(sizes: SizeArray, memory: Floats) -> None:
     """Activities of outputs and reservoir from their activations, eqs. (2) and (3)."""
     inputs, outputs, reservoir = sizes[0], sizes[1], sizes[2]
     state = views(sizes, memory)
@@ -267,14 +264,14 @@ def activate(sizes: SizeArray, memory: FloatArray) -> None:
 
 @_compiled
 def run(
-    u: FloatArray,
-    d: FloatArray,
+    u: Floats,
+    d: Floats,
     learning: bool,
     sizes: SizeArray,
     sources: IndexArray,
-    memory: FloatArray,
-    rates: FloatArray,
-    predicted: FloatArray,
+    memory: Floats,
+    rates: Floats,
+    predicted: Floats,
 ) -> int:
     """Take complete steps: predict, compare with d, learn; a sequence may be cut into calls anywhere.
 
@@ -337,15 +334,15 @@ def run(
 
 @_compiled
 def look_ahead(
-    u: FloatArray,
-    centre: FloatArray,
-    limits: FloatArray,
+    u: Floats,
+    centre: Floats,
+    limits: Floats,
     sizes: SizeArray,
     sources: IndexArray,
-    memory: FloatArray,
-    activations: FloatArray,
-    predicted: FloatArray,
-    limited: FloatArray,
+    memory: Floats,
+    activations: Floats,
+    predicted: Floats,
+    limited: Floats,
 ) -> int:
     """Compute the next step's outputs, to the bit, without changing the state.
 
@@ -394,7 +391,7 @@ def look_ahead(
 
 
 @_compiled
-def proceed(sizes: SizeArray, sources: IndexArray, memory: FloatArray, activations: FloatArray) -> int:
+def proceed(sizes: SizeArray, sources: IndexArray, memory: Floats, activations: Floats) -> int:
     """Take the step whose outputs `look_ahead` computed, to the bit as `run` takes one without targets.
 
     Nothing may have come between; this is not looked at.
@@ -430,21 +427,21 @@ class Served(NamedTuple):
 
     sizes: SizeArray  # (7,), as `run` takes it, as are the next two
     sources: IndexArray
-    memory: FloatArray
-    centre: FloatArray  # (inputs + outputs,), as `look_ahead` takes it
-    activations: FloatArray  # (outputs,), as `look_ahead` fills it and `proceed` takes it
-    limits: FloatArray  # (2 n,), lower, then upper limits of the joints
-    u: FloatArray  # (6,), filled with the targets [m]
-    outputs: FloatArray  # (outputs,), filled with the next step's outputs
-    limited: FloatArray  # (n,), filled with the joints among them, within their limits
+    memory: Floats
+    centre: Floats  # (inputs + outputs,), as `look_ahead` takes it
+    activations: Floats  # (outputs,), as `look_ahead` fills it and `proceed` takes it
+    limits: Floats  # (2 n,), lower, then upper limits of the joints
+    u: Floats  # (6,), filled with the targets [m]
+    outputs: Floats  # (outputs,), filled with the next step's outputs
+    limited: Floats  # (n,), filled with the joints among them, within their limits
     stamp: ByteArray  # (8,), filled with the targets' stamp, as CDR has it
     clipped: SizeArray  # (n,), how often a joint was beyond its limits
     left: ByteArray  # (pose,), filled with the messages
     right: ByteArray
-    left_position: FloatArray  # (3,), in the messages [m]
-    right_position: FloatArray
+    left_position: Floats  # (3,), in the messages [m]
+    right_position: Floats
     head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
-    near: FloatArray  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
+    near: Floats  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
 
 
 def addresses(served: Served) -> NDArray[np.int64]:

@@ -9,10 +9,11 @@ from collections.abc import Mapping
 import numpy as np
 from numpy.typing import ArrayLike
 
+from pipeline.arrays import Floats
 from pipeline.learner.rows import centre_of, not_finite, pairs_of, rows_of
 from pipeline.learner.rules.reservoir import kernels
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.learner.rules.reservoir.kernels import FloatArray, Rates
+from pipeline.learner.rules.reservoir.kernels import Rates
 from pipeline.learner.rules.reservoir.network import Connections, Network, symmetric_uniforms
 from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError, MessageError, ReenactError
@@ -82,7 +83,7 @@ class Learner:
         self._set_rates(epoch)
         self._seed_activations(epoch)
 
-    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> FloatArray:
+    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> Floats:
         """Take steps, with or without learning, and return the outputs from before each update.
 
         Parameters
@@ -109,7 +110,7 @@ class Learner:
         pairs_of(u, d)
         return self._run(u, d - self.output_centre, bool(learning))
 
-    def predict(self, u: ArrayLike) -> FloatArray:
+    def predict(self, u: ArrayLike) -> Floats:
         """Take steps without targets: u [m] of shape (n, inputs) to outputs [m, rad] of shape (n, outputs).
 
         Raises
@@ -121,7 +122,7 @@ class Learner:
         """
         return self._run(rows_of("u", u, self.config.inputs), self._no_target, False)
 
-    def look_ahead(self, u: FloatArray, *, limits: FloatArray, outputs: FloatArray, limited: FloatArray) -> None:
+    def look_ahead(self, u: Floats, *, limits: Floats, outputs: Floats, limited: Floats) -> None:
         """Write what `predict` would return of one u, to the bit, in a fraction of the time; the state stays as it is.
 
         Parameters
@@ -160,7 +161,7 @@ class Learner:
             raise _failure(status, self._epoch)
 
     @property
-    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, FloatArray, FloatArray, FloatArray]:
+    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, Floats, Floats, Floats]:
         """Arrays of the learner that kernels take, for compiled calls that take its steps.
 
         These are sizes, sources, memory, centre, and the activations of the last look ahead. They are this learner's
@@ -183,14 +184,14 @@ class Learner:
         self._seed_activations("washout")
         self.predict(np.repeat(held, steps, axis=0))
 
-    def state(self) -> dict[str, FloatArray]:
+    def state(self) -> dict[str, Floats]:
         """Copy the state: weights by type of connection, a, b, x, y, e, epoch, in this order.
 
         Names and shapes are those of `LearnerConfig.state_shapes`.
         """
         return {**self._network.state(), "epoch": np.array([float(self._epoch)])}
 
-    def load_state(self, state: Mapping[str, FloatArray]) -> None:
+    def load_state(self, state: Mapping[str, Floats]) -> None:
         """Go on from a state of a learner with the same configuration.
 
         Raises
@@ -219,7 +220,7 @@ class Learner:
             }
         )
 
-    def _run(self, u: FloatArray, d: FloatArray, learning: bool) -> FloatArray:
+    def _run(self, u: Floats, d: Floats, learning: bool) -> Floats:
         net, outputs = self._network, np.empty((len(u), self.config.outputs))
         centred = u - self.input_centre
         self.check(kernels.run(centred, d, learning, net.sizes, net.sources, net.memory, self._rates, outputs))

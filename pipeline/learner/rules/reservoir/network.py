@@ -10,9 +10,10 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.learner.rules.reservoir import kernels
 from pipeline.learner.rules.reservoir.config import ConnectionConfig, LearnerConfig
-from pipeline.learner.rules.reservoir.kernels import FloatArray, Sizes
+from pipeline.learner.rules.reservoir.kernels import Sizes
 from pipeline.seeding import distinct, raw_words, uniforms
 
 _LANES = 4  # the kernel squares z four at a time
@@ -44,7 +45,7 @@ def draw_connections(config: ConnectionConfig, *, seed: int) -> Connections:
     return Connections(np.repeat(np.arange(config.targets), degrees), np.concatenate(parts))
 
 
-def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) -> FloatArray:
+def symmetric_uniforms(seed: int, *path: int | str, count: int, limit: float) -> Floats:
     """Uniform numbers in [-limit, limit), named as in `pipeline.seeding`, shape (count,)."""
     return (2.0 * uniforms(seed, *path, count=count) - 1.0) * limit
 
@@ -103,18 +104,18 @@ class Network:
                 config.seed, "weights", part.name, count=part.count, limit=part.initial_range
             )
 
-    def set_activations(self, x: FloatArray) -> None:
+    def set_activations(self, x: Floats) -> None:
         """Set x of outputs and reservoir, shape (outputs + reservoir,), and y = f(x); forget the last error."""
         self._views.x[:] = x
         self._views.error[:] = 0.0
         kernels.activate(self.sizes, self.memory)
 
-    def state(self) -> dict[str, FloatArray]:
+    def state(self) -> dict[str, Floats]:
         """Copy the state, named and shaped as in `LearnerConfig.state_shapes`, less the epoch."""
         weights = {f"{name}_weights": self._weights_of(name)[places] for name, places in self._places.items()}
         return {**weights, **{name: values.copy() for name, values in self._vectors().items()}}
 
-    def load_state(self, state: Mapping[str, FloatArray]) -> None:
+    def load_state(self, state: Mapping[str, Floats]) -> None:
         """Take over a state made by `state`; it must have passed `pipeline.learner.state.check_state`."""
         for name, places in self._places.items():
             self._weights_of(name)[places] = state[f"{name}_weights"]
@@ -140,9 +141,9 @@ class Network:
         self.sources = np.concatenate([layouts["reservoir"].flat(), layouts["output"].flat()])
         self.memory = np.zeros(kernels.memory_size(sizes))
 
-    def _weights_of(self, name: str) -> FloatArray:
+    def _weights_of(self, name: str) -> Floats:
         return self._views.reservoir_weights if name.endswith("_reservoir") else self._views.output_weights
 
-    def _vectors(self) -> dict[str, FloatArray]:
+    def _vectors(self) -> dict[str, Floats]:
         v = self._views
         return {"a": v.a, "b": v.b, "x": v.x, "y": v.z[self._activities], "e": v.error}
