@@ -96,6 +96,12 @@ class Contents:
         Where each stands, by its name; several may have one.
     chunks : ChunkTable
         Where the chunks stand.
+    statistics : Statistics, optional
+        Numbers of everything, if the writer made any.
+    summary_start : int
+        Where the summary section begins that this is from [bytes]; the data section ends there. 0 without one.
+    has_crc : bool
+        Whether that section has a CRC; it was checked.
     crc_verified : bool
         Whether this is from a summary section that a CRC covers and that knows every channel and chunk.
     """
@@ -105,6 +111,9 @@ class Contents:
     metadata: list[NamedOffset] = field(default_factory=list)
     attachments: list[NamedOffset] = field(default_factory=list)
     chunks: ChunkTable = field(default_factory=ChunkTable)
+    statistics: Statistics | None = None
+    summary_start: int = 0
+    has_crc: bool = False
     crc_verified: bool = False
 
     def register(self, record: RawRecord) -> None:
@@ -113,6 +122,8 @@ class Contents:
         match record.opcode:
             case Opcode.CHUNK_INDEX:
                 self.chunks.register(record)
+            case Opcode.STATISTICS:
+                self.statistics = parse(Statistics, record)
             case Opcode.METADATA_INDEX:
                 metadata_index = parse(MetadataIndex, record)
                 self.metadata.append(NamedOffset(metadata_index.offset, metadata_index.name))
@@ -125,8 +136,8 @@ class Contents:
                 self.attachments.append(NamedOffset(record.offset, attachment_head(record).name))
 
 
-def read_contents(file: BinaryIO) -> Contents | None:
-    """Return the contents of the summary section, None for a file that was written without one, or with half of one.
+def read_summary(file: BinaryIO) -> Contents | None:
+    """Return what the summary section states, without its sums over topics; None for a file without one.
 
     Raises
     ------
@@ -137,21 +148,30 @@ def read_contents(file: BinaryIO) -> Contents | None:
     size = file.seek(0, SEEK_END)
     if footer.summary_start == 0:
         return None
+    contents = Contents(summary_start=footer.summary_start, has_crc=bool(footer.summary_crc))
     file.seek(footer.summary_start)
-    contents = Contents()
-    statistics = None
     for record in summary_records(file, size):
         contents.register(record)
-        if record.opcode == Opcode.STATISTICS:
-            statistics = parse(Statistics, record)
-    if statistics is None or not _all_indexed(contents, statistics):
+    contents.metadata.sort()
+    contents.attachments.sort()
+    return contents
+
+
+def read_contents(file: BinaryIO) -> Contents | None:
+    """Return the contents of the summary section, None for a file that was written without one, or with half of one.
+
+    Raises
+    ------
+    DamagedLog
+        If the file is cut off or its summary is damaged.
+    """
+    contents = read_summary(file)
+    if contents is None or (statistics := contents.statistics) is None or not _all_indexed(contents, statistics):
         return None
     for channel, (topic, _) in contents.channels.topics.items():
         contents.counts[topic] += statistics.channel_message_counts.get(channel, 0)
-    contents.metadata.sort()
-    contents.attachments.sort()
     whole = contents.chunks.ordered and len(contents.chunks) == statistics.chunk_count
-    contents.crc_verified = whole and bool(footer.summary_crc)
+    contents.crc_verified = whole and contents.has_crc
     return contents
 
 

@@ -11,14 +11,16 @@ from typing import Any, BinaryIO
 from recorders.errors import CheckFailed, LogError
 from recorders.mcap_format.attachments import attachment_data, attachment_head
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, stated_counts, to_metadata
-from recorders.recovery.copy_writer import CopyWriter
 from recorders.recovery.salvage import Damage, LogSurvey, Salvaged
 from recorders.recovery.survey import survey
 from recorders.recovery.tally import Tally
+from recorders.writing.mcap_writer import McapWriter
 from recorders.writing.part_file import PartFile, check_place, part_of
 
 _OUTCOME = ("complete", "messages", "counts", "content_sha256")  # entries of the manifest at the end beside
+_CHUNK_SIZE = 2**16  # bytes: the next damage costs one chunk
 _MOST_CHANNELS = 2**16 - 1
 _MOST_NOTED = 100  # places of damage that the manifest names
 
@@ -134,7 +136,7 @@ class _Copy:
         self._tally = Tally()
         self._channels: dict[DeclaredChannel, int] = {}
         self._schemas: dict[tuple[str, str, bytes], int] = {}
-        self._log = CopyWriter(file, self._profile())
+        self._log = McapWriter(file, profile=self._profile(), chunk_size=_CHUNK_SIZE)
 
     def run(self, out: Path, on_progress: Callable[[float], None]) -> Recovery:
         """Copy attachments, metadata and messages, then write the outcome to the manifest."""
@@ -171,7 +173,10 @@ class _Copy:
             return
         number = self._channels.get(channel) or self._declare(channel)
         numbers = message.sequence, message.log_time_ns
-        self._log.add_message(number, *numbers, message.publish_time_ns, message.data, message.rest)
+        if len(message.data) + (message.rest.size if message.rest else 0) <= LARGE:
+            self._log.add_message(number, *numbers, message.publish_time_ns, message.data)
+        else:
+            self._log.add_message_in_pieces(number, *numbers, message.publish_time_ns, message.data, message.rest)
         self._content.add(channel.topic, *numbers, message.data, message.rest)
 
     def _declare(self, channel: DeclaredChannel) -> int:

@@ -9,10 +9,11 @@ from mcap.opcode import Opcode
 from mcap.records import Metadata
 
 from recorders.errors import LogError
-from recorders.mcap_format.attachments import attachment_has_crc, check_attachment
+from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.chunk_contents import checked
+from recorders.mcap_format.crc_coverage import carries_crc
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
-from recorders.mcap_format.records import CRC, RawRecord, chunk_head, parse
+from recorders.mcap_format.records import CRC, RawRecord, parse
 
 _WINDOW = 2**20  # bytes searched at a time
 _LONGEST = 64  # bytes that a pattern needs to be recognised
@@ -61,13 +62,6 @@ def proves_itself(record: RawRecord) -> bool:
     except LogError:
         pass
     return False
-
-
-def carries_crc(record: RawRecord) -> bool:
-    """Whether a record has a CRC of its own: 0 means none. Raises LogError if it is malformed."""
-    if record.opcode == Opcode.CHUNK:
-        return chunk_head(record).crc != 0
-    return record.opcode == Opcode.ATTACHMENT and attachment_has_crc(record)
 
 
 def _candidates(file: BinaryIO, start: int, end: int) -> Iterator[int]:

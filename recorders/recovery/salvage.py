@@ -15,10 +15,10 @@ from recorders.errors import LogError
 from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.channels import ChannelRegistry, DeclaredChannel
 from recorders.mcap_format.chunk_contents import MESSAGE, split
+from recorders.mcap_format.crc_coverage import carries_crc
 from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge
 from recorders.mcap_format.records import RawRecord, chunk_data, parse, read_record
 from recorders.mcap_format.unread import Unread
-from recorders.recovery.resync import carries_crc
 from recorders.recovery.summary_section import VerifiedSummary
 
 

@@ -2,20 +2,18 @@
 
 from collections import Counter
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from io import SEEK_END
+from dataclasses import dataclass
 from typing import BinaryIO
 
-from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, ChunkIndex, MetadataIndex, Statistics
+from mcap.records import Statistics
 
 from recorders.errors import LogError
 from recorders.mcap_format.channels import ChannelRegistry, DeclaredChannel
-from recorders.mcap_format.records import RawRecord, check_summary, parse, summary_records
-from recorders.mcap_format.sections import find_data_end, read_footer
+from recorders.mcap_format.sections import find_data_end
+from recorders.mcap_format.summary import read_summary
 
 
-@dataclass
+@dataclass(frozen=True)
 class VerifiedSummary:
     """The contents of a summary section that a CRC covers.
 
@@ -31,16 +29,16 @@ class VerifiedSummary:
         Where chunks, metadata, attachments and the end of the data section begin, in order [bytes].
     attachments : list of str
         Names of the attachments.
-    chunks : int
-        How many chunks are among `offsets`.
+    indexed : bool
+        Whether every chunk has its place in `offsets`.
     """
 
     start: int
-    declarations: ChannelRegistry = field(default_factory=ChannelRegistry)
-    statistics: Statistics | None = None
-    offsets: list[int] = field(default_factory=list)
-    attachments: list[str] = field(default_factory=list)
-    chunks: int = 0
+    declarations: ChannelRegistry
+    statistics: Statistics | None
+    offsets: list[int]
+    attachments: list[str]
+    indexed: bool
 
     def counts(self, channels: Mapping[int, DeclaredChannel]) -> Counter[str] | None:
         """Return the number of messages by topic, None if the summary does not state it: an empty map states nothing.
@@ -59,44 +57,23 @@ class VerifiedSummary:
             counts[declared.topic if declared else f"channel {channel}"] += count
         return counts
 
-    @property
-    def indexed(self) -> bool:
-        """Whether every chunk has its place in `offsets`."""
-        return self.statistics is not None and self.chunks == self.statistics.chunk_count
-
-    def register(self, record: RawRecord) -> None:
-        """Take in a record of the section; raises LogError if it is malformed."""
-        self.declarations.register(record)
-        match record.opcode:
-            case Opcode.STATISTICS:
-                self.statistics = parse(Statistics, record)
-            case Opcode.CHUNK_INDEX:
-                self.chunks += 1
-                self.offsets.append(parse(ChunkIndex, record).chunk_start_offset)
-            case Opcode.METADATA_INDEX:
-                self.offsets.append(parse(MetadataIndex, record).offset)
-            case Opcode.ATTACHMENT_INDEX:
-                index = parse(AttachmentIndex, record)
-                self.offsets.append(index.offset)
-                self.attachments.append(index.name)
-
 
 def read_verified_summary(file: BinaryIO) -> VerifiedSummary | None:
     """Return the summary section of a log, None if there is none or no CRC shows that it is sound."""
-    size = file.seek(0, SEEK_END)
     try:
-        footer = read_footer(file)
-        if not (footer.summary_crc and footer.summary_start):
-            return None
-        summary = VerifiedSummary(footer.summary_start)
-        file.seek(footer.summary_start)
-        check_summary(file, size)
-        file.seek(footer.summary_start)
-        for record in summary_records(file, size):
-            summary.register(record)
+        found = read_summary(file)
     except LogError:
         return None
-    within = {offset for offset in summary.offsets if offset < summary.start}
-    data_end = find_data_end(file, summary.start)
-    summary.offsets = sorted(within if data_end is None else {*within, data_end})
-    return summary
+    if found is None or not found.has_crc:
+        return None
+    beside = [entry.offset for entry in (*found.metadata, *found.attachments)]
+    within = {offset for offset in (*found.chunks.offsets, *beside) if offset < found.summary_start}
+    data_end = find_data_end(file, found.summary_start)
+    return VerifiedSummary(
+        found.summary_start,
+        found.channels.declarations,
+        found.statistics,
+        offsets=sorted(within if data_end is None else {*within, data_end}),
+        attachments=[entry.name for entry in found.attachments],
+        indexed=found.statistics is not None and len(found.chunks) == found.statistics.chunk_count,
+    )

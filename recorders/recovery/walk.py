@@ -14,6 +14,7 @@ from recorders.errors import LogError
 from recorders.mcap_format.attachments import attachment_head, check_attachment
 from recorders.mcap_format.channels import ChannelRegistry
 from recorders.mcap_format.chunk_contents import MESSAGE, checked, declarations
+from recorders.mcap_format.crc_coverage import carries_crc
 from recorders.mcap_format.errors import DamagedLog, Redeclared, TooLarge, damaged
 from recorders.mcap_format.lengths import Expansion
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata, to_metadata
@@ -31,7 +32,7 @@ from recorders.mcap_format.records import (
     parse_counted,
     read_record,
 )
-from recorders.recovery.resync import carries_crc, find_proven, proves_itself
+from recorders.recovery.resync import find_proven, proves_itself
 from recorders.recovery.salvage import Attached, Damage, Span
 from recorders.recovery.summary_section import VerifiedSummary
 

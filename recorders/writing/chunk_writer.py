@@ -3,13 +3,14 @@
 from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Metadata, Schema
 from mcap.stream_reader import StreamReader
-from mcap.writer import CompressionType, Writer
 
+from recorders.mcap_format.attachments import AttachmentHead
 from recorders.writing.chunk_index_file import ChunkIndexFile
+from recorders.writing.mcap_writer import McapWriter
 
 FLUSH_EVERY = 64  # messages; a crash loses at most these, and flushing this often costs nothing within noise
 
@@ -22,7 +23,7 @@ class ChunkWriter:
     Parameters
     ----------
     file : binary file
-        Empty, and buffered: the library leaves a truncated file on an unbuffered one.
+        Empty, and buffered.
     path : Path
         What the file is called: the index of its chunks is kept beside it until the end.
 
@@ -42,28 +43,23 @@ class ChunkWriter:
     """
 
     def __init__(self, file: BinaryIO, path: Path) -> None:
-        # Any: the library claims to be typed, and annotates but half of its methods
-        self._mcap: Any = Writer(file, compression=CompressionType.LZ4, enable_data_crcs=True)
         self._index = ChunkIndexFile(path)
-        vars(self._mcap)["_Writer__chunk_indices"] = self._index  # in place of a list that grows with the log
-        self._mcap.start(profile="ros2", library="reenact")
+        self._mcap = McapWriter(file, index=self._index)
         self.messages = 0
         self.pending = 0
         self.regular = True
 
     def register_schema(self, name: str, encoding: str, data: bytes) -> int:
         """Declare a schema, just before the first channel that has it; returns its number."""
-        number: int = self._mcap.register_schema(name, encoding, data)
-        return number
+        return self._mcap.register_schema(name, encoding, data)
 
     def register_channel(self, topic: str, encoding: str, schema: int, metadata: Mapping[str, str]) -> int:
         """Declare a channel, just before its first message; returns its number."""
-        number: int = self._mcap.register_channel(topic, encoding, schema, dict(metadata))
-        return number
+        return self._mcap.register_channel(topic, encoding, schema, metadata)
 
     def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
         """Write a message."""
-        self._mcap.add_message(channel, log_time_ns, data, log_time_ns, sequence)
+        self._mcap.add_message(channel, sequence, log_time_ns, log_time_ns, data)
         self.messages += 1
         self.pending += 1
         if self.messages % FLUSH_EVERY == 0:
@@ -72,13 +68,13 @@ class ChunkWriter:
     def add_attachment(self, name: str, data: bytes) -> None:
         """Write an attachment, without times: identical runs give identical files."""
         self._end_chunk()
-        self._mcap.add_attachment(0, 0, name, _media_type(name), data)
+        self._mcap.add_attachment(AttachmentHead(0, 0, name, _media_type(name), 0, len(data)), [data])
         self._mcap.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
         """Write a metadata record."""
         self._end_chunk()
-        self._mcap.add_metadata(name, dict(texts))
+        self._mcap.add_metadata(name, texts)
         self._mcap.flush()
 
     def flush(self) -> None:

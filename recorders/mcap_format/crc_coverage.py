@@ -1,4 +1,4 @@
-"""Whether CRCs cover a log, so that no changed bit in it goes unnoticed."""
+"""Coverage by CRCs: of a record by its own, of a log by some or other, so that no changed bit goes unnoticed."""
 
 from io import SEEK_END
 from typing import BinaryIO
@@ -6,12 +6,20 @@ from typing import BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import DataEnd
 
+from recorders.mcap_format.attachments import attachment_has_crc
 from recorders.mcap_format.errors import DamagedLog
-from recorders.mcap_format.records import MAGIC, chunk_head, parse, read_record
+from recorders.mcap_format.records import MAGIC, RawRecord, chunk_head, parse, read_record
 from recorders.mcap_format.sections import read_data_end, read_footer
 from recorders.mcap_format.summary import read_contents
 
 _BESIDE_CHUNKS = frozenset({Opcode.SCHEMA, Opcode.CHANNEL, Opcode.MESSAGE})
+
+
+def carries_crc(record: RawRecord) -> bool:
+    """Whether a record has a CRC of its own: 0 means none. Raises DamagedLog if it is malformed."""
+    if record.opcode == Opcode.CHUNK:
+        return chunk_head(record).crc != 0
+    return record.opcode == Opcode.ATTACHMENT and attachment_has_crc(record)
 
 
 def is_protected(file: BinaryIO) -> bool:
@@ -48,5 +56,5 @@ def _in_chunks(file: BinaryIO) -> bool:
             return True
         if record.opcode == Opcode.DATA_END:
             return True
-        if record.opcode in _BESIDE_CHUNKS or (record.opcode == Opcode.CHUNK and not chunk_head(record).crc):
+        if record.opcode in _BESIDE_CHUNKS or (record.opcode == Opcode.CHUNK and not carries_crc(record)):
             return False

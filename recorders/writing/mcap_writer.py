@@ -1,4 +1,4 @@
-"""The library's writer, and a way past its buffers: it holds a record several times, which a large one forbids."""
+"""The one writer of MCAP: the library's, and a way past its buffers, which hold a record several times."""
 
 import struct
 import zlib
@@ -12,34 +12,41 @@ from mcap.writer import CompressionType, Writer
 
 from recorders.mcap_format.attachments import AttachmentHead
 from recorders.mcap_format.chunk_contents import MESSAGE
-from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.records import CRC, HEAD
 from recorders.mcap_format.unread import Unread
+from recorders.writing.chunk_index_file import ChunkIndexFile
 
-_CHUNK_SIZE = 2**16  # bytes: the next damage costs one chunk
 _SIZE = struct.Struct("<Q")
 
 
-class CopyWriter:
-    """Writes MCAP in small chunks; attachments and large messages go to the file piece by piece, beside the chunks.
+class McapWriter:
+    """Writes MCAP with every CRC; attachments, and messages if asked for, go to the file in pieces, beside the chunks.
 
     Parameters
     ----------
     file : binary file
-        Empty, and buffered.
+        Empty, and buffered: the library leaves a truncated file on an unbuffered one.
     profile : str
         What the log's messages are meant for.
+    chunk_size : int
+        Where a chunk ends at the latest [bytes].
+    index : ChunkIndexFile, optional
+        Takes the chunks' index, which grows with the log; memory, if left out.
 
     Raises
     ------
     OSError
-        From every method, if the file cannot be written.
+        From every method but the two that register, if the file cannot be written.
     """
 
-    def __init__(self, file: BinaryIO, profile: str) -> None:
+    def __init__(
+        self, file: BinaryIO, *, profile: str = "ros2", chunk_size: int = 2**20, index: ChunkIndexFile | None = None
+    ) -> None:
         self._file = file
         # Any: the library claims to be typed, and annotates but half of its methods
-        self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=_CHUNK_SIZE, enable_data_crcs=True)
+        self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=chunk_size, enable_data_crcs=True)
+        if index is not None:
+            setattr(self._mcap, _private("chunk_indices"), index)
         self._mcap.start(profile=profile, library="reenact")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -62,7 +69,11 @@ class CopyWriter:
         """Write a metadata record."""
         self._mcap.add_metadata(name, dict(texts))
 
-    def add_message(
+    def add_message(self, channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
+        """Write a message into the chunk."""
+        self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
+
+    def add_message_in_pieces(
         self,
         channel: int,
         sequence: int,
@@ -71,10 +82,7 @@ class CopyWriter:
         data: bytes,
         rest: Unread | None = None,
     ) -> None:
-        """Write a message, of which a part may still be in another file."""
-        if len(data) + (rest.size if rest else 0) <= LARGE:
-            self._mcap.add_message(channel, log_time_ns, data, publish_time_ns, sequence)
-            return
+        """Write a message beside the chunks, of which a part may still be in another file."""
         self._mcap.flush()
         self._declare(channel)
         head = MESSAGE.pack(channel, sequence, log_time_ns, publish_time_ns)
@@ -84,7 +92,7 @@ class CopyWriter:
         self._count(channel, log_time_ns)
 
     def add_attachment(self, head: AttachmentHead, data: Iterable[bytes | memoryview]) -> None:
-        """Write an attachment."""
+        """Write an attachment; `start` of its head counts for nothing."""
         self._mcap.flush()
         name, media_type = head.name.encode(), head.media_type.encode()
         texts = b"".join(CRC.pack(len(text)) + text for text in (name, media_type))
