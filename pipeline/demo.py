@@ -84,8 +84,7 @@ class Demo:
         return {
             "train_cm": trained.errors.mean_cm,
             "other_cm": other.errors.mean_cm,
-            "demonstration_left_cm": drawing.errors.left_cm,
-            "demonstration_right_cm": drawing.errors.right_cm,
+            **{f"demonstration_{hand}_cm": error_cm for hand, error_cm in drawing.errors.hands_cm.items()},
             "teacher_cm": trained.teacher.mean_cm if trained.teacher else None,
             "linear_cm": trained.linear.mean_cm if trained.linear else None,
             "file_digest": self.file_digest,
@@ -159,7 +158,7 @@ def results_table(result: Demo) -> Table:
     for label, trial in zip(labels, result.trials, strict=True):
         errors, paper = trial.errors, PAPER_CM.get(trial.name)
         beside = [part.mean_cm if part else None for part in (trial.teacher, trial.linear)]
-        cells = [errors.mean_cm, errors.left_cm, errors.right_cm, errors.max_cm, *beside, paper]
+        cells = [errors.mean_cm, *errors.hands_cm.values(), errors.max_cm, *beside, paper]
         table.add_row(label, *("-" if cell is None else f"{cell:.2f}" for cell in cells))
     table.caption = "linear: least squares on the same data. paper: its network trained on that very pattern."
     table.caption_justify = "left"
@@ -275,7 +274,7 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
         joint_names=robot.joints,
         times_ns=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_NS,
         joints=trial.joints,
-        targets=trial.targets.reshape(-1, 2, 3),
+        targets=trial.targets.reshape(trial.reached.shape),
         reached=trial.reached,
         title=f"learned controller on {trial.name}",
         plane=FrontalPlane(robot.lateral, robot.up),

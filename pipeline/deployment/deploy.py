@@ -21,7 +21,7 @@ from pipeline.teacher.teacher import Teacher
 from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, WireError
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, hand_target
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
@@ -69,7 +69,7 @@ class DriveResult:
     joints : ndarray
         Joints measured at the end of the hold of each target [rad or m], shape (T, n).
     reached : ndarray
-        Where the hands physically were then [m], left then right, shape (T, 2, 3).
+        Where the hands physically were then [m], shape (T, hands, 3).
     errors : HandErrors
         Their distances from that target.
     """
@@ -90,7 +90,7 @@ class Deployment:
     period_s : float
         How long each target was held [s].
     targets : ndarray
-        Hand positions asked for [m], left then right, shape (T, 6).
+        Hand positions asked for [m], shape (T, 3 hands).
     learned, teacher : DriveResult
         Path of the robot behind each of them.
     """
@@ -156,9 +156,13 @@ def deploy(
         learned = drive_learned(session, robot, targets, config=config, on_hold=done.step)
         taught = drive_taught(robot, targets, config=config, on_hold=done.step)
         kinematics = Kinematics(robot.robot)
-    flat = targets.reshape(-1, 6)
+    flat = targets.reshape(len(targets), -1)
     runs = [
-        DriveResult(joints, kinematics.hands_along(joints), HandErrors.of(hand_errors(kinematics, joints, flat)))
+        DriveResult(
+            joints,
+            kinematics.hands_along(joints),
+            HandErrors.of(hand_errors(kinematics, joints, flat), robot.robot.hand_names),
+        )
         for joints in (learned, taught)
     ]
     return Deployment(motion.name, config.period_ns / 1e9, flat, *runs)
@@ -181,7 +185,7 @@ def drive_learned(
         Reaches controller and robot.
     robot : RemoteRobot
         The robot, in lockstep.
-    targets : array, shape (T, 2, 3)
+    targets : array, shape (T, hands, 3)
         Hand targets [m].
     config : DeploymentConfig
         Rate and settling.
@@ -201,11 +205,11 @@ def drive_learned(
         If a target is not answered, or the robot stops answering.
     """
     robot.reset(robot.robot.comfort)
-    joints = []
+    joints, topics = [], [hand_target(name) for name in robot.robot.hand_names]
     with TopicPublisher(session, namespace=namespace) as producer, _Commands(session, robot, namespace) as commands:
         for target in _settled(targets, config):
             stamp_ns = robot.time_ns
-            for topic, hand in zip((LEFT_TARGET, RIGHT_TARGET), target, strict=True):
+            for topic, hand in zip(topics, target, strict=True):
                 producer.publish(topic, PoseStamped(stamp_ns, hand), log_time_ns=stamp_ns)
             robot.advance(commands.answer(stamp_ns), config.period_ns)
             joints.append(robot.positions)

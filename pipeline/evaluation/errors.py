@@ -1,5 +1,6 @@
 """Distances of the hands from their targets (eq. 10 of the paper), for a learner, the teacher and a linear baseline."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -19,31 +20,37 @@ class Predictor(Protocol):
     """Learner in the seeded state of a test, which can be evaluated."""
 
     def washout(self, u0: Floats, *, steps: int) -> None:
-        """Hold one target [m], shape (6,), for some steps."""
+        """Hold one target [m], shape (3 hands,), for some steps."""
 
     def predict(self, u: Floats) -> Floats:
-        """Return outputs, shape (T, 21), for hand targets [m], shape (T, 6); nothing is learned."""
+        """Return outputs, shape (T, outputs), for targets [m], shape (T, 3 hands); nothing is learned."""
 
 
 @dataclass(frozen=True)
 class HandErrors:
-    """Distances of both hands from their targets over a motion, in cm.
+    """Distances of the hands from their targets over a motion, in cm.
 
-    `mean_cm` is eq. (10) with the 1/T that its text states: the mean over time and both hands. `left_cm` and `right_cm`
-    are means over time, and what is called `max` is how far a hand, of both or of the one named, is off at most.
+    Attributes
+    ----------
+    mean_cm : float
+        Eq. (10) with the 1/T that its text states: the mean over time and hands.
+    max_cm : float
+        How far a hand is off at most.
+    hands_cm, hands_max_cm : dict of str to float
+        Mean over time and maximum of each hand, by its name, in the robot's order.
+    samples : int
+        How many.
     """
 
     mean_cm: float
     max_cm: float
-    left_cm: float
-    right_cm: float
-    left_max_cm: float
-    right_max_cm: float
+    hands_cm: dict[str, float]
+    hands_max_cm: dict[str, float]
     samples: int
 
     @classmethod
-    def of(cls, errors: Floats) -> "HandErrors":
-        """Summarise errors [m], shape (T, 2), left then right.
+    def of(cls, errors: Floats, hands: Sequence[str]) -> "HandErrors":
+        """Summarise errors [m] of some hands, shape (T, hands).
 
         Raises
         ------
@@ -51,17 +58,19 @@ class HandErrors:
             If they are no finite numbers: whatever was learned has diverged.
         """
         check_errors(errors)
-        left, right = (errors.mean(axis=0) * _CM_PER_M).tolist()
-        left_max, right_max = (errors.max(axis=0) * _CM_PER_M).tolist()
         return cls(
             mean_cm=float(errors.mean() * _CM_PER_M),
             max_cm=float(errors.max() * _CM_PER_M),
-            left_cm=left,
-            right_cm=right,
-            left_max_cm=left_max,
-            right_max_cm=right_max,
+            hands_cm=dict(zip(hands, (errors.mean(axis=0) * _CM_PER_M).tolist(), strict=True)),
+            hands_max_cm=dict(zip(hands, (errors.max(axis=0) * _CM_PER_M).tolist(), strict=True)),
             samples=len(errors),
         )
+
+    def to_dict(self) -> dict[str, float]:
+        """Return the errors as JSON has them, those of a hand as `NAME_cm` and `NAME_max_cm`."""
+        means = {f"{hand}_cm": error_cm for hand, error_cm in self.hands_cm.items()}
+        worst = {f"{hand}_max_cm": error_cm for hand, error_cm in self.hands_max_cm.items()}
+        return {"mean_cm": self.mean_cm, "max_cm": self.max_cm, **means, **worst, "samples": self.samples}
 
 
 def check_errors(errors: Floats) -> None:
@@ -79,17 +88,17 @@ def hand_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> Floa
         Forward kinematics F of the robot.
     joints : ndarray, shape (T, n)
         Postures [rad or m].
-    targets : ndarray, shape (T, 6)
-        Positions asked for [m], left hand then right.
+    targets : ndarray, shape (T, 3 hands)
+        Positions asked for [m], hand by hand.
 
     Returns
     -------
-    ndarray, shape (T, 2)
-        ||F(q(t)) - x(t)|| [m], left then right: the terms of eq. (10); infinite where that is beyond all numbers.
+    ndarray, shape (T, hands)
+        ||F(q(t)) - x(t)|| [m]: the terms of eq. (10); infinite where that is beyond all numbers.
     """
-    reached = kinematics.hands_along(joints)  # (T, 2, 3)
+    reached = kinematics.hands_along(joints)  # (T, hands, 3)
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(np.linalg.norm(reached - targets.reshape(-1, 2, 3), axis=2))
+        return np.asarray(np.linalg.norm(reached - targets.reshape(reached.shape), axis=2))
 
 
 def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) -> Floats:
@@ -99,7 +108,7 @@ def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) ->
     ----------
     predictor : Predictor
         In the state that the test starts from.
-    targets : ndarray, shape (T, 6)
+    targets : ndarray, shape (T, 3 hands)
         The motion [m].
     joint_count : int
         How many of the outputs, from the end, are joints.
@@ -119,11 +128,11 @@ def linear_joints(targets: Floats, joints: Floats, *, asked: Floats) -> Floats:
 
     Parameters
     ----------
-    targets : ndarray, shape (T, 6)
+    targets : ndarray, shape (T, 3 hands)
         Of the samples that it is fitted to [m].
     joints : ndarray, shape (T, n)
         Of the same samples [rad or m].
-    asked : ndarray, shape (S, 6)
+    asked : ndarray, shape (S, 3 hands)
         What it is to answer [m].
 
     Returns
@@ -131,5 +140,5 @@ def linear_joints(targets: Floats, joints: Floats, *, asked: Floats) -> Floats:
     ndarray, shape (S, n)
     """
     centre, comfort = targets.mean(axis=0), joints.mean(axis=0)
-    coefficients, *_ = np.linalg.lstsq(targets - centre, joints - comfort, rcond=None)  # (6, n)
+    coefficients, *_ = np.linalg.lstsq(targets - centre, joints - comfort, rcond=None)  # (3 hands, n)
     return np.asarray((asked - centre) @ coefficients + comfort)

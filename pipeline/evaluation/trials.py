@@ -1,6 +1,6 @@
 """A controller tried on a motion, beside the teacher and the linear baseline."""
 
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -10,7 +10,7 @@ from pipeline.learner.controller import Controller
 from pipeline.motions.motion import is_recorded, load_motion
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.samples.pairs import HANDS, Samples, read_samples
+from pipeline.samples.pairs import Samples, read_samples
 from recorders.errors import ControllerError
 from recorders.reading.parts import one_session
 from recorders.text.wording import names_text
@@ -24,11 +24,11 @@ class Trial:
     ----------
     name : str
     targets : ndarray
-        Hand positions asked for [m], left then right, shape (T, 6).
+        Hand positions asked for [m], shape (T, 3 hands).
     joints : ndarray
         Postures answered [rad or m], shape (T, n).
     reached : ndarray
-        Hand positions of these postures [m], shape (T, 2, 3).
+        Hand positions of these postures [m], shape (T, hands, 3).
     errors : HandErrors
         Eq. (10) and its parts.
     teacher : HandErrors or None
@@ -48,11 +48,11 @@ class Trial:
 
     def summary(self) -> dict[str, Any]:
         """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
-        result = asdict(self.errors)
+        result = dict[str, Any](self.errors.to_dict())
         for name, errors in (("teacher", self.teacher), ("linear", self.linear)):
             if errors is not None:
                 result[f"{name}_cm"] = errors.mean_cm
-                result |= {f"{name}_left_cm": errors.left_cm, f"{name}_right_cm": errors.right_cm}
+                result |= {f"{name}_{hand}_cm": error_cm for hand, error_cm in errors.hands_cm.items()}
         return result
 
 
@@ -62,14 +62,15 @@ def robot_of(controller: Controller) -> RobotConfig:
     Raises
     ------
     ControllerError
-        If the controller does not take two hand targets, or is not for the joints of its own robot, in their order.
+        If the controller is not for the hands and the joints of its own robot, in their order.
     RobotError
         If the robot cannot be used.
     """
     robot = parse_robot(controller.robot_toml, controller.robot_urdf, origin="the robot of the controller")
-    if robot.joints != controller.joints or controller.config.inputs != HANDS:
+    if robot.joints != controller.joints or controller.config.inputs != len(robot.input_centre):
         raise ControllerError(
-            f"expected a controller of two hands and the joints of {robot.name}, {names_text(robot.joints)}; "
+            f"expected a controller of the hands {names_text(robot.hand_names)} and the joints of {robot.name}, "
+            f"{names_text(robot.joints)}; "
             f"found {controller.config.inputs} inputs and joints {names_text(controller.joints)}"
         )
     return robot
@@ -105,7 +106,7 @@ def evaluate_motion(
         log = one_session([Path(motion)])
         return evaluate_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
-    return _try(controller, loaded.targets.reshape(-1, 6), name=loaded.name, fitted=fitted)
+    return _try(controller, loaded.targets.reshape(len(loaded), -1), name=loaded.name, fitted=fitted)
 
 
 def evaluate_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:
@@ -136,7 +137,7 @@ def _try(
 
     def errors(postures: Floats) -> HandErrors:
         """Return the errors of postures."""
-        return HandErrors.of(hand_errors(kinematics, postures, targets))
+        return HandErrors.of(hand_errors(kinematics, postures, targets), kinematics.robot.hand_names)
 
     return Trial(
         name=name,

@@ -19,6 +19,7 @@ from pipeline.robot.range_check import range_check
 from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
 from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MessageError, MotionError
+from recorders.text.wording import names_text
 
 MAX_SAMPLES = 100_000
 """Most samples of a demonstration, close to three hours at 10 Hz: a wrong stamp must not fill the memory."""
@@ -141,7 +142,7 @@ def demonstrate(
     robot : RobotConfig
         Robot that follows.
     shown : DemonstratedPaths
-        Paths of one hand or both; a hand that is not shown is held still in the centre of its pattern.
+        Paths of some of the hands; a hand that is not shown is held still in the centre of its pattern.
     config : DemonstrationConfig
         Placement of the paths in the workspace.
     seed : int
@@ -210,7 +211,7 @@ def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: Demonstra
             _check_extent(shown.name, placed, robot)
             hands.append(np.round(placed, 9))
     # To the nanosecond: k / hz is not a number of them for every rate.
-    return Motion(shown.name, np.round(times_s - times_s[0], 9), hands[0], hands[1], closed=False)
+    return Motion(shown.name, np.round(times_s - times_s[0], 9), np.stack(hands, axis=1), closed=False)
 
 
 def source_axes(plane: tuple[str, str]) -> Floats:
@@ -241,7 +242,7 @@ def _sample_times(shown: DemonstratedPaths, hz: float) -> Floats:
     end_s = min(float(path.times_s[-1]) for path in shown.paths.values())
     steps = (end_s - begin_s) * hz
     if steps < 1.0 - 1e-6:
-        both = " in which both hands are shown" if len(shown.paths) > 1 else ""
+        both = f" in which {names_text(shown.paths)} are shown" if len(shown.paths) > 1 else ""
         raise MotionError(f"{shown.name}: expected at least {1 / hz:g} s{both}, found {max(0.0, end_s - begin_s):g} s")
     if steps >= MAX_SAMPLES:
         raise MotionError(

@@ -8,17 +8,16 @@ from typing import Any
 
 from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from pipeline.motions.csv_file import read_table
+from pipeline.motions.motion import hand_columns
 from recorders.errors import LogError, MotionError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.message_types import PoseStamped
-from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET
+from recorders.messages.topics import hand_target
 from recorders.reading.parts import Log, Parts
 from recorders.reading.session_reader import open_log
 from recorders.text.wording import names_text
 from replay.sources.scheduled import naming, renamed
 
-HANDS = ("left", "right")
-_TOPICS = {LEFT_TARGET: "left", RIGHT_TARGET: "right"}
 _NO_RENAMES: Mapping[str, str] = {}
 
 
@@ -31,7 +30,7 @@ class DemonstratedPaths:
     name : str
         Of the source.
     paths : mapping of str to HandPath
-        By hand, "left" or "right"; at least one.
+        By hand; at least one.
     source : mapping
         What the manifest says of where it came from.
     """
@@ -41,13 +40,15 @@ class DemonstratedPaths:
     source: Mapping[str, Any]
 
 
-def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
-    """Read hands from a CSV file with the columns t and lx,ly,lz, rx,ry,rz or both, or with t,x,y,z.
+def read_csv_paths(path: Path, hands: Sequence[str], *, hand: str | None = None) -> DemonstratedPaths:
+    """Read hands from a CSV file with the columns t and those of some of the hands, or with t,x,y,z.
 
     Parameters
     ----------
     path : Path
         The file; times in seconds.
+    hands : sequence of str
+        The robot's hands, whose columns are those of `pipeline.motions.motion.hand_columns`.
     hand : str, optional
         The only hand to take; the one that x,y,z belong to.
 
@@ -60,7 +61,7 @@ def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
 
     def choose(header: Sequence[str]) -> Sequence[str]:
         """Choose the columns of the hands."""
-        columns = _columns_by_hand(header, hand)
+        columns = _columns_by_hand(header, hands, hand)
         sides.extend(columns)
         return ["t", *(column for triple in columns.values() for column in triple)]
 
@@ -71,11 +72,11 @@ def read_csv_paths(path: Path, *, hand: str | None = None) -> DemonstratedPaths:
     )
 
 
-def pose_topics(topic: str | None, *, hand: str | None) -> dict[str, str]:
-    """Return the hand that each pose topic shows: `topic` one hand, by default the right; else the targets' topics."""
+def pose_topics(topic: str | None, hands: Sequence[str], *, hand: str | None) -> dict[str, str]:
+    """Return the hand that each pose topic shows: `topic` one hand, by default the last; else the targets' topics."""
     if topic is not None:
-        return {topic: hand or "right"}
-    return {name: side for name, side in _TOPICS.items() if hand in (None, side)}
+        return {topic: hand or hands[-1]}
+    return {hand_target(name): name for name in hands if hand in (None, name)}
 
 
 def read_log_paths(
@@ -117,7 +118,7 @@ def read_log_paths(
 
 
 def from_tracks(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[str, Any]) -> DemonstratedPaths:
-    """Return what the tracks of one or both hands show; a hand without any pose is not shown.
+    """Return what the tracks of hands show; a hand without any pose is not shown.
 
     Raises
     ------
@@ -137,17 +138,16 @@ def from_tracks(name: str, tracks: Mapping[str, PoseTrack], *, source: Mapping[s
 
 
 def poses_sha256(tracks: Mapping[str, PoseTrack]) -> str:
-    """SHA-256 over stamps and positions of all hands, in the order of `HANDS`."""
+    """SHA-256 over stamps and positions of all hands, in the order of their names."""
     digest = hashlib.sha256()
-    for side in HANDS:
-        if side in tracks:
-            tracks[side].digest_into(digest)
+    for name in sorted(tracks):
+        tracks[name].digest_into(digest)
     return digest.hexdigest()
 
 
-def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[str]]:
+def _columns_by_hand(header: Sequence[str], hands: Sequence[str], hand: str | None) -> dict[str, list[str]]:
     """Return the three columns of each hand that is to be read."""
-    by_name = {side: [f"{side[0]}{axis}" for axis in "xyz"] for side in HANDS if hand in (None, side)}
+    by_name = {name: hand_columns(name) for name in hands if hand in (None, name)}
     found = {side: columns for side, columns in by_name.items() if set(columns) & set(header)}
     if missing := [column for columns in found.values() for column in columns if column not in header]:
         raise MotionError(f"the header lacks {names_text(missing)}: expected all three columns of a hand, or none")
@@ -155,6 +155,8 @@ def _columns_by_hand(header: Sequence[str], hand: str | None) -> dict[str, list[
         return found
     if {"t", "x", "y", "z"} <= set(header):
         if hand is None:
-            raise MotionError("expected a hand for the columns x,y,z, as with --hand right")
+            raise MotionError(f"expected a hand for the columns x,y,z, as with --hand {hands[-1]}")
         return {hand: ["x", "y", "z"]}
-    raise MotionError("the header lacks columns: expected t and lx,ly,lz, rx,ry,rz, both, or x,y,z with a hand")
+    each = ", ".join(",".join(hand_columns(name)) for name in hands)
+    several = ", both" if len(hands) == 2 else ", several of them" if len(hands) > 2 else ""
+    raise MotionError(f"the header lacks columns: expected t and {each}{several}, or x,y,z with a hand")

@@ -54,7 +54,7 @@ class GoldenRunner:
             "errors_cm": trainer.errors_cm,
             "hands_cm": [list(cycle.hands_cm) for cycle in cycles if cycle.hands_cm is not None],
             "trials_cm": [errors.mean_cm for errors in trials],
-            "trials_hands_cm": [[errors.left_cm, errors.right_cm] for errors in trials],
+            "trials_hands_cm": [list(errors.hands_cm.values()) for errors in trials],
         }
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:

@@ -6,14 +6,14 @@ The drawings that come with the program, none of which a person drew, were made 
 """
 
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.motions.motion import CSV_COLUMNS, Motion
+from pipeline.motions.motion import Motion, csv_columns
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.seeding import uniforms
 
@@ -75,20 +75,21 @@ DRAWINGS: dict[str, Callable[[RobotConfig], Motion]] = {
 """What makes each of the drawings that come with the program, by the name of its file."""
 
 
-def write_motion_csv(motion: Motion, path: str | Path, *, comment: str) -> None:
-    """Write a motion as `read_motion_csv` reads it, to the tenth of a millimetre, under a line of comment."""
+def write_motion_csv(motion: Motion, path: str | Path, hands: Sequence[str], *, comment: str) -> None:
+    """Write a motion of `hands` as `read_motion_csv` reads it, to 0.1 mm, under a line of comment."""
     rows = [
-        ",".join([f"{time:.2f}", *(f"{value:.4f}" for value in hands.ravel())])
-        for time, hands in zip(motion.times_s, motion.targets, strict=True)
+        ",".join([f"{time:.2f}", *(f"{value:.4f}" for value in targets.ravel())])
+        for time, targets in zip(motion.times_s, motion.targets, strict=True)
     ]
-    Path(path).write_text("\n".join([f"# {comment}", ",".join(CSV_COLUMNS), *rows, ""]), encoding="utf-8")
+    Path(path).write_text("\n".join([f"# {comment}", ",".join(csv_columns(hands)), *rows, ""]), encoding="utf-8")
 
 
 def _drawn(name: str, robot: RobotConfig, strokes: Floats) -> Motion:
     """Make the motion of (lateral, up) coordinates [m] about the right hand's centre, shape (T, 2), at 10 Hz."""
     right = robot.centres[1] + strokes @ np.stack([robot.lateral, robot.up])
     left = np.broadcast_to(robot.centres[0], right.shape)
-    return Motion(name, PERIOD_S * np.arange(len(strokes), dtype=np.float64), left, right, closed=False)
+    times_s = PERIOD_S * np.arange(len(strokes), dtype=np.float64)
+    return Motion(name, times_s, np.stack([left, right], axis=1), closed=False)
 
 
 def _stroke(seed: int, name: str) -> Floats:
@@ -139,4 +140,5 @@ def _sampled(strokes: list[Floats]) -> Floats:
 
 if __name__ == "__main__":
     for file_name, draw in DRAWINGS.items():
-        write_motion_csv(draw(load_robot("asimo")), Path(sys.argv[1]) / f"{file_name}.csv", comment=COMMENT)
+        asimo = load_robot("asimo")
+        write_motion_csv(draw(asimo), Path(sys.argv[1]) / f"{file_name}.csv", asimo.hand_names, comment=COMMENT)

@@ -1,4 +1,4 @@
-"""Motions: what both hands are asked to do, from the two patterns of the paper or from a CSV file."""
+"""Motions: what the hands are asked to do, from the two patterns of the paper or from a CSV file."""
 
 import hashlib
 import math
@@ -18,22 +18,23 @@ from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
 from recorders.text.wording import names_text
 
-CSV_COLUMNS = ("t", "lx", "ly", "lz", "rx", "ry", "rz")
+_SHORT = {"left": "l", "right": "r"}
+
 RADIUS_M = 0.10
 PATTERN_PERIOD_S = 0.2  # the paper's 5 Hz
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Target positions of both hands over time.
+    """Target positions of the hands over time.
 
     Attributes
     ----------
     name : str
     times_s : ndarray
         Strictly increasing times of the samples [s], shape (T,), T >= 2.
-    left, right : ndarray
-        Hand targets [m], world frame, shape (T, 3).
+    targets : ndarray
+        Targets of the hands [m], in the robot's order, world frame, shape (T, hands, 3).
     closed : bool
         Whether the first sample follows the last, so that the motion can go round and round.
 
@@ -45,24 +46,24 @@ class Motion:
 
     name: str
     times_s: Floats
-    left: Floats
-    right: Floats
+    targets: Floats
     closed: bool
 
     def __post_init__(self) -> None:
-        for field in ("times_s", "left", "right"):
+        for field in ("times_s", "targets"):
             array = np.array(getattr(self, field), dtype=np.float64)
             array.setflags(write=False)
             object.__setattr__(self, field, array)
         samples = self.times_s.size
         if samples < 2:
             raise MotionError(f"motion '{self.name}': expected at least two samples, found {samples}")
-        if self.times_s.ndim != 1 or self.left.shape != (samples, 3) or self.right.shape != (samples, 3):
-            shapes = f"{self.times_s.shape}, {self.left.shape}, {self.right.shape}"
-            raise MotionError(f"motion '{self.name}': expected shapes (T,), (T, 3), (T, 3), found {shapes}")
-        if not all(np.isfinite(array).all() for array in (self.times_s, self.left, self.right)):
+        hands = self.targets.shape[1] if self.targets.ndim == 3 else 0
+        if self.times_s.ndim != 1 or hands < 1 or self.targets.shape != (samples, hands, 3):
+            shapes = f"{self.times_s.shape}, {self.targets.shape}"
+            raise MotionError(f"motion '{self.name}': expected shapes (T,), (T, hands, 3), found {shapes}")
+        if not (np.isfinite(self.times_s).all() and np.isfinite(self.targets).all()):
             raise MotionError(f"motion '{self.name}': expected finite numbers, found NaN or infinity")
-        if np.abs(self.times_s).max() > MAX_TIME_S or np.abs([self.left, self.right]).max() > MAX_COORDINATE_M:
+        if np.abs(self.times_s).max() > MAX_TIME_S or np.abs(self.targets).max() > MAX_COORDINATE_M:
             raise MotionError(
                 f"motion '{self.name}': expected times within {MAX_TIME_S:g} s and positions within "
                 f"{MAX_COORDINATE_M:g} m"
@@ -74,14 +75,9 @@ class Motion:
         return int(self.times_s.size)
 
     @property
-    def targets(self) -> Floats:
-        """Targets of both hands [m], left then right, shape (T, 2, 3)."""
-        return np.stack([self.left, self.right], axis=1)
-
-    @property
     def sha256(self) -> str:
         """SHA-256 of the samples and of whether they close; the name does not enter."""
-        content = np.column_stack([self.times_s, self.left, self.right]).astype("<f8").tobytes()
+        content = np.column_stack([self.times_s, self.targets.reshape(len(self), -1)]).astype("<f8").tobytes()
         return hashlib.sha256(bytes([self.closed]) + content).hexdigest()
 
 
@@ -91,19 +87,22 @@ def circles(robot: RobotConfig) -> Motion:
     In the first half the left hand turns 6 times one way and the right hand 7 times the other; in the second half
     they exchange speeds and directions. The sum of both angles thus drifts through one slow turn in each half, and each
     of the 16 combinations of quadrants (left hand top/down and left/right, right hand the same) gets 16 samples.
+    A third hand goes as the first and a fourth as the second, and so on, each from an angle of its own.
     """
-    left = _angles((6, -7), samples=256, start=0.3)
-    right = _angles((-7, 6), samples=256, start=1.1)
-    return _pattern("circles", robot, (np.cos(left), np.sin(left)), (np.cos(right), np.sin(right)))
+    turns = ((6, -7), (-7, 6))
+    angles = [_angles(turns[hand % 2], samples=256, start=0.3 + 0.8 * hand) for hand in range(len(robot.hands))]
+    return _pattern("circles", robot, [(np.cos(angle), np.sin(angle)) for angle in angles])
 
 
 def eight(robot: RobotConfig) -> Motion:
     """Pattern 2 (T = 64): twice a lying eight with the left hand, twice a circle with the right.
 
     The left/right coordinate of both hands is exactly the same: they never both point to the middle or both outwards.
+    A third hand goes as the first, a fourth as the second, and so on.
     """
     angle = _angles((2,), samples=64, start=0.0)
-    return _pattern("eight", robot, (np.sin(angle), np.sin(2.0 * angle)), (np.sin(angle), np.cos(angle)))
+    paths = ((np.sin(angle), np.sin(2.0 * angle)), (np.sin(angle), np.cos(angle)))
+    return _pattern("eight", robot, [paths[hand % 2] for hand in range(len(robot.hands))])
 
 
 def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
@@ -122,7 +121,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     if not path.is_file():
         known = names_text(motion_names())
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
-    motion = read_motion_csv(path)
+    motion = read_motion_csv(path, robot.hand_names)
     check_targets(motion, robot)
     return motion
 
@@ -131,7 +130,7 @@ def check_targets(motion: Motion, robot: RobotConfig) -> None:
     """Check that a motion's targets can be the robot's; raises MotionError, naming sample and hand."""
     check = range_check(robot)
     for sample, hands in enumerate(motion.targets.tolist()):
-        for hand, target in zip(("left", "right"), hands, strict=True):
+        for hand, target in zip(robot.hand_names, hands, strict=True):
             try:
                 check.check_target(target)
             except MessageError as error:
@@ -143,8 +142,8 @@ def is_recorded(name_or_path: str | Path) -> bool:
     return str(name_or_path) not in motion_names() and is_log(Path(name_or_path))
 
 
-def read_motion_csv(path: str | Path) -> Motion:
-    """Read an open motion from a CSV file with the columns t, lx, ly, lz, rx, ry, rz [s, m, world frame].
+def read_motion_csv(path: str | Path, hands: Sequence[str]) -> Motion:
+    """Read an open motion of some hands from a CSV file with the columns `csv_columns` [s, m, world frame].
 
     Columns are found by name and others are left alone; empty lines and lines that start with # are skipped.
 
@@ -155,14 +154,32 @@ def read_motion_csv(path: str | Path) -> Motion:
         than two rows, or its times do not increase; the message names line and column.
     """
     path = Path(path)
-    table = read_table(path, choose=_all_columns)
-    return Motion(path.stem, table[:, 0], table[:, 1:4], table[:, 4:7], closed=False)
+    columns = csv_columns(hands)
+
+    def choose(header: Sequence[str]) -> Sequence[str]:
+        """Choose all columns."""
+        if missing := [column for column in columns if column not in header]:
+            raise MotionError(f"the header lacks {', '.join(missing)}: expected the columns {','.join(columns)}")
+        return columns
+
+    table = read_table(path, choose=choose)
+    return Motion(path.stem, table[:, 0], table[:, 1:].reshape(len(table), len(hands), 3), closed=False)
 
 
-def _all_columns(header: Sequence[str]) -> Sequence[str]:
-    if missing := [column for column in CSV_COLUMNS if column not in header]:
-        raise MotionError(f"the header lacks {', '.join(missing)}: expected the columns {','.join(CSV_COLUMNS)}")
-    return CSV_COLUMNS
+def csv_columns(hands: Sequence[str]) -> tuple[str, ...]:
+    """Return the columns of a motion of some hands: `t`, and three of each hand.
+
+    Examples
+    --------
+    >>> csv_columns(["left", "tail"])
+    ('t', 'lx', 'ly', 'lz', 'tail_x', 'tail_y', 'tail_z')
+    """
+    return ("t", *(column for hand in hands for column in hand_columns(hand)))
+
+
+def hand_columns(hand: str) -> list[str]:
+    """Return the columns of a hand's positions: lx,ly,lz of the left, rx,ry,rz of the right, NAME_x and so on else."""
+    return [f"{_SHORT.get(hand, f'{hand}_')}{axis}" for axis in "xyz"]
 
 
 def _angles(turns: Sequence[int], *, samples: int, start: float) -> Floats:
@@ -172,12 +189,11 @@ def _angles(turns: Sequence[int], *, samples: int, start: float) -> Floats:
     return start + np.concatenate([[0.0], np.cumsum(steps)[:-1]])
 
 
-def _pattern(name: str, robot: RobotConfig, left: tuple[Floats, Floats], right: tuple[Floats, Floats]) -> Motion:
+def _pattern(name: str, robot: RobotConfig, paths: Sequence[tuple[Floats, Floats]]) -> Motion:
     """Make a closed motion from each hand's (lateral, up) coordinates in radii, in the robot's plane."""
     plane = np.stack([robot.lateral, robot.up])  # (2, 3)
-    offsets = [RADIUS_M * np.stack(hand, axis=1) @ plane for hand in (left, right)]
+    offsets = [RADIUS_M * np.stack(hand, axis=1) @ plane for hand in paths]
     # To the nanometre: the same targets, to the bit, whichever library computed the sines.
-    centres = robot.centres
-    hands = [np.round(centre + offset, 9) for centre, offset in zip(centres, offsets, strict=True)]
+    hands = [np.round(centre + offset, 9) for centre, offset in zip(robot.centres, offsets, strict=True)]
     times_s = np.round(PATTERN_PERIOD_S * np.arange(len(hands[0])), 9)
-    return Motion(name, times_s, hands[0], hands[1], closed=True)
+    return Motion(name, times_s, np.stack(hands, axis=1), closed=True)

@@ -96,7 +96,7 @@ def _mean_cm(kinematics: Kinematics, step: _Step, targets: Floats, steps: int) -
     for _ in range(steps):
         step(targets[0])
     postures = np.array([[step(target) for _ in range(steps)][-1] for target in targets])
-    return HandErrors.of(hand_errors(kinematics, postures, targets)).mean_cm
+    return HandErrors.of(hand_errors(kinematics, postures, targets), kinematics.robot.hand_names).mean_cm
 
 
 def _microseconds(step: _Step, targets: Floats) -> float:

@@ -58,4 +58,4 @@ def _from_recorded_cm(trial: Trial, recorded: Samples) -> float:
 def _linear_errors(learned: Samples, targets: Floats) -> HandErrors:
     """Errors on a motion of the baseline, linear least squares fitted to what a network learned from."""
     answers = linear_joints(learned.targets, learned.joints, asked=targets)
-    return HandErrors.of(hand_errors(Kinematics(learned.robot), answers, targets))
+    return HandErrors.of(hand_errors(Kinematics(learned.robot), answers, targets), learned.robot.hand_names)

@@ -61,8 +61,8 @@ class NetworkEnsemble:
         return self.curves_cm[:, -1]
 
     def errors_cm(self, motion: str, part: str = "mean_cm") -> Floats:
-        """Return a part of the `HandErrors` of each network on a motion [cm], shape (networks,)."""
-        return np.array([getattr(trial.errors, part) for trial in self.trials[motion]])
+        """Return an entry of `HandErrors.to_dict` of each network on a motion [cm], shape (networks,)."""
+        return np.array([trial.errors.to_dict()[part] for trial in self.trials[motion]])
 
 
 def spread(values: Floats) -> float:

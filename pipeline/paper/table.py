@@ -126,7 +126,7 @@ def _beside(networks: NetworkEnsemble, motion: str, part: str) -> tuple[str, str
     taught = networks.trials[motion][0].teacher
     if part == "left_max_cm":
         return NONE, NONE
-    return NONE if taught is None else _cm(getattr(taught, part)), _cm(getattr(networks.linear[motion], part))
+    return NONE if taught is None else _cm(taught.to_dict()[part]), _cm(networks.linear[motion].to_dict()[part])
 
 
 def _evaluate(networks: NetworkEnsemble, motion: str) -> str:

@@ -23,16 +23,15 @@ def state_messages(backend: LinkPoseSource) -> Iterator[TopicMessage]:
 
 
 def hand_messages(backend: RobotBackend) -> Iterator[TopicMessage]:
-    """Yield the positions of both hands at this instant."""
-    measured = backend.hands()
-    yield topics.LEFT_MEASURED, PoseStamped(backend.time_ns, measured[0])
-    yield topics.RIGHT_MEASURED, PoseStamped(backend.time_ns, measured[1])
+    """Yield the positions of the hands at this instant."""
+    for name, position in zip(backend.robot.hand_names, backend.hands(), strict=True):
+        yield topics.hand_measured(name), PoseStamped(backend.time_ns, position)
 
 
 def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[TopicMessage]:
-    """Yield a tick, all under one stamp: new hand `targets` [m] (2, 3), and the joints measured at this instant."""
-    yield topics.LEFT_TARGET, PoseStamped(backend.time_ns, targets[0])
-    yield topics.RIGHT_TARGET, PoseStamped(backend.time_ns, targets[1])
+    """Yield a tick, all under one stamp: new `targets` [m] (hands, 3), and the joints measured at this instant."""
+    for name, target in zip(backend.robot.hand_names, targets, strict=True):
+        yield topics.hand_target(name), PoseStamped(backend.time_ns, target)
     yield topics.SAMPLE_JOINTS, joints_message(backend)
 
 

@@ -1,6 +1,6 @@
 """Reach: samples of a motion that the robot cannot reach, and their treatment."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -13,7 +13,6 @@ from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_reach
 from recorders.errors import MotionError
 
-HANDS = ("left", "right")
 CHOICES = ("refuse", "clip", "skip", "keep")
 """What to do with samples out of reach: refuse the motion; move them to the nearest point within reach; leave them out,
 the target before them being held on; keep them, for the teacher to come as near as it does."""
@@ -32,7 +31,7 @@ class Miss(NamedTuple):
     sample : int
         Index of the sample.
     short_m : ndarray
-        Distance of each hand from its target [m], shape (2,).
+        Distance of each hand from its target [m], shape (hands,).
     """
 
     sample: int
@@ -87,14 +86,14 @@ def bring_within_reach(teacher: Teacher, motion: Motion, *, choice: str) -> tupl
     misses = list(find_misses(teacher, motion.targets))
     if not misses:
         return motion, OutOfReach(choice)
-    found = _summary(motion, misses, choice)
+    found = _summary(motion, misses, choice, teacher.kinematics.robot.hand_names)
     if choice == "clip":
         return _clipped(teacher, motion, misses), found
     return (_without(motion, misses) if choice == "skip" else motion), found
 
 
 def find_misses(teacher: Teacher, targets: ArrayLike) -> Iterator[Miss]:
-    """Yield every one of the `targets` [m] (T, 2, 3) that a hand does not reach.
+    """Yield every one of the `targets` [m] (T, hands, 3) that a hand does not reach.
 
     The teacher runs along the targets kinematically; after one that it does not reach it goes on from the last that it
     did.
@@ -109,7 +108,7 @@ def find_misses(teacher: Teacher, targets: ArrayLike) -> Iterator[Miss]:
 
 
 def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[np.bool_]) -> Floats:
-    """Return hand positions [m] (2, 3) that the joints allow, those of the `missing` hands as near as can be.
+    """Return hand positions [m] (hands, 3) that the joints allow, those of the `missing` hands as near as can be.
 
     The posture is sought from the comfort posture on by Levenberg-Marquardt steps. Each joint is its range's middle
     plus half the range times the sine of a free variable, so that it never leaves its limits.
@@ -118,24 +117,24 @@ def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[n
     ----------
     kinematics : Kinematics
         Of the robot.
-    targets : array, shape (2, 3)
+    targets : array, shape (hands, 3)
         What is asked of the hands [m].
-    missing : array of bool, shape (2,)
+    missing : array of bool, shape (hands,)
         Whether each hand fails to reach its target; one that does not keeps to it.
     """
-    weights = np.repeat(np.where(missing, 1.0, _PRIORITY), 3)  # (6,)
+    weights = np.repeat(np.where(missing, 1.0, _PRIORITY), 3)  # (3 hands,)
     middle, half = (kinematics.upper + kinematics.lower) / 2, (kinematics.upper - kinematics.lower) / 2
 
     def linearised(angles: Floats) -> tuple[Floats, Floats]:
-        """Weighted residual, shape (6,), and its Jacobian with respect to the angles, less the sign, shape (6, n)."""
+        """Weighted residual (3 hands,), and its Jacobian with respect to the angles, less the sign, (3 hands, n)."""
         hands, jacobian = kinematics.hands_and_jacobian(middle + half * np.sin(angles))
-        return weights * (targets - hands).reshape(6), weights[:, None] * jacobian * (half * np.cos(angles))
+        return weights * (targets - hands).ravel(), weights[:, None] * jacobian * (half * np.cos(angles))
 
     angles: Floats = np.arcsin((kinematics.robot.comfort - middle) / half)
     residual, slope = linearised(angles)
     damping = _START_DAMPING
     for _ in range(_STEPS):
-        step = slope.T @ np.linalg.solve(slope @ slope.T + damping * np.eye(6), residual)
+        step = slope.T @ np.linalg.solve(slope @ slope.T + damping * np.eye(len(weights)), residual)
         ahead, ahead_slope = linearised(angles + step)
         if ahead @ ahead < residual @ residual:
             angles, residual, slope = angles + step, ahead, ahead_slope
@@ -152,30 +151,30 @@ def _check(teacher: Teacher, motion: Motion) -> None:
         raise MotionError(f"{error}; make it smaller, or choose to clip, skip or keep such samples") from None
 
 
-def _summary(motion: Motion, misses: list[Miss], choice: str) -> OutOfReach:
-    short_m = np.array([miss.short_m for miss in misses])  # (misses, 2)
+def _summary(motion: Motion, misses: list[Miss], choice: str, hands: Sequence[str]) -> OutOfReach:
+    short_m = np.array([miss.short_m for miss in misses])  # (misses, hands)
     hand = int(short_m.max(axis=0).argmax())
     return OutOfReach(
         handled=choice,
         samples=len(misses),
         first_s=float(motion.times_s[misses[0].sample]),
-        hand=HANDS[hand],
+        hand=hands[hand],
         worst_cm=100.0 * float(short_m.max()),
     )
 
 
 def _clipped(teacher: Teacher, motion: Motion, misses: list[Miss]) -> Motion:
-    targets = motion.targets
+    targets = motion.targets.copy()
     for sample, short_m in misses:
         targets[sample] = _clip(teacher.kinematics, targets[sample], worst=int(short_m.argmax()))
-    return Motion(motion.name, motion.times_s, targets[:, 0], targets[:, 1], closed=motion.closed)
+    return Motion(motion.name, motion.times_s, targets, closed=motion.closed)
 
 
 def _clip(kinematics: Kinematics, target: Floats, *, worst: int) -> Floats:
-    """Bring the worst hand as near its target as it goes; the other as well, if it cannot keep to its own meanwhile."""
-    missing = np.arange(2) == worst
+    """Bring the worst hand as near its target as it goes; the others too, if one cannot keep to its own meanwhile."""
+    missing = np.arange(len(target)) == worst
     nearest = nearest_hands(kinematics, target, missing=missing)
-    if np.linalg.norm(nearest - target, axis=1)[1 - worst] > REACH_BOUND_M:
+    if np.linalg.norm(nearest - target, axis=1).max(where=~missing, initial=0.0) > REACH_BOUND_M:
         missing[:] = True
         nearest = nearest_hands(kinematics, target, missing=missing)
     return np.where(missing[:, None], np.round(nearest, 9), target)
@@ -189,4 +188,4 @@ def _without(motion: Motion, misses: list[Miss]) -> Motion:
             f"motion '{motion.name}': expected at least two samples within reach, "
             f"found {int(within.sum())} of {len(motion)}"
         )
-    return Motion(motion.name, motion.times_s[within], motion.left[within], motion.right[within], closed=motion.closed)
+    return Motion(motion.name, motion.times_s[within], motion.targets[within], closed=motion.closed)

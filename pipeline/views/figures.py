@@ -197,7 +197,7 @@ def draw_panel(panel: Axes, test: MotionTest) -> None:
         # Where the target starts; all there is of one that does not move.
         panel.plot(*target[0], color=GREY, marker="o", markersize=5, markeredgecolor="white")
     panel.set_title(test.title, loc="left", fontweight="bold", fontsize=9, pad=16)
-    for x, name, error_cm in ((0.0, "left", test.errors.left_cm), (1.0, "right", test.errors.right_cm)):
+    for x, (name, error_cm) in enumerate(test.errors.hands_cm.items()):
         label = f"{name} hand: {error_cm:.2f} cm"
         panel.text(x, 1.03, label, color=HAND_COLOURS[name], ha=name, transform=panel.transAxes)
     panel.set_aspect("equal")

@@ -11,7 +11,6 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.samples.pairs import HANDS
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
@@ -48,7 +47,7 @@ class LearningView:
     def __init__(self, view: LiveView, *, live: bool = False) -> None:
         self._view = view
         self._live = live
-        self._steps: list[tuple[Floats, Floats]] = []  # u (n, 6) and outputs (n, 6 + joints)
+        self._steps: list[tuple[Floats, Floats]] = []  # u and outputs
         self._rows = 0
         self._kinematics: Kinematics | None = None  # known with the robot
         self._scene: _LearningScene | None = None
@@ -78,15 +77,14 @@ class LearningView:
         self._steps.clear()
         self._rows = 0
 
-    def _show(self, timeline: str, index: int, controller: Controller, hands_cm: tuple[float, float] | None) -> None:
+    def _show(self, timeline: str, index: int, controller: Controller, hands_cm: tuple[float, ...] | None) -> None:
         if not self._steps:
             return
         u, outputs = (np.concatenate(parts) for parts in zip(*self._steps, strict=True))
-        joints = outputs[:, HANDS:]
+        joints = outputs[:, u.shape[1] :]
         self._kinematics = self._kinematics or Kinematics(robot_of(controller))
         if hands_cm is None:
-            left, right = (hand_errors(self._kinematics, joints, u).mean(axis=0) * _CM_PER_M).tolist()
-            hands_cm = left, right
+            hands_cm = tuple((hand_errors(self._kinematics, joints, u).mean(axis=0) * _CM_PER_M).tolist())
         self._scene = self._scene or _LearningScene(
             self._view, controller, self._kinematics, timeline, u, max(hands_cm)
         )
@@ -123,7 +121,7 @@ class _LearningScene:
         self._recording = view.open(title=f"{robot.name} learns", blueprint=blueprint, kind="learning")
         self._model.send_static(self._recording)
         self._hands = HandScene(self._recording, plane).send_static()
-        send_learning_styles(self._recording, list(shown.drift), spread=list(shown.spread))
+        send_learning_styles(self._recording, plane.hands, list(shown.drift), spread=list(shown.spread))
         self._shown = 0
 
     def show(
@@ -132,11 +130,11 @@ class _LearningScene:
         controller: Controller,
         u: Floats,
         joints: Floats,
-        hands_cm: tuple[float, float],
+        hands_cm: tuple[float, ...],
     ) -> None:
         """Show the learner at an instant."""
         self._recording.set_time(self._timeline, sequence=index)
-        log_errors(self._recording, hands_cm)
+        log_errors(self._recording, dict(zip(self._kinematics.robot.hand_names, hands_cm, strict=True)))
         log_drift(self._recording, self._network.spread(controller), moved=self._network.moved(controller))
         if self._timeline == TICKS or self._shown % _PICTURE_EVERY == 0:
             self._show_motion(index, u, joints)
@@ -148,7 +146,8 @@ class _LearningScene:
 
     def _show_motion(self, index: int, u: Floats, joints: Floats) -> None:
         """Show the whole paths, and the robot at one of their points."""
-        targets, reached = u.reshape(-1, 2, 3), self._kinematics.hands_along(joints)
+        reached = self._kinematics.hands_along(joints)
+        targets = u.reshape(reached.shape)
         now = slice(at := index * _STRIDE % len(u), at + 1) if self._timeline == EPOCHS else slice(-1, None)
         instants = Instants(self._timeline, np.array([index], dtype=np.int64))
         self._model.send(self._recording, instants, joints[now])
@@ -199,5 +198,5 @@ class ViewedTrainer(Trainer):
 
 
 def plane_of(robot: RobotConfig) -> FrontalPlane:
-    """Return the plane in which a robot's hands draw."""
-    return FrontalPlane(robot.lateral, robot.up)
+    """Return a robot's hands and the plane in which they draw."""
+    return FrontalPlane(robot.lateral, robot.up, robot.hand_names)

@@ -9,7 +9,7 @@ from contextlib import contextmanager
 from pipeline.robot.config import RobotConfig
 from pipeline.views.learning import plane_of
 from pipeline.views.live import LiveView
-from pipeline.views.rows import VIEWED, MotionRows
+from pipeline.views.rows import MotionRows
 from recorders.cdr.codec import decode
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.record import RecordedMessage
@@ -46,8 +46,7 @@ class MotionView:
 
     def feed(self, topic: str, message: Message, time_ns: int) -> None:
         """Take one message, which stands at this time."""
-        if topic in VIEWED:
-            self._view.attempt(lambda: self._feed(topic, message, time_ns))
+        self._view.attempt(lambda: self._feed(topic, message, time_ns))
 
     def flush(self) -> None:
         """Show all that has come."""
@@ -56,7 +55,7 @@ class MotionView:
     def _begin(self, robot: RobotConfig, joints_topic: str, title: str) -> None:
         plane = plane_of(robot)
         offsets = _REACH_M * (robot.lateral + robot.up)
-        centres = robot.input_centre.reshape(2, 3)
+        centres = robot.centres
         blueprint = motion_blueprint(
             stack_points(centres - offsets, centres + offsets),
             plane,
@@ -71,6 +70,8 @@ class MotionView:
         self._hands = HandScene(self._recording, plane).send_static()
 
     def _feed(self, topic: str, message: Message, time_ns: int) -> None:
+        if topic not in self._rows.topics:
+            return
         self._rows.feed(topic, message, time_ns)
         if len(self._rows) >= _ROWS:
             self._send()

@@ -13,9 +13,8 @@ from recorders.messages.topics import (
     JOINT_COMMANDS,
     JOINT_STATES,
     LEARNER_ERROR,
-    LEFT_TARGET,
-    RIGHT_TARGET,
     SAMPLE_JOINTS,
+    hand_target,
 )
 from recorders.rerun_scene.track import MAX_TIME_NS, Track
 from recorders.ticks.joiner import JointMap
@@ -23,15 +22,11 @@ from recorders.ticks.joiner import JointMap
 JOINT_TOPICS = (JOINT_STATES, SAMPLE_JOINTS, JOINT_COMMANDS)
 """Where postures are taken from: the first of these that there is."""
 
-VIEWED = frozenset({LEFT_TARGET, RIGHT_TARGET, LEARNER_ERROR, *JOINT_TOPICS})
-"""The topics that make rows."""
-
 MAX_ROWS = 20_000
 """Rows that a viewer is given at once: over six minutes at 50 Hz; of more, some are left out evenly."""
 
 _NS_PER_S = 10**9
 _CM_PER_M = 100.0
-_TARGETS = {LEFT_TARGET: 0, RIGHT_TARGET: 1}
 
 
 class _Target:
@@ -71,17 +66,20 @@ class MotionRows:
 
     Attributes
     ----------
+    topics : frozenset of str
+        The topics that make rows.
     errors : list of (int, ndarray)
-        Times [ns], and the errors of both hands [cm], shape (2,), that a learner told then.
+        Times [ns], and the errors of the hands [cm], shape (hands,), that a learner published then.
     """
 
     def __init__(self, robot: RobotConfig, *, joints_topic: str) -> None:
         self._kinematics = Kinematics(robot)
         self._joints = JointMap(robot.joints)
         self._topic = joints_topic
-        self._hands = _Target(), _Target()
+        self._hands = {hand_target(name): _Target() for name in robot.hand_names}
+        self.topics = frozenset({*self._hands, LEARNER_ERROR, *JOINT_TOPICS})
         self._start_ns: int | None = None
-        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets (2, 3), scored
+        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets (hands, 3), scored
         self.errors: list[tuple[int, Floats]] = []
 
     def __len__(self) -> int:
@@ -106,9 +104,10 @@ class MotionRows:
                 f"{topic}: expected messages within {MAX_TIME_NS // _NS_PER_S} s of the first, which a time line "
                 f"holds, found one {since_ns // _NS_PER_S} s from it; its log time is wrong"
             )
-        if topic in _TARGETS and isinstance(message, PoseStamped):
-            self._hands[_TARGETS[topic]].take(message)
-        elif topic == LEARNER_ERROR and isinstance(message, Float64MultiArray) and message.data.shape == (2,):
+        hand, hands = self._hands.get(topic), (len(self._hands),)
+        if hand is not None and isinstance(message, PoseStamped):
+            hand.take(message)
+        elif topic == LEARNER_ERROR and isinstance(message, Float64MultiArray) and message.data.shape == hands:
             self.errors.append((since_ns, message.data * _CM_PER_M))
         elif topic == self._topic and isinstance(message, JointState):
             self._add(message, since_ns)
@@ -127,6 +126,7 @@ class MotionRows:
         times_ns, postures, targets, scored = (np.array(column) for column in zip(*rows, strict=True))
         track = Track.checked(
             joint_count=postures.shape[1],
+            hand_count=len(self._hands),
             times_ns=times_ns,
             joints=postures,
             targets=targets,
@@ -136,9 +136,10 @@ class MotionRows:
 
     def _add(self, joints: JointState, since_ns: int) -> None:
         commanded = self._topic == JOINT_COMMANDS
-        left, right = (hand.aimed_at(joints.stamp_ns, commanded=commanded) for hand in self._hands)
-        if left is not None and right is not None:  # before the first targets there is nothing to compare with
-            scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in self._hands)
+        hands = self._hands.values()
+        aims = [aim for hand in hands if (aim := hand.aimed_at(joints.stamp_ns, commanded=commanded)) is not None]
+        if len(aims) == len(hands):  # before the first targets there is nothing to compare with
+            scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in hands)
             posture = self._joints.positions(joints)
             if not np.isfinite(posture).all():
                 index = int(np.flatnonzero(~np.isfinite(posture))[0])
@@ -146,4 +147,4 @@ class MotionRows:
                     f"{self._topic}: expected a finite position for joint {self._joints.names[index]}, "
                     f"found {posture[index]}"
                 )
-            self._rows.append((since_ns, posture, np.stack([left, right]), scored))
+            self._rows.append((since_ns, posture, np.stack(aims), scored))

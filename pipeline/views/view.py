@@ -1,6 +1,6 @@
 """Logs and controllers as Rerun recordings: what `view` shows or saves."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -12,14 +12,13 @@ from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.views.learning import plane_of
 from pipeline.views.network import NetworkView
-from pipeline.views.rows import JOINT_TOPICS, VIEWED, MotionRows
+from pipeline.views.rows import JOINT_TOPICS, MotionRows
 from recorders.cdr.codec import decode
 from recorders.errors import LogError
-from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, type_of
+from recorders.messages.topics import hand_target, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
 from recorders.rerun_scene.blueprint import controller_blueprint, motion_blueprint, stack_points
-from recorders.rerun_scene.hands import HANDS
 from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network
 from recorders.rerun_scene.recording import Destination, send_motion
 from recorders.rerun_scene.robot import RobotModel
@@ -66,13 +65,13 @@ def view_log(
     """
     reader = open_log(path)
     config = load_robot(robot) if robot is not None else _recorded_robot(reader)
-    rows = MotionRows(config, joints_topic=_joints_topic(reader, renames))
+    rows = MotionRows(config, joints_topic=_joints_topic(reader, renames, config.hand_names))
     with naming(path):
-        for record in renamed(reader, renames, VIEWED):
+        for record in renamed(reader, renames, rows.topics):
             rows.feed(record.topic, decode(record.type, record.data), record.log_time_ns)
         track = rows.take()
     if track is None:
-        raise LogError(f"{path}: expected postures after the first targets of both hands, found none")
+        raise LogError(f"{path}: expected postures after the first targets of all hands, found none")
     plane = plane_of(config)
     blueprint = motion_blueprint(
         stack_points(track.targets, track.reached),
@@ -90,7 +89,7 @@ def view_log(
         title=path.name,
         kind="log",
         blueprint=blueprint,
-        more=_errors_of(rows),
+        more=_errors_of(rows, config.hand_names),
     )
     return len(track.times_ns)
 
@@ -113,9 +112,10 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
     network = NetworkView(controller)
     track = Track.checked(
         joint_count=len(robot.joints),
+        hand_count=len(robot.hands),
         times_ns=np.arange(len(trial.targets)) * PERIOD_NS,
         joints=trial.joints,
-        targets=trial.targets.reshape(-1, 2, 3),
+        targets=trial.targets.reshape(trial.reached.shape),
         reached=trial.reached,
     )
     errors_cm = _published_errors(controller)
@@ -155,16 +155,17 @@ def _recorded_robot(reader: Reader) -> RobotConfig:
     return require_recorded_robot(reader, has_option=True)
 
 
-def _joints_topic(reader: Reader, renames: Mapping[str, str]) -> str:
+def _joints_topic(reader: Reader, renames: Mapping[str, str], hands: Sequence[str]) -> str:
     topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
     found = [topic for topic in JOINT_TOPICS if topic in topics]
     others = [topic for topic in reader.topics if topic not in renames and topic not in found]
-    if not found or not {LEFT_TARGET, RIGHT_TARGET} <= topics.keys():
+    targets = [hand_target(hand) for hand in hands]
+    if not found or not set(targets) <= topics.keys():
         raise LogError(
-            f"{reader.path}: expected {LEFT_TARGET}, {RIGHT_TARGET} and one of {names_text(JOINT_TOPICS)}, "
+            f"{reader.path}: expected {names_text(targets)} and one of {names_text(JOINT_TOPICS)}, "
             f"found {names_text(sorted(found + others)) or 'nothing'}; give foreign names with --map"
         )
-    for topic in (LEFT_TARGET, RIGHT_TARGET, found[0]):
+    for topic in (*targets, found[0]):
         if topics[topic] not in ("", type_of(topic)):
             raise LogError(f"{reader.path}: {topic}: expected {type_of(topic)}, found {topics[topic][:80]!r}")
     return found[0]
@@ -178,16 +179,16 @@ def _published_errors(controller: Controller) -> list[float]:
     return [float(value) for value in errors if type(value) in (int, float) and np.isfinite(value)]
 
 
-def _errors_of(rows: MotionRows) -> Callable[[rr.RecordingStream], None]:
+def _errors_of(rows: MotionRows, hands: Sequence[str]) -> Callable[[rr.RecordingStream], None]:
     """Return a callable that adds the errors that a learner published, if one did."""
 
     def send(recording: rr.RecordingStream) -> None:
         """Send to a recording."""
         if not rows.errors:
             return
-        send_learning_styles(recording, [])
+        send_learning_styles(recording, hands)
         index = Instants(TIMELINE, np.array([time_ns for time_ns, _ in rows.errors], dtype=np.int64)).columns()
-        for hand, values in zip(HANDS, np.array([errors for _, errors in rows.errors]).T, strict=True):
+        for hand, values in zip(hands, np.array([errors for _, errors in rows.errors]).T, strict=True):
             recording.send_columns(f"learning/error/{hand}", index, rr.Scalars.columns(scalars=values))
 
     return send

@@ -1,6 +1,7 @@
 """The topics of a session: name, type and rank of each, as data."""
 
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 from recorders.messages.message_types import Clock, Float64MultiArray, JointState, PoseStamped, String, TFMessage
@@ -31,11 +32,29 @@ class Topic:
 HAND_NAME = re.compile(r"[a-z][a-z0-9_]{0,63}", re.ASCII)
 """Names that a hand may have: part of its topics and of the names of its results."""
 
-LEFT_TARGET = "/hand/left/target"
-RIGHT_TARGET = "/hand/right/target"
+_HAND = re.compile(rf"/hand/(?P<hand>{HAND_NAME.pattern})/(?P<what>target|measured)", re.ASCII)
+
+
+def hand_target(hand: str) -> str:
+    """Return the topic of a hand's target."""
+    return f"/hand/{hand}/target"
+
+
+def hand_measured(hand: str) -> str:
+    """Return the topic of a hand as measured."""
+    return f"/hand/{hand}/measured"
+
+
+def commanded_tick(hands: Sequence[str]) -> tuple[str, ...]:
+    """Return the topics of a tick as commanded: targets of the hands, in their order, and joints."""
+    return (*map(hand_target, hands), SAMPLE_JOINTS)
+
+
+LEFT_TARGET = hand_target("left")
+RIGHT_TARGET = hand_target("right")
 SAMPLE_JOINTS = "/sample/joint_states"
-LEFT_MEASURED = "/hand/left/measured"
-RIGHT_MEASURED = "/hand/right/measured"
+LEFT_MEASURED = hand_measured("left")
+RIGHT_MEASURED = hand_measured("right")
 JOINT_STATES = "/joint_states"
 JOINT_COMMANDS = "/joint_commands"
 SESSION_PHASE = "/session/phase"
@@ -71,6 +90,31 @@ LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in (LEFT_TARGET,
 
 
 def type_of(topic: str) -> str:
-    """Return the ROS 2 type name of a topic of the table, the empty string for any other."""
+    """Return the ROS 2 type name of a topic of the table or of any hand, the empty string for any other."""
     known = TOPICS.get(topic)
-    return known.type if known else ""
+    if known is not None:
+        return known.type
+    return PoseStamped.TYPE if topic.startswith("/hand/") and _HAND.fullmatch(topic) else ""
+
+
+def target_of(topic: str) -> str | None:
+    """Return the name of the hand whose target a topic carries; None for any other topic."""
+    match = _HAND.fullmatch(topic)
+    return match["hand"] if match and match["what"] == "target" else None
+
+
+def is_of_tick(topic: str) -> bool:
+    """Whether messages of a topic are parts of ticks: targets of hands, and joints at the tick."""
+    return topic == SAMPLE_JOINTS or target_of(topic) is not None
+
+
+def canonical_place(topic: str) -> tuple[int, str]:
+    """Return what messages of one stamp are ordered by: the rank of their topic, and then its name.
+
+    Hands have the ranks of the table's, those of a kind one after the other; topics that are not ours come last, alike.
+    """
+    match = _HAND.fullmatch(topic)
+    if match is not None:
+        return TOPICS[LEFT_TARGET if match["what"] == "target" else LEFT_MEASURED].rank, topic
+    known = TOPICS.get(topic)
+    return (len(TOPICS), "") if known is None else (known.rank, topic)

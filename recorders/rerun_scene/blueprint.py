@@ -1,6 +1,7 @@
 """The layouts in which Rerun's viewer shows a motion, a learner at work, and a learned controller."""
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import Literal
 
 import numpy as np
@@ -8,7 +9,7 @@ import rerun as rr
 import rerun.blueprint as rrb
 
 from recorders.messages.validation import FloatArray
-from recorders.rerun_scene.hands import HANDS, FrontalPlane
+from recorders.rerun_scene.hands import HAND_COLOURS, FrontalPlane
 from recorders.rerun_scene.robot import GAUGES, LABEL_AT, ROW_HEIGHT
 from recorders.rerun_scene.track import TIMELINE
 
@@ -63,7 +64,7 @@ def learning_blueprint(
     """
     panels = [_curves(f"/drift/{name}", title, corner="rightbottom") for name, title in spread.items()]
     left = rrb.Vertical(
-        _scene(points),
+        _scene(points, plane.hands),
         rrb.Horizontal(_frontal(points, plane), _joints_tabs(joints)),
         row_shares=[3, 2],
     )
@@ -106,21 +107,22 @@ def _blueprint(left: rrb.Container, right: rrb.Container, *, timeline: str, live
 
 
 def _robot_and_hands(points: FloatArray, plane: FrontalPlane) -> rrb.Vertical:
-    return rrb.Vertical(_scene(points), _frontal(points, plane), row_shares=[2, 1])
+    return rrb.Vertical(_scene(points, plane.hands), _frontal(points, plane), row_shares=[2, 1])
 
 
-def _scene(points: FloatArray) -> rrb.Spatial3DView:
+def _scene(points: FloatArray, hands: Sequence[str]) -> rrb.Spatial3DView:
     """Look at the hands from ahead of the robot, which stands at the origin; the hands leave a trail."""
     middle = points.mean(axis=0)  # (3,)
     ahead = np.array([middle[0], middle[1], 0.0])
     distance = np.linalg.norm(ahead)
     ahead = ahead / distance if distance > 0.0 else np.array([1.0, 0.0, 0.0])
     side, up = np.array([-ahead[1], ahead[0], 0.0]), np.array([0.0, 0.0, 1.0])
+    shown = ", ".join(f"{hand} hand {colour}" for hand, colour in zip(hands, cycle(HAND_COLOURS), strict=False))
     return rrb.Spatial3DView(
-        name="Robot: left hand blue, right hand orange, targets grey",
+        name=f"Robot: {shown}, targets grey",
         contents=["/robot/**", "/hands/**"],
         defaults=[shape.from_fields(fill_mode="solid") for shape in (rr.Boxes3D, rr.Cylinders3D, rr.Ellipsoids3D)],
-        overrides={f"hands/{hand}/reached": _trail() for hand in HANDS},
+        overrides={f"hands/{hand}/reached": _trail() for hand in hands},
         eye_controls=rrb.EyeControls3D(
             position=middle + _EYE_M @ np.stack([ahead, side, up]), look_target=middle, eye_up=up
         ),
@@ -133,7 +135,7 @@ def _frontal(points: FloatArray, plane: FrontalPlane) -> rrb.Spatial2DView:
     return rrb.Spatial2DView(
         origin="/frontal",
         name="The hands from behind the robot [cm]",
-        overrides={f"frontal/{hand}/reached": _trail() for hand in HANDS},
+        overrides={f"frontal/{hand}/reached": _trail() for hand in plane.hands},
         visual_bounds=rrb.VisualBounds2D(x_range=(low[0], high[0]), y_range=(low[1], high[1])),
     )
 

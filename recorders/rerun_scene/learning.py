@@ -6,16 +6,18 @@ import numpy as np
 import rerun as rr
 
 from recorders.messages.validation import FloatArray
-from recorders.rerun_scene.hands import HAND_COLOURS, HANDS
+from recorders.rerun_scene.hands import HAND_COLOURS, hand_colours
 
 _MAIN, _FAINT = (86, 180, 233), (110, 130, 145)
 _WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, purple, yellow: Okabe and Ito
 _BINS = 40
 
 
-def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str], *, spread: Sequence[str] = ()) -> None:
+def send_learning_styles(
+    recording: rr.RecordingStream, hands: Sequence[str], weights: Sequence[str] = (), *, spread: Sequence[str] = ()
+) -> None:
     """Send names and colours of the curves; `weights` are those that learn, `spread` the arrays shown by their mean."""
-    for hand, colour in zip(HANDS, HAND_COLOURS, strict=True):
+    for hand, colour in hand_colours(hands).items():
         style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
         recording.log(f"learning/error/{hand}", style, static=True)
     for name in spread:
@@ -27,9 +29,9 @@ def send_learning_styles(recording: rr.RecordingStream, weights: Sequence[str], 
     recording.log("drift/weights", rr.SeriesLines(names=names, colors=colours, widths=[2.0]), static=True)
 
 
-def log_errors(recording: rr.RecordingStream, hands_cm: Sequence[float]) -> None:
-    """Send the mean error of the left and the right hand [cm], now."""
-    for hand, error_cm in zip(HANDS, hands_cm, strict=True):
+def log_errors(recording: rr.RecordingStream, hands_cm: Mapping[str, float]) -> None:
+    """Send the mean error of each hand [cm], now."""
+    for hand, error_cm in hands_cm.items():
         recording.log(f"learning/error/{hand}", rr.Scalars(error_cm))
 
 
@@ -60,5 +62,5 @@ def send_network(
         recording.log(f"network/{name}", rr.BarChart(counts, color=_MAIN, abscissa=middles, widths=widths), static=True)
     if len(errors_cm):
         epochs = np.arange(1.0, len(errors_cm) + 1.0)
-        chart = rr.BarChart(np.array(errors_cm), color=HAND_COLOURS[1], abscissa=epochs)
+        chart = rr.BarChart(np.array(errors_cm), color=HAND_COLOURS["orange"], abscissa=epochs)
         recording.log("network/errors", chart, static=True)

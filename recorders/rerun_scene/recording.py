@@ -1,4 +1,4 @@
-"""A motion as a Rerun recording: the robot moving, both hands against their targets, and the plots beside them.
+"""A motion as a Rerun recording: the robot moving, its hands against their targets, and the plots beside them.
 
 Analytics: Rerun's viewer and command line send usage data unless told not to. The library that this module uses writes
 a file, or to a viewer, without starting any of that, which a test watches; see `rerun_scene.viewer` for the viewer.
@@ -115,12 +115,12 @@ def record_motion(
         Time of each sample [ns].
     joints : array, shape (T, n)
         Postures [rad or m].
-    targets, reached : array, shape (T, 2, 3)
-        Where each hand should be and where it was [m], left then right, world frame.
+    targets, reached : array, shape (T, hands, 3)
+        Where each hand should be and where it was [m], world frame.
     title : str
         Name of the recording in the viewer.
     plane : FrontalPlane, optional
-        The plane in which the hands are seen from behind; x ahead, y to the left, z up if left out.
+        The hands, and the plane in which they are seen from behind; left and right, x ahead, z up if left out.
 
     Raises
     ------
@@ -133,15 +133,21 @@ def record_motion(
     LogError
         The file cannot be written, or would take the place of one that is no recording.
     """
+    plane = plane or FrontalPlane()
     track = Track.checked(
-        joint_count=len(joint_names), times_ns=times_ns, joints=joints, targets=targets, reached=reached
+        joint_count=len(joint_names),
+        hand_count=len(plane.hands),
+        times_ns=times_ns,
+        joints=joints,
+        targets=targets,
+        reached=reached,
     )
     model = RobotModel.load(urdf_text, joint_names)
     send_motion(
         Destination(path),
         track,
         model,
-        plane=plane or FrontalPlane(),
+        plane=plane,
         recording_id=track.recording_id(urdf_text, *joint_names, title),
         title=title,
     )

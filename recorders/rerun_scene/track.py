@@ -35,7 +35,7 @@ class Track:
     joints : ndarray
         Postures [rad or m], shape (T, n).
     targets, reached : ndarray
-        Hand positions [m], left then right, shape (T, 2, 3).
+        Hand positions [m], shape (T, hands, 3).
     scored : ndarray of bool or None
         Rows whose error is plotted, shape (T,); all if left out.
     """
@@ -48,7 +48,14 @@ class Track:
 
     @classmethod
     def checked(
-        cls, *, joint_count: int, times_ns: ArrayLike, joints: ArrayLike, targets: ArrayLike, reached: ArrayLike
+        cls,
+        *,
+        joint_count: int,
+        hand_count: int,
+        times_ns: ArrayLike,
+        joints: ArrayLike,
+        targets: ArrayLike,
+        reached: ArrayLike,
     ) -> "Track":
         """Copy the arrays; times are whole numbers [ns].
 
@@ -69,8 +76,8 @@ class Track:
         if track.joints.shape != (samples, joint_count):
             raise JointError(f"expected joints of shape {(samples, joint_count)}, found {track.joints.shape}")
         for name in ("targets", "reached"):
-            if getattr(track, name).shape != (samples, 2, 3):
-                raise MotionError(f"expected {name} of shape {(samples, 2, 3)}, found {getattr(track, name).shape}")
+            if (found := getattr(track, name).shape) != (samples, hand_count, 3):
+                raise MotionError(f"expected {name} of shape {(samples, hand_count, 3)}, found {found}")
         for name in ("joints", "targets", "reached"):
             if not (np.abs(getattr(track, name)) <= MAX_NUMBER).all():  # nor is NaN
                 raise MotionError(f"expected finite numbers within {MAX_NUMBER:g} of zero in {name}, found others")
@@ -83,7 +90,7 @@ class Track:
 
     @property
     def errors_cm(self) -> FloatArray:
-        """Distance of each hand from its target [cm], shape (T, 2)."""
+        """Distance of each hand from its target [cm], shape (T, hands)."""
         return np.asarray(np.linalg.norm(self.reached - self.targets, axis=2) * _CM_PER_M)
 
     @property

@@ -8,7 +8,7 @@ from typing import TypeAlias
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
+from recorders.messages.topics import SESSION_PHASE, canonical_place, is_of_tick
 from replay.diff.rules import EXACT, Rules
 
 LOOKAHEAD = 4096
@@ -16,9 +16,6 @@ LOOKAHEAD = 4096
 
 MAX_SKEW = 65536
 """A message of a channel is missing if so many later ones have come from the other log: memory is bounded."""
-
-_LEARNER = frozenset(topic.name for topic in LEARNER_TOPICS)
-_RANKS = {name: topic.rank for name, topic in TOPICS.items()}
 
 
 @dataclass(slots=True, eq=False)
@@ -53,9 +50,9 @@ class Entry:
         return self.record.topic == SESSION_PHASE
 
     @property
-    def rank(self) -> int:
+    def rank(self) -> tuple[int, str]:
         """Place of the topic in the canonical order; foreign topics come last."""
-        return _RANKS.get(self.record.topic, len(_RANKS))
+        return canonical_place(self.record.topic)
 
     @property
     def stamp_ns(self) -> int | None:
@@ -66,7 +63,7 @@ class Entry:
             return None
 
     @property
-    def moment(self) -> tuple[int, int, int, int]:
+    def moment(self) -> tuple[int, int, tuple[int, str], int]:
         """Sorts the entries of a log: by cycle (cycles repeat stamps), stamp, rank, place."""
         own = self.stamp_ns
         return self.cycle, self.seen_ns if own is None else own, self.rank, self.place
@@ -172,7 +169,7 @@ class LogAligner:
 
     def _push(self, side: int, entry: Entry) -> bool:
         topic = entry.record.topic
-        name = SESSION_PHASE if topic in _LEARNER else topic
+        name = SESSION_PHASE if is_of_tick(topic) else topic
         channel = self._channels.get(name)
         if channel is None:
             channel = self._channels[name] = AlignedQueue()
@@ -184,7 +181,7 @@ def _entries(records: Iterable[RecordedMessage], rules: Rules) -> Iterator[Entry
     cycle = seen = 0
     for place, record in enumerate(records):
         entry = Entry(record, None, cycle, seen, place, rules)
-        if record.topic in _LEARNER:
+        if is_of_tick(record.topic):
             entry.tick_ns = entry.stamp_ns
             entry.seen_ns = seen = seen if entry.tick_ns is None else entry.tick_ns
         elif entry.is_marker:

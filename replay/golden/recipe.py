@@ -124,7 +124,7 @@ class Runner(Protocol):
     def train(self, recipe: CaseSpec) -> dict[str, Any]:
         """Run as programs do, in pieces, and return what came of it: JSON, with errors under `errors_cm`.
 
-        Errors of each hand, left then right, are under `hands_cm`, and those of trials under `trials_hands_cm`.
+        Errors of each hand, in the robot's order, are under `hands_cm`, and those of trials under `trials_hands_cm`.
         """
 
     def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:

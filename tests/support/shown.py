@@ -51,5 +51,5 @@ def poses_of(times_s: np.ndarray) -> list[PoseStamped]:
 def check_is_line(motion: Motion, *, samples: int) -> None:
     assert len(motion) == samples
     np.testing.assert_allclose(motion.times_s, 0.1 * np.arange(samples), atol=1e-12)
-    np.testing.assert_allclose(motion.right, line_of(motion.times_s), atol=2e-9)
-    np.testing.assert_array_equal(motion.left, np.broadcast_to(LEFT, (samples, 3)))
+    np.testing.assert_allclose(motion.targets[:, 1], line_of(motion.times_s), atol=2e-9)
+    np.testing.assert_array_equal(motion.targets[:, 0], np.broadcast_to(LEFT, (samples, 3)))

@@ -48,6 +48,6 @@ def _networks(pattern: str, outcomes: list[Outcome], samples: Samples) -> Networ
         curves_cm=np.array([one.errors_cm for one in outcomes]),
         controllers=tuple(one.controller for one in outcomes),
         trials=trials,
-        linear=dict.fromkeys(names, HandErrors(0.5, 1.0, 0.4, 0.6, 0.9, 1.0, 20)),
+        linear=dict.fromkeys(names, HandErrors(0.5, 1.0, {"left": 0.4, "right": 0.6}, {"left": 0.9, "right": 1.0}, 20)),
         from_recorded_cm=np.full(len(SEEDS), 3.0),
     )

@@ -1,6 +1,7 @@
 """The verb demonstrate."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -28,11 +29,11 @@ LIVE = "live"
 class PoseOptions:
     """Topics and hands of the demonstrated poses."""
 
-    hand: Annotated[str | None, typer.Option(help="The hand that is shown: left or right.", metavar="HAND")] = None
+    hand: Annotated[str | None, typer.Option(help="The hand that is shown, such as left.", metavar="HAND")] = None
     topic: Annotated[
         str | None,
         typer.Option(
-            help="PoseStamped topic of one hand: of the right, or of --hand; both hands' targets if left out.",
+            help="PoseStamped topic of one hand: of --hand, or of the last, the right; all hands' targets if left out.",
             metavar="TOPIC",
         ),
     ] = None
@@ -148,14 +149,16 @@ def demonstrate(
     from pipeline.robot.config import load_robot
     from recorders.writing.part_file import check_place
 
-    if pose.hand not in (None, "left", "right"):
-        raise ConfigError(f"--hand: expected left or right, found {pose.hand!r:.40}")
-    if pose.topic is not None and pose.hand is None:
-        console.notice(f"--topic: {pose.topic} is taken for the right hand; --hand left for the other")
     config = path.config()
     follower = load_robot(robot)
+    hands = follower.hand_names
+    if pose.hand is not None and pose.hand not in hands:
+        raise ConfigError(f"--hand: expected {' or '.join(hands)}, found {pose.hand!r:.40}")
+    if pose.topic is not None and pose.hand is None and len(hands) > 1:
+        others = "the other" if len(hands) == 2 else "another"
+        console.notice(f"--topic: {pose.topic} is taken for the {hands[-1]} hand; --hand {hands[0]} for {others}")
     check_place(out, overwrite=overwrite)
-    shown = _subscribe(pose, live, session) if source == LIVE else _read(source, pose, live, session)
+    shown = _subscribe(hands, pose, live, session) if source == LIVE else _read(source, hands, pose, live, session)
     with note_partial_log(out), console.progress(f"demonstrate {shown.name}") as advance:
         result = run(
             follower,
@@ -169,7 +172,9 @@ def demonstrate(
     console.show(result.to_dict(), as_json=as_json)
 
 
-def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "DemonstratedPaths":
+def _read(
+    source: str, hands: Sequence[str], pose: PoseOptions, live: LiveOptions, session: ListeningSession
+) -> "DemonstratedPaths":
     from pipeline.exploration.hand_paths import pose_topics, read_csv_paths, read_log_paths
     from recorders.reading.parts import is_log, one_session
 
@@ -180,14 +185,16 @@ def _read(source: str, pose: PoseOptions, live: LiveOptions, session: ListeningS
         )
     path = drawings().get(source, Path(source))
     if is_log(path):
-        topics = pose_topics(pose.topic, hand=pose.hand)
+        topics = pose_topics(pose.topic, hands, hand=pose.hand)
         return read_log_paths(one_session([path]), topics, renames=renames(pose.map_))
     if pose.topic or pose.map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
-    return read_csv_paths(path, hand=pose.hand)
+    return read_csv_paths(path, hands, hand=pose.hand)
 
 
-def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) -> "DemonstratedPaths":
+def _subscribe(
+    hands: Sequence[str], pose: PoseOptions, live: LiveOptions, session: ListeningSession
+) -> "DemonstratedPaths":
     from pipeline.exploration.hand_paths import pose_topics
     from pipeline.exploration.live_paths import subscribe_paths
     from pipeline.terminal.signals import until_stopped
@@ -196,7 +203,7 @@ def _subscribe(pose: PoseOptions, live: LiveOptions, session: ListeningSession) 
     where = session.config()
     with until_stopped() as stopped:
         return subscribe_paths(
-            pose_topics(pose.topic, hand=pose.hand),
+            pose_topics(pose.topic, hands, hand=pose.hand),
             renames=renames(pose.map_),
             session=where,
             config=config,

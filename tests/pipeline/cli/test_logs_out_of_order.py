@@ -63,7 +63,9 @@ def test_it_is_the_same_episode(episode: Path, shuffled: Path) -> None:
 
 
 def test_every_pose_is_shown(episode: Path, shuffled: Path) -> None:
-    found, expected = (read_log_paths(log, pose_topics(None, hand=None)) for log in (shuffled, episode))
+    found, expected = (
+        read_log_paths(log, pose_topics(None, ("left", "right"), hand=None)) for log in (shuffled, episode)
+    )
     assert found.source["left_out"] == {}
     for hand, path in expected.paths.items():
         assert (found.paths[hand].points == path.points).all()

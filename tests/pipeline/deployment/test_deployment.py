@@ -34,7 +34,7 @@ CONFIG = DeploymentConfig(settle_steps=3)
 
 def first_samples() -> Motion:
     whole = eight(ROBOT)
-    return Motion("part", whole.times_s[:SAMPLES], whole.left[:SAMPLES], whole.right[:SAMPLES], closed=False)
+    return Motion("part", whole.times_s[:SAMPLES], whole.targets[:SAMPLES], closed=False)
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +91,7 @@ def test_errors_are_of_the_physical_hands(deployed: Deployment) -> None:
     assert (deployed.motion, deployed.period_s) == ("part", 0.1)
     np.testing.assert_array_equal(deployed.targets, first_samples().targets.reshape(-1, 6))
     for run, mean_cm in ((deployed.learned, deployed.learned_cm), (deployed.teacher, deployed.teacher_cm)):
-        assert run.errors == HandErrors.of(hand_errors(KINEMATICS, run.joints, deployed.targets))
+        assert run.errors == HandErrors.of(hand_errors(KINEMATICS, run.joints, deployed.targets), ("left", "right"))
         assert mean_cm == run.errors.mean_cm > 0.0
     assert deployed.learned_cm != deployed.teacher_cm
 

@@ -8,6 +8,8 @@ from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
 from recorders.errors import ConfigError
 
+HANDS = ("left", "right")
+
 
 def test_errors_are_distances_of_each_hand() -> None:
     robot = load_robot("asimo")
@@ -17,20 +19,22 @@ def test_errors_are_distances_of_each_hand() -> None:
     targets = kinematics.hands_along(joints) + offsets
     errors = hand_errors(kinematics, joints, targets.reshape(2, 6))
     assert errors == pytest.approx(np.array([[0.05, 0.0], [0.0, 0.01]]), abs=1e-12)
-    summary = HandErrors.of(errors)
+    summary = HandErrors.of(errors, HANDS)
     assert summary.mean_cm == pytest.approx((5.0 + 1.0) / 4)  # over time and both hands
-    assert (summary.left_cm, summary.right_cm) == pytest.approx((2.5, 0.5))
-    assert (summary.max_cm, summary.left_max_cm, summary.right_max_cm) == pytest.approx((5.0, 5.0, 1.0))
+    assert (summary.hands_cm["left"], summary.hands_cm["right"]) == pytest.approx((2.5, 0.5))
+    assert (summary.max_cm, summary.hands_max_cm["left"], summary.hands_max_cm["right"]) == pytest.approx(
+        (5.0, 5.0, 1.0)
+    )
     assert summary.samples == 2
 
 
 def test_each_hands_error_is_the_mean_over_time() -> None:
-    summary = HandErrors.of(np.array([[0.01, 0.0], [0.01, 0.0], [0.01, 0.06], [0.09, 0.06]]))
-    assert (summary.left_cm, summary.right_cm) == pytest.approx((3.0, 3.0))
-    assert summary.mean_cm == pytest.approx((summary.left_cm + summary.right_cm) / 2.0)
-    assert (summary.left_max_cm, summary.right_max_cm) == pytest.approx((9.0, 6.0))
-    skewed = HandErrors.of(np.array([[0.0, 0.03], [0.0, 0.02], [0.06, 0.02]]))
-    assert (skewed.left_cm, skewed.right_cm) == pytest.approx((2.0, 7.0 / 3.0))
+    summary = HandErrors.of(np.array([[0.01, 0.0], [0.01, 0.0], [0.01, 0.06], [0.09, 0.06]]), HANDS)
+    assert (summary.hands_cm["left"], summary.hands_cm["right"]) == pytest.approx((3.0, 3.0))
+    assert summary.mean_cm == pytest.approx((summary.hands_cm["left"] + summary.hands_cm["right"]) / 2.0)
+    assert (summary.hands_max_cm["left"], summary.hands_max_cm["right"]) == pytest.approx((9.0, 6.0))
+    skewed = HandErrors.of(np.array([[0.0, 0.03], [0.0, 0.02], [0.06, 0.02]]), HANDS)
+    assert (skewed.hands_cm["left"], skewed.hands_cm["right"]) == pytest.approx((2.0, 7.0 / 3.0))
 
 
 def test_errors_beyond_all_numbers_mean_that_learning_diverged() -> None:
@@ -38,7 +42,7 @@ def test_errors_beyond_all_numbers_mean_that_learning_diverged() -> None:
     far = np.where(np.array(robot.joints) == "hip_height", 1e200, robot.comfort)[None]
     errors = hand_errors(Kinematics(robot), far, np.zeros((1, 6)))
     with pytest.raises(ConfigError, match="learning diverged: the hands' errors are no longer finite"):
-        HandErrors.of(errors)
+        HandErrors.of(errors, HANDS)
 
 
 def test_the_first_target_is_held_for_ten_steps_and_outputs_are_joints() -> None:

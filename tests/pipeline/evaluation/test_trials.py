@@ -40,7 +40,7 @@ def test_learned_teacher_and_baseline_are_what_they_are_called(
     kinematics = Kinematics(robot_of(controller))
 
     def errors(joints: np.ndarray) -> HandErrors:
-        return HandErrors.of(hand_errors(kinematics, joints, samples.targets))
+        return HandErrors.of(hand_errors(kinematics, joints, samples.targets), ("left", "right"))
 
     learner = controller.learner()
     learner.washout(samples.targets[0], steps=10)
@@ -71,7 +71,7 @@ def test_the_baseline_may_be_fitted_to_another_log(
     learned, kinematics = read_samples(longer), Kinematics(robot_of(controller))
     answers = linear_joints(learned.targets, learned.joints, asked=samples.targets)
     trial = evaluate_motion(controller, log, linear_from=longer)
-    assert trial.linear == HandErrors.of(hand_errors(kinematics, answers, samples.targets))
+    assert trial.linear == HandErrors.of(hand_errors(kinematics, answers, samples.targets), ("left", "right"))
     assert trial.linear != evaluate_motion(controller, log).linear
     assert trial.teacher == evaluate_motion(controller, log).teacher
     by_itself = evaluate_motion(controller, "right_hand_drawing", linear_from=longer)
@@ -86,7 +86,7 @@ def test_a_summary_names_whose_errors_they_are(controller: Controller, log: Path
     for name, errors in (("teacher", trial.teacher), ("linear", trial.linear)):
         assert errors is not None
         found = [summary[f"{name}_{part}"] for part in ("cm", "left_cm", "right_cm")]
-        assert found == [errors.mean_cm, errors.left_cm, errors.right_cm]
+        assert found == [errors.mean_cm, *errors.hands_cm.values()]
 
 
 def test_a_log_of_another_robot_is_refused(controller: Controller, samples: Samples) -> None:

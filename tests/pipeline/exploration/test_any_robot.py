@@ -39,11 +39,12 @@ def short_motion(robot: RobotConfig) -> Motion:
     """Ten samples of a circle with each hand, in the robot's own plane."""
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.08 * (np.outer(np.cos(angle), robot.lateral) + np.outer(np.sin(angle), robot.up))
-    return Motion("short", 0.2 * np.arange(SAMPLES), robot.centres[0] + circle, robot.centres[1] - circle, closed=False)
+    targets = np.stack([robot.centres[0] + circle, robot.centres[1] - circle], axis=1)
+    return Motion("short", 0.2 * np.arange(SAMPLES), targets, closed=False)
 
 
 def write_csv(path: Path, motion: Motion) -> Path:
-    rows = np.column_stack([motion.times_s, motion.left, motion.right])
+    rows = np.column_stack([motion.times_s, motion.targets.reshape(len(motion), -1)])
     np.savetxt(path, rows, delimiter=",", header="t,lx,ly,lz,rx,ry,rz", comments="")
     return path
 

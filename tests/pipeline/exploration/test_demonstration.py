@@ -33,31 +33,31 @@ def test_two_hands_are_sampled_while_both_are_shown() -> None:
     paths = {"left": HandPath(early, line_of(early)), "right": HandPath(late, line_of(late))}
     motion = to_motion(ROBOT, DemonstratedPaths("both", paths, {}), config=AS_IS)
     assert len(motion) == 16
-    np.testing.assert_allclose(motion.left, line_of(0.5 + motion.times_s), atol=2e-9)
-    np.testing.assert_allclose(motion.right, motion.left, atol=2e-9)
+    np.testing.assert_allclose(motion.targets[:, 0], line_of(0.5 + motion.times_s), atol=2e-9)
+    np.testing.assert_allclose(motion.targets[:, 1], motion.targets[:, 0], atol=2e-9)
 
 
 def test_a_path_is_centred_and_scaled_about_its_middle() -> None:
     times_s, points = np.arange(3.0), np.array([[5.0, 10.0, 0.0], [5.0, 30.0, 8.0], [5.0, 20.0, 4.0]])
     config = DemonstrationConfig(hz=1.0, scale=0.01)
     placed = to_motion(ROBOT, shown_right(times_s, points), config=config)
-    np.testing.assert_allclose(placed.right - RIGHT, [[0, -0.1, -0.04], [0, 0.1, 0.04], [0, 0, 0]], atol=1e-9)
+    np.testing.assert_allclose(placed.targets[:, 1] - RIGHT, [[0, -0.1, -0.04], [0, 0.1, 0.04], [0, 0, 0]], atol=1e-9)
     scaled = to_motion(
         ROBOT, shown_right(times_s, points), config=DemonstrationConfig(hz=1.0, scale=0.01, align="as-is")
     )
-    np.testing.assert_allclose(scaled.right, [[5, 19.9, 3.96], [5, 20.1, 4.04], [5, 20, 4]], atol=1e-9)
+    np.testing.assert_allclose(scaled.targets[:, 1], [[5, 19.9, 3.96], [5, 20.1, 4.04], [5, 20, 4]], atol=1e-9)
 
 
 def test_what_is_drawn_on_a_screen_is_turned_into_the_robots_plane() -> None:
     """Rightwards on the screen is to the robot's right, -y; upwards is up; out of the screen is towards the robot."""
     times_s, points = np.arange(4.0), np.array([[0, 0, 0], [0.1, 0, 0], [0.1, 0.2, 0], [0.1, 0.2, 0.06]])
     config = DemonstrationConfig(hz=1.0, plane=("-x", "y"))
-    moves = np.diff(to_motion(ROBOT, shown_right(times_s, points), config=config).right, axis=0)
+    moves = np.diff(to_motion(ROBOT, shown_right(times_s, points), config=config).targets[:, 1], axis=0)
     np.testing.assert_allclose(moves, [[0, -0.1, 0], [0, 0, 0.2], [-0.06, 0, 0]], atol=1e-9)
     flat = DemonstrationConfig(hz=1.0, plane=("-x", "y"), project_to_plane=True)
     motion = to_motion(ROBOT, shown_right(times_s, points), config=flat)
-    np.testing.assert_allclose(motion.right[:, 0], RIGHT[0], atol=1e-9)
-    np.testing.assert_allclose(np.diff(motion.right, axis=0)[:2], moves[:2], atol=1e-9)
+    np.testing.assert_allclose(motion.targets[:, 1][:, 0], RIGHT[0], atol=1e-9)
+    np.testing.assert_allclose(np.diff(motion.targets[:, 1], axis=0)[:2], moves[:2], atol=1e-9)
 
 
 @pytest.mark.parametrize(
@@ -92,7 +92,7 @@ def test_parameters_out_of_range_are_refused(parameters: dict[str, Any], message
 def episode(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("demonstration")
     times_s = np.arange(0.0, 1.01, 0.03)
-    shown = read_csv_paths(write_csv(folder / "line.csv", "t,rx,ry,rz", times_s, line_of(times_s)))
+    shown = read_csv_paths(write_csv(folder / "line.csv", "t,rx,ry,rz", times_s, line_of(times_s)), ROBOT.hand_names)
     demonstrate(ROBOT, shown, config=AS_IS, seed=4, out=folder / "line.mcap")
     return folder / "line.mcap"
 
@@ -118,7 +118,7 @@ def test_the_manifest_says_where_it_came_from_and_what_was_done(episode: Path) -
 
 
 def test_the_same_demonstration_gives_the_same_bytes(episode: Path, tmp_path: Path) -> None:
-    shown = read_csv_paths(episode.parent / "line.csv")
+    shown = read_csv_paths(episode.parent / "line.csv", ROBOT.hand_names)
     done: list[float] = []
     made = demonstrate(ROBOT, shown, config=AS_IS, seed=4, out=tmp_path / "again.mcap", progress=done.append)
     assert made.path.read_bytes() == episode.read_bytes()

@@ -38,7 +38,7 @@ def short_motion() -> Motion:
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.03 * np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     left, right = ROBOT.centres[0] + circle, ROBOT.centres[1] - circle
-    return Motion("short", 0.2 * np.arange(SAMPLES), left, right, closed=True)
+    return Motion("short", 0.2 * np.arange(SAMPLES), np.stack([left, right], axis=1), closed=True)
 
 
 @pytest.fixture(scope="module")
@@ -175,7 +175,7 @@ def test_another_seed_starts_elsewhere_and_ends_up_with_the_same_motion(log: Exp
 
 def test_a_robot_that_is_placed_is_where_one_that_was_led_all_the_way_is() -> None:
     short = short_motion()
-    motion = Motion("slow", 2.0 * short.times_s, short.left, short.right, closed=True)
+    motion = Motion("slow", 2.0 * short.times_s, short.targets, closed=True)
     motion_plan = plan(motion, period_ns=TeacherConfig().period_ns, settle_ns=0)
     ways: dict[str, list[TopicMessage]] = {}
     for way in ("led", "placed"):
@@ -206,13 +206,13 @@ def test_an_open_motion_settles_on_its_first_target_and_ends_with_its_last(tmp_p
     rows = ["t,lx,ly,lz,rx,ry,rz"]
     rows += [f"{0.1 * k:.1f},0.32,0.2,0.76,0.32,{-0.25 + 0.01 * k:.2f},0.8" for k in range(6)]
     (tmp_path / "line.csv").write_text("\n".join(rows))
-    motion = read_motion_csv(tmp_path / "line.csv")
+    motion = read_motion_csv(tmp_path / "line.csv", ROBOT.hand_names)
     done: list[float] = []
     result = explore(ROBOT, motion, seed=0, out=tmp_path / "line.mcap", progress=done.append)
     ticks = ticks_of(result.path)
     assert len(ticks) == result.ticks == 7
     assert [tick.stamp_ns for tick in ticks] == [2_000_000_000 + k * 100_000_000 for k in range(7)]
-    np.testing.assert_array_equal([tick.right for tick in ticks], [*motion.right, motion.right[-1]])
+    np.testing.assert_array_equal([tick.right for tick in ticks], [*motion.targets[:, 1], motion.targets[:, 1][-1]])
     first = KINEMATICS.hands_along(joints_of(ticks))[0]
     np.testing.assert_allclose(first, motion.targets[0], atol=2e-3)
     assert done == sorted(done)
@@ -228,7 +228,7 @@ def test_the_teacher_follows_pattern_2_to_about_a_centimetre(tmp_path: Path) -> 
 
 def test_a_motion_out_of_reach_leaves_no_log(tmp_path: Path) -> None:
     motion = circles(ROBOT)
-    far = Motion("far", motion.times_s, motion.left + 2.0, motion.right, closed=True)
+    far = Motion("far", motion.times_s, np.add(motion.targets, [[2.0], [0.0]]), closed=True)
     with pytest.raises(MotionError, match="out of reach"):
         explore(ROBOT, far, seed=0, out=tmp_path / "far.mcap")
     assert list(tmp_path.iterdir()) == []
@@ -236,7 +236,7 @@ def test_a_motion_out_of_reach_leaves_no_log(tmp_path: Path) -> None:
 
 def test_a_motion_sampled_faster_than_the_teacher_works_is_refused(tmp_path: Path) -> None:
     motion = short_motion()
-    fast = Motion("fast", motion.times_s / 100, motion.left, motion.right, closed=True)
+    fast = Motion("fast", motion.times_s / 100, motion.targets, closed=True)
     with pytest.raises(MotionError, match="samples 0 and 1 are closer than the teacher's period of 5 ms"):
         explore(ROBOT, fast, seed=0, out=tmp_path / "fast.mcap")
 

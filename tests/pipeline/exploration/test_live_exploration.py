@@ -53,7 +53,8 @@ def short_motion(*, closed: bool) -> Motion:
     angle = 2 * np.pi * np.arange(SAMPLES) / SAMPLES
     circle = 0.02 * np.stack([0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     line = 0.02 * np.stack([0 * angle, np.sin(angle), 0 * angle], axis=1)
-    return Motion("short", 0.1 * np.arange(SAMPLES), ASIMO.centres[0] + circle, ASIMO.centres[1] + line, closed)
+    targets = np.stack([ASIMO.centres[0] + circle, ASIMO.centres[1] + line], axis=1)
+    return Motion("short", 0.1 * np.arange(SAMPLES), targets, closed)
 
 
 def live(backend: Simulation | RemoteRobot, motion: Motion, *, seed: int = 3) -> LiveSession:
@@ -145,7 +146,7 @@ def test_an_open_motion_settles_before_each_presentation(remote: RemoteRobot) ->
     found = cycles(stream)
     gap_ns = PERIOD_NS + CYCLE_NS
     assert [ticks[0].stamp_ns for _, ticks in found] == [PERIOD_NS + k * gap_ns for k in range(3)]
-    np.testing.assert_array_equal([ticks[-1].right for _, ticks in found], [motion.right[-1]] * 3)
+    np.testing.assert_array_equal([ticks[-1].right for _, ticks in found], [motion.targets[:, 1][-1]] * 3)
     numbers = [record.sequence for record in stream if record.topic == topics.JOINT_COMMANDS]
     assert numbers == list(range((3 * gap_ns - PERIOD_NS) // 5_000_000))
 
@@ -161,7 +162,7 @@ def test_a_live_session_cannot_go_back() -> None:
 
 def test_a_motion_out_of_reach_is_refused_before_the_robot_moves(remote: RemoteRobot) -> None:
     motion = short_motion(closed=True)
-    far = Motion("far", motion.times_s, motion.left + 2.0, motion.right, closed=True)
+    far = Motion("far", motion.times_s, np.add(motion.targets, [[2.0], [0.0]]), closed=True)
     with pytest.raises(MotionError, match="out of reach"):
         LiveSession(remote, far, seed=0, schedule=SCHEDULE)
 
@@ -172,7 +173,7 @@ def csv_motion(tmp_path: Path) -> Path:
     rows = ["t,lx,ly,lz,rx,ry,rz"]
     rows += [
         ",".join(map(repr, [float(t), *left.tolist(), *right.tolist()]))
-        for t, left, right in zip(motion.times_s, motion.left, motion.right, strict=True)
+        for t, left, right in zip(motion.times_s, *motion.targets.swapaxes(0, 1), strict=True)
     ]
     path = tmp_path / "short.csv"
     path.write_text("\n".join(rows))
@@ -186,7 +187,7 @@ def explore(endpoint: str, motion: Path, **options: Any) -> Popen[str]:
 
 def test_a_learner_fed_live_is_the_learner_fed_the_same_messages(csv_motion: Path, tmp_path: Path) -> None:
     expected = Trainer(LearnerConfig(seed=5))
-    session = live(Simulation(ASIMO), read_motion_csv(csv_motion))
+    session = live(Simulation(ASIMO), read_motion_csv(csv_motion, ASIMO.hand_names))
     expected.hello(session.offer())
     expected.consume(session.stream_from(0))
 

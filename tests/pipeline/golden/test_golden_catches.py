@@ -26,7 +26,7 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("catches")
     robot, log = load_robot("asimo"), folder / "small.mcap"
     whole = circles(robot)
-    motion = Motion("small", whole.times_s[:8], whole.left[:8], whole.right[:8], closed=False)
+    motion = Motion("small", whole.times_s[:8], whole.targets[:8], closed=False)
     explore(robot, motion, seed=2, out=log, config=ExplorationConfig(settle_ns=200_000_000))
     learner = LearnerConfig(reservoir=20, seed=4).to_dict()
     # The checkpoint falls into the middle of the fourth presentation.

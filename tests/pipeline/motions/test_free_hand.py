@@ -15,7 +15,7 @@ ROBOT = load_robot("asimo")
 
 @pytest.mark.parametrize("name", DRAWINGS)
 def test_each_is_what_its_generator_makes_and_says_so(name: str, tmp_path: Path) -> None:
-    write_motion_csv(DRAWINGS[name](ROBOT), tmp_path / "again.csv", comment=COMMENT)
+    write_motion_csv(DRAWINGS[name](ROBOT), tmp_path / "again.csv", ROBOT.hand_names, comment=COMMENT)
     text = data_path("motions", f"{name}.csv").read_text()
     assert (tmp_path / "again.csv").read_text() == text
     assert "no person drew this" in text.splitlines()[0]
@@ -28,17 +28,17 @@ def test_every_drawing_has_a_generator() -> None:
 @pytest.mark.parametrize("name", ["right_hand_house", "right_hand_spiral"])
 def test_house_and_spiral_are_40_cm_wide_and_drawn_like_a_hand_draws(name: str) -> None:
     drawing = load_motion(name, ROBOT)
-    np.testing.assert_array_equal(drawing.left, np.broadcast_to(ROBOT.centres[0], drawing.left.shape))
-    offsets = drawing.right - ROBOT.centres[1]
+    np.testing.assert_array_equal(drawing.targets[:, 0], np.broadcast_to(ROBOT.centres[0], drawing.targets[:, 0].shape))
+    offsets = drawing.targets[:, 1] - ROBOT.centres[1]
     np.testing.assert_allclose(np.abs(offsets).max(axis=0), [0.0, WIDE_M, WIDE_M], atol=0.01)
-    speed = np.linalg.norm(np.diff(drawing.right, axis=0), axis=1) / 0.1
+    speed = np.linalg.norm(np.diff(drawing.targets[:, 1], axis=0), axis=1) / 0.1
     assert 0.2 < speed.max() <= PEAK_M_S * 1.001
     assert speed[[0, -1]].max() < 0.1  # from rest to rest
 
 
 def test_the_hand_stops_at_the_corners_of_the_house() -> None:
     drawing = load_motion("right_hand_house", ROBOT)
-    speed = np.linalg.norm(np.diff(drawing.right, axis=0), axis=1) / 0.1
+    speed = np.linalg.norm(np.diff(drawing.targets[:, 1], axis=0), axis=1) / 0.1
     slow = speed < 0.12
     assert int((slow[1:] & ~slow[:-1]).sum()) == 8  # strokes
 

@@ -69,4 +69,4 @@ def test_the_teachers_error_is_that_of_its_posture_after_all_steps(
             q = teacher.step_for(q, target.reshape(2, 3), 0.2 / cost.steps)
         postures.append(q)
     errors = hand_errors(kinematics, np.array(postures[1:]), trial.targets)
-    assert cost.mean_cm == pytest.approx(HandErrors.of(errors).mean_cm, rel=1e-9)
+    assert cost.mean_cm == pytest.approx(HandErrors.of(errors, ("left", "right")).mean_cm, rel=1e-9)

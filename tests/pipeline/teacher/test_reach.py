@@ -18,7 +18,7 @@ RIGHT_ALONE = np.array([False, True])
 
 def with_right_at(*offsets: tuple[float, float, float]) -> Motion:
     targets = np.array([CENTRES + np.array([[0, 0, 0], offset]) for offset in offsets])
-    return Motion("reaching", 0.1 * np.arange(len(targets)), targets[:, 0], targets[:, 1], closed=False)
+    return Motion("reaching", 0.1 * np.arange(len(targets)), targets, closed=False)
 
 
 OUT_AND_BACK = with_right_at((0, 0, 0), (0, -0.1, 0), (0, -0.6, 0), (0.5, 0, 0), (0, 0, -0.6), (0, -0.1, 0))
@@ -53,9 +53,9 @@ def test_a_point_within_reach_is_its_own_nearest() -> None:
 
 def test_clipping_moves_what_is_out_of_reach_and_nothing_else() -> None:
     motion, found = bring_within_reach(TEACHER, OUT_AND_BACK, choice="clip")
-    moved = (motion.right != OUT_AND_BACK.right).any(axis=1)
+    moved = (motion.targets[:, 1] != OUT_AND_BACK.targets[:, 1]).any(axis=1)
     assert np.flatnonzero(moved).tolist() == OUTSIDE
-    np.testing.assert_array_equal(motion.left, OUT_AND_BACK.left)
+    np.testing.assert_array_equal(motion.targets[:, 0], OUT_AND_BACK.targets[:, 0])
     np.testing.assert_array_equal(motion.times_s, OUT_AND_BACK.times_s)
     assert (found.handled, found.samples, found.first_s, found.hand) == ("clip", 3, pytest.approx(0.2), "right")
     assert found.worst_cm is not None
@@ -64,11 +64,11 @@ def test_clipping_moves_what_is_out_of_reach_and_nothing_else() -> None:
 
 def test_where_both_hands_are_out_of_reach_both_are_clipped() -> None:
     apart = np.stack([CENTRES, CENTRES + np.array([[0, 0.9, 0], [0, -0.9, 0]])])
-    motion = Motion("apart", np.array([0.0, 0.1]), apart[:, 0], apart[:, 1], closed=False)
+    motion = Motion("apart", np.array([0.0, 0.1]), apart, closed=False)
     clipped, found = bring_within_reach(TEACHER, motion, choice="clip")
     assert found.samples == 1
-    assert 0.3 < clipped.left[1, 1] - ROBOT.centres[0][1] < 0.8
-    assert 0.3 < ROBOT.centres[1][1] - clipped.right[1, 1] < 0.8
+    assert 0.3 < clipped.targets[1, 0, 1] - ROBOT.centres[0][1] < 0.8
+    assert 0.3 < ROBOT.centres[1][1] - clipped.targets[1, 1, 1] < 0.8
     assert approach(TEACHER, ROBOT.comfort, clipped.targets[1])[1].max() < 2 * REACH_BOUND_M
 
 

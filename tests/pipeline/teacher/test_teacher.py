@@ -137,9 +137,9 @@ def test_the_whole_body_reaches_25_cm_about_the_right_centre() -> None:
 
 def test_a_point_out_of_reach_is_named_with_what_is_missing() -> None:
     motion = circles(ROBOT)
-    right = motion.right.copy()
-    right[7] = [1.5, -0.2, 0.76]
-    far = Motion("far", motion.times_s, motion.left, right, closed=True)
+    targets = motion.targets.copy()
+    targets[7, 1] = [1.5, -0.2, 0.76]
+    far = Motion("far", motion.times_s, targets, closed=True)
     with pytest.raises(MotionError, match=r"'far' is out of reach: at sample 7 \(t = 1.4 s\) the right hand") as caught:
         check_reach(make_teacher(), far)
     assert "(1.500, -0.200, 0.760) m" in str(caught.value)

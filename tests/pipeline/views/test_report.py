@@ -20,12 +20,22 @@ BLUE, VERMILION, GREY = (0x00, 0x72, 0xB2), (0xD5, 0x5E, 0x00), (0x6B, 0x6B, 0x6
 SAMPLES = 64
 
 
+def hand_errors_of(means_cm: tuple[float, float], worst_cm: tuple[float, float]) -> HandErrors:
+    means, worst = (dict(zip(("left", "right"), each, strict=True)) for each in (means_cm, worst_cm))
+    return HandErrors(sum(means_cm) / 2.0, max(worst_cm), means, worst, SAMPLES)
+
+
 def circles(*, left_up_m: float = 0.0) -> MotionTest:
     angle = np.arange(SAMPLES) * (2.0 * np.pi / SAMPLES)
     around = 0.1 * np.stack([0.0 * angle, np.cos(angle), np.sin(angle)], axis=1)
     targets = np.hstack([around + np.array([0.32, y, 0.76]) for y in (0.2, -0.2)])  # (T, 6)
     reached = targets.reshape(-1, 2, 3) + np.array([[0.0, 0.0, left_up_m], [0.0, 0.0, 0.01]])
-    return MotionTest("circles", targets, reached, HandErrors(1.0, 1.5, 0.9, 1.1, 1.4, 1.5, SAMPLES))
+    return MotionTest(
+        "circles",
+        targets,
+        reached,
+        hand_errors_of((0.9, 1.1), (1.4, 1.5)),
+    )
 
 
 def report(path: Path, **changes: Any) -> Path:
@@ -123,7 +133,12 @@ def test_the_curve_ends_higher_for_a_larger_error(tmp_path: Path) -> None:
 
 def test_a_hand_held_still_is_drawn(tmp_path: Path) -> None:
     still = np.tile([0.32, 0.2, 0.76, 0.32, -0.2, 0.76], (SAMPLES, 1))
-    test = MotionTest("still", still, still.reshape(-1, 2, 3), HandErrors(0.1, 0.1, 0.1, 0.1, 0.1, 0.1, SAMPLES))
+    test = MotionTest(
+        "still",
+        still,
+        still.reshape(-1, 2, 3),
+        hand_errors_of((0.1, 0.1), (0.1, 0.1)),
+    )
     path = report(tmp_path / "report.png", tests=[test])
     label = pixels(path, BLUE)[:, 0].min()
     dots = [column for row, column in pixels(path, GREY) if label + 40 < row < label + 170]  # in the panel, not in text
@@ -176,7 +191,7 @@ def test_a_test_with_paths_that_do_not_fit_is_refused(
 
 def test_a_test_keeps_its_own_paths() -> None:
     targets, reached = np.zeros((3, 6)), np.zeros((3, 2, 3))
-    test = MotionTest("still", targets, reached, HandErrors(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 3))
+    test = MotionTest("still", targets, reached, hand_errors_of((0.0, 0.0), (0.0, 0.0)))
     targets[:] = reached[:] = 1.0
     assert not test.targets.any()
     assert not test.reached.any()
