@@ -249,16 +249,16 @@ class _Scores:
 
     def __init__(self, robot: RobotConfig) -> None:
         self._kinematics = Kinematics(robot)
-        self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_REPORT_TICKS)  # u (6,) and joints (n,)
+        self._recent: deque[tuple[Floats, Floats]] = deque(maxlen=_REPORT_TICKS)  # u (3 hands,) and joints (n,)
 
     def add(self, steps: Steps) -> None:
         """Add the errors of steps."""
-        self._recent.extend(zip(steps.u.copy(), steps.outputs[:, 6:], strict=True))
+        self._recent.extend(zip(steps.u.copy(), steps.outputs[:, steps.u.shape[1] :], strict=True))
 
     def put_into(self, report: CycleReport) -> CycleReport:
         """Return the report with the mean errors of recent steps."""
         if not self._recent:
             return report
         targets, postures = (np.array(column) for column in zip(*self._recent, strict=True))
-        left, right = (hand_errors(self._kinematics, postures, targets).mean(axis=0) * _CM_PER_M).tolist()
-        return replace(report, hands_cm=(left, right))
+        hands_cm = (hand_errors(self._kinematics, postures, targets).mean(axis=0) * _CM_PER_M).tolist()
+        return replace(report, hands_cm=tuple(hands_cm))

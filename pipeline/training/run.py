@@ -40,8 +40,8 @@ class CycleReport:
         Counted from 0.
     phase : str
         What the cycle was for.
-    hands_cm : (float, float) or None
-        Mean error of the left and the right hand, for an evaluated cycle.
+    hands_cm : tuple of float or None
+        Mean error of each hand, in the robot's order, for an evaluated cycle.
     digest, stream_digest : str
         State and stream digest at the end of the cycle.
     ticks : int
@@ -53,7 +53,7 @@ class CycleReport:
     epoch: int
     cycle: int
     phase: str
-    hands_cm: tuple[float, float] | None
+    hands_cm: tuple[float, ...] | None
     digest: str
     stream_digest: str
     ticks: int
@@ -61,8 +61,8 @@ class CycleReport:
 
     @property
     def error_cm(self) -> float | None:
-        """Eq. (10): the mean over time and both hands, for an evaluated cycle."""
-        return None if self.hands_cm is None else sum(self.hands_cm) / 2.0
+        """Eq. (10): the mean over time and hands, for an evaluated cycle."""
+        return None if self.hands_cm is None else sum(self.hands_cm) / len(self.hands_cm)
 
 
 class Steps(NamedTuple):
@@ -91,7 +91,7 @@ class _Counts:
     steps: int = 0
     learned_steps: int = 0
     errors_cm: list[float] = field(default_factory=list)
-    scored_m: list[list[float]] = field(default_factory=list)  # (T, 2) of the cycle under way
+    scored_m: list[list[float]] = field(default_factory=list)  # (T, hands) of the cycle under way
 
 
 class LearningRun:
@@ -269,13 +269,12 @@ class LearningRun:
             return None
         hands_cm = None
         if self.counts.scored_m:
-            left, right = (np.array(self.counts.scored_m).mean(axis=0) * _CM_PER_M).tolist()
-            hands_cm = (left, right)
-            self.counts.errors_cm.append((left + right) / 2.0)
+            hands_cm = tuple((np.array(self.counts.scored_m).mean(axis=0) * _CM_PER_M).tolist())
+            self.counts.errors_cm.append(sum(hands_cm) / len(hands_cm))
             self.counts.scored_m = []
         return self._report(here, hands_cm)
 
-    def _report(self, here: Phase, hands_cm: tuple[float, float] | None) -> CycleReport:
+    def _report(self, here: Phase, hands_cm: tuple[float, ...] | None) -> CycleReport:
         return CycleReport(
             here.epoch,
             here.cycle,

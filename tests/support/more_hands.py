@@ -1,0 +1,80 @@
+"""Made-up robots with another number of hands than two, as folders for `--robot`."""
+
+from pathlib import Path
+
+import numpy as np
+
+from pipeline.motions.motion import csv_columns
+from pipeline.robot.config import RobotConfig, load_robot
+
+THREE = ("left", "right", "third_arm")
+ONE = ("tip",)
+
+_ARM = ("yaw", "shoulder", "elbow")
+_COMFORT = {"turn": 0.0, "yaw": 0.0, "shoulder": 0.7, "elbow": -1.2}
+_INERTIA = '<inertia ixx="0.004" ixy="0" ixz="0" iyy="0.004" iyz="0" izz="0.004"/>'
+_SPREAD_M = 0.35  # from one shoulder to the next
+
+
+def write_robot(folder: Path, hands: tuple[str, ...]) -> Path:
+    """Write a robot that turns about its column, with an arm of three joints for each hand and nothing to look with."""
+    folder.mkdir()
+    sides = _SPREAD_M * ((len(hands) - 1) / 2 - np.arange(len(hands)))
+    joints = ["turn", *(f"{hand}_{name}" for hand in hands for name in _ARM)]
+    links = [_link("world", 0.0), _link("column", 8.0), _joint("turn", "world", "column", "0 0 0.5", "0 0 1")]
+    arms = (part for hand, side in zip(hands, sides, strict=True) for part in _arm(hand, side))
+    urdf = "".join([*links, *arms, *map(_motor, joints)])
+    (folder / "robot.urdf").write_text(f'<robot name="more">{urdf}</robot>')
+    rows = ",\n".join(
+        f'{{ name = "{name}", weight = {0.3 if name == "turn" else 1.0}, comfort = {_COMFORT[name.split("_")[-1]]} }}'
+        for name in joints
+    )
+    table = "".join(
+        f'[[hands]]\nname = "{hand}"\nlink = "{hand}_palm"\ncontrols = "position"\n'
+        f"centre = [0.49, {side}, 0.75]\nbox = [0.05, 0.1, 0.1]\n"
+        for hand, side in zip(hands, sides, strict=True)
+    )
+    (folder / "robot.toml").write_text(f'name = "more"\njoints = [\n{rows}\n]\n{table}')
+    return folder
+
+
+def write_motion(path: Path, folder: Path, *, samples: int = 8) -> Path:
+    """Write small circles of all hands at 10 Hz, each from another angle."""
+    robot: RobotConfig = load_robot(folder)
+    rows = [",".join(csv_columns(robot.hand_names))]
+    for k in range(samples):
+        angles = 2.0 * np.pi * k / samples + np.arange(len(robot.hands))
+        offsets = 0.03 * np.stack([0.0 * angles, np.cos(angles), np.sin(angles)], axis=1)
+        rows.append(",".join(map(repr, [0.1 * k, *np.round(robot.centres + offsets, 6).ravel().tolist()])))
+    path.write_text("\n".join(rows) + "\n")
+    return path
+
+
+def _arm(hand: str, side: float) -> list[str]:
+    parents = ["column", *(f"{hand}_{name}_link" for name in _ARM), f"{hand}_palm"]
+    origins, axes = (f"0 {side} 0.3", "0 0 0", "0.3 0 0"), ("0 0 1", "0 1 0", "0 1 0")
+    links = [_link(link, 0.6) for link in parents[1:-1]] + [_link(parents[-1], 0.0)]
+    joints = [_joint(f"{hand}_{name}", *parents[k : k + 2], origins[k], axes[k]) for k, name in enumerate(_ARM)]
+    palm = f'<joint name="{hand}_wrist" type="fixed"><origin xyz="0.3 0 0"/><parent link="{parents[3]}"/>'
+    return [*links, *joints, f'{palm}<child link="{parents[4]}"/></joint>']
+
+
+def _link(name: str, mass: float) -> str:
+    if not mass:
+        return f'<link name="{name}"/>'
+    return f'<link name="{name}"><inertial><origin xyz="0.1 0 0"/><mass value="{mass}"/>{_INERTIA}</inertial></link>'
+
+
+def _joint(name: str, parent: str, child: str, xyz: str, axis: str) -> str:
+    return (
+        f'<joint name="{name}" type="revolute"><origin xyz="{xyz}"/><parent link="{parent}"/><child link="{child}"/>'
+        f'<axis xyz="{axis}"/><limit lower="-1.9" upper="1.9" effort="80" velocity="6"/></joint>'
+    )
+
+
+def _motor(joint: str) -> str:
+    return (
+        f'<transmission name="{joint}_t"><type>transmission_interface/SimpleTransmission</type><joint name="{joint}">'
+        "<hardwareInterface>hardware_interface/EffortJointInterface</hardwareInterface></joint>"
+        f'<actuator name="{joint}_m"><mechanicalReduction>1</mechanicalReduction></actuator></transmission>'
+    )
