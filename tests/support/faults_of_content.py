@@ -52,7 +52,7 @@ def hands_swapped_in_trials(patch: Patch) -> None:
 
 
 def hands_swapped_in_cycles(patch: Patch) -> None:
-    rewrite(patch, learning_run.LearningRun, "_end_presentation", "left, right = (", "right, left = (")
+    rewrite(patch, learning_run.LearningRun, "_end_presentation", "mean(axis=0)", "mean(axis=0)[::-1]")
 
 
 _WHOLE = "of the whole run"

@@ -272,7 +272,9 @@ def _with_errors(
 
 
 def _missing_by(trial: Trial, mean_cm: float, left_cm: float) -> Trial:
-    return replace(trial, errors=replace(trial.errors, mean_cm=mean_cm, left_cm=left_cm))
+    return replace(
+        trial, errors=replace(trial.errors, mean_cm=mean_cm, hands_cm=trial.errors.hands_cm | {"left": left_cm})
+    )
 
 
 def test_a_robot_is_drawn_from_any_side() -> None:
