@@ -115,7 +115,7 @@ def _whole(value: Any) -> int:
 def _plan(log: Path, settings: _Settings, *, ticks: int) -> MotionPlan:
     """Hold each logged target until the next tick, as the exploration did."""
     with naming(log):
-        logged = [(tick.stamp_ns, np.array([tick.left, tick.right])) for tick in join_ticks(LogReader(log))]
+        logged = [(tick.stamp_ns, np.array(tick.hands)) for tick in join_ticks(LogReader(log))]
     if len(logged) < 2:
         raise LogError(f"{log}: expected at least two complete ticks, found {len(logged)}")
     holds = [TargetHold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]

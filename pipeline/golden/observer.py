@@ -14,6 +14,7 @@ from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import OnlineLearner, Settings
 from pipeline.robot.recorded import offered_robot
+from pipeline.samples.pairing import PairingRule
 from pipeline.training.run import LearningRun
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, JointError, MessageError
@@ -46,6 +47,8 @@ class ObservedRun:
     ----------
     config : Settings
         The learner; its number of epochs is the stream's.
+    pairing : PairingRule
+        Pairs that it learns from.
     offer : Offer
         What the stream says of itself, the robot included.
     resume_after : int, optional
@@ -59,7 +62,8 @@ class ObservedRun:
         From `run`: if the run is over before it is to be resumed.
     """
 
-    def __init__(self, config: Settings, offer: Offer, resume_after: int | None) -> None:
+    def __init__(self, config: Settings, pairing: PairingRule, offer: Offer, resume_after: int | None) -> None:
+        self._pairing = pairing
         self._config = config.fitted(epochs=offer.schedule["epochs"])
         self._offer = offer
         self._resume_after = resume_after
@@ -96,7 +100,8 @@ class ObservedRun:
         return "" if self._run.phase is None else self._names.get(self._run.phase.log, next(iter(self._names.values())))
 
     def _begin(self) -> tuple[LearningRun, _ObservedLearner]:
-        run = LearningRun(self._config, offered_robot(self._offer), self._offer.run)
+        robot = offered_robot(self._offer)
+        run = LearningRun(self._config, robot, self._offer.run, pairing=self._pairing)
         learner = _ObservedLearner(run.learner)
         run.learner = cast(OnlineLearner, learner)
         return run, learner

@@ -1,6 +1,7 @@
 """A team's own learner settings and robot beside those that a golden case has copies of."""
 
 import re
+from collections.abc import Mapping
 from dataclasses import asdict, fields
 from itertools import zip_longest
 from pathlib import Path
@@ -8,26 +9,47 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.learner.registry import KEY, config_from_dict, config_to_dict
+from pipeline.learner.registry import KEY, config_from_dict, config_to_dict, find_rule
 from pipeline.learner.rule import DEFAULT
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
+from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.urdf.description import canonical_urdf
 from recorders.errors import ConfigError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.reader import LogReader
+from recorders.text.wording import value_text
 from replay.diff.fields import format_pair
 from replay.golden.recipe import CaseSpec
 
 _FOLLOWING = {"inputs": "the robot's hands", "outputs": "the robot's joints", "epochs": "--epochs, or the session"}
 """Settings that a learner takes from elsewhere, and where from."""
 
+PAIRS_KEY = "pairs"
+"""Setting that names the pairing rule; absent for the paper's."""
+
 _PART = re.compile(r'<(link|joint) name="([^"]*)"')
 _TEXTS = ("urdf_text", "toml_text")
 
 
-def read_settings(path: Path | None, *, rule: str | None = None) -> dict[str, Any]:
+def pairs_of(learner: Mapping[str, Any]) -> str:
+    """Return the name of the pairing rule among settings; raises ConfigError if it is no text."""
+    name = learner.get(PAIRS_KEY, COMMANDED)
+    if type(name) is not str:
+        raise ConfigError(f"expected learner setting {PAIRS_KEY} to be a text, found {value_text(name)}")
+    return name
+
+
+def with_pairs(learner: Mapping[str, Any], pairs: str) -> dict[str, Any]:
+    """Return settings with a pairing rule; the paper's is not named."""
+    others = {name: value for name, value in learner.items() if name != PAIRS_KEY}
+    return others if pairs == COMMANDED else {PAIRS_KEY: pairs} | others
+
+
+def read_settings(
+    path: Path | None, *, rule: str | None = None, pairs: str | None = None, before: str | None = None
+) -> dict[str, Any]:
     """Return all settings of a learner, of which the file (TOML), if there is one, names some.
 
     Parameters
@@ -36,6 +58,10 @@ def read_settings(path: Path | None, *, rule: str | None = None) -> dict[str, An
         The file.
     rule : str, optional
         The learning rule, where the file does not name it.
+    pairs : str, optional
+        The pairing rule, where the file does not name it.
+    before : str, optional
+        The pairing rule where neither names one; that of the learning rule if left out.
 
     Raises
     ------
@@ -43,13 +69,16 @@ def read_settings(path: Path | None, *, rule: str | None = None) -> dict[str, An
         If the file cannot be read, or a setting is unknown, out of range, or not to be set.
     """
     values = {} if path is None else _read_toml(path)
-    if rule is not None and values.setdefault(KEY, rule) != rule:
-        raise ConfigError(f"expected the rule that {path} names, found --rule {rule!r:.60}")
+    for name, option in ((KEY, rule), (PAIRS_KEY, pairs)):
+        if option is not None and values.setdefault(name, option) != option:
+            raise ConfigError(f"expected the {name} that {path} names, found --{name} {option!r:.60}")
     for name, source in _FOLLOWING.items():
         if name in values:
             raise ConfigError(f"{path}: expected no setting {name}, which follows from {source}; take it out")
     try:
-        return config_to_dict(config_from_dict(values))
+        settings = config_from_dict({name: value for name, value in values.items() if name != PAIRS_KEY})
+        chosen = pairs_of(values) if PAIRS_KEY in values else before or find_rule(settings.rule).pairs
+        return with_pairs(config_to_dict(settings), find_pairing(chosen).name)
     except ConfigError as error:
         raise ConfigError(f"{path or '--rule'}: {error}") from error
 
@@ -90,8 +119,9 @@ class Own:
 
 
 def _of_settings(old: Any, new: dict[str, Any]) -> tuple[str, str, str] | None:
-    for name, value in ({KEY: DEFAULT} | new).items():
-        if name not in _FOLLOWING and (found := ({KEY: DEFAULT} | old).get(name)) != value:
+    plain = {KEY: DEFAULT, PAIRS_KEY: COMMANDED}
+    for name, value in (plain | new).items():
+        if name not in _FOLLOWING and (found := (plain | old).get(name)) != value:
             return f"learner setting {name}", *format_pair(found, value)
     return None
 

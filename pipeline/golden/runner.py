@@ -11,11 +11,12 @@ from pipeline.evaluation.trials import evaluate_samples
 from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
-from pipeline.golden.own_settings import read_settings
+from pipeline.golden.own_settings import PAIRS_KEY, pairs_of, read_settings, with_pairs
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import config_from_dict
 from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
+from pipeline.samples.pairing import find_pairing
 from pipeline.samples.pairs import read_samples
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.run import CycleReport
@@ -23,6 +24,7 @@ from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError
 from recorders.messages.message_types import Message
 from recorders.messages.record import RecordedMessage
+from recorders.text.wording import names_text
 from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
 from replay.sources.session import RecordedSession
@@ -40,7 +42,8 @@ class GoldenRunner:
     def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
         """Run step by step, and yield every tick and the end of every epoch."""
         source = recipe.source()
-        yield from ObservedRun(_config(recipe), source.offer(), recipe.resume_after).run(source.stream())
+        pairing = find_pairing(_pairs(recipe))
+        yield from ObservedRun(_config(recipe), pairing, source.offer(), recipe.resume_after).run(source.stream())
 
     def train(self, recipe: CaseSpec) -> dict[str, Any]:
         """Run as programs do, and return digests, counts, the errors [cm] of all evaluated cycles and of trials."""
@@ -48,7 +51,7 @@ class GoldenRunner:
         trainer = _trained(recipe, on_cycle=cycles.append)
         trainer.check_learned()
         controller = trainer.controller()
-        trials = [] if recipe.as_recorded else [_trial(controller, path) for path in recipe.logs]
+        trials = [] if recipe.as_recorded else [_trial(controller, path, _pairs(recipe)) for path in recipe.logs]
         return {
             **trainer.result(),
             "errors_cm": trainer.errors_cm,
@@ -86,8 +89,19 @@ class GoldenRunner:
         return golden_states.difference(packed, end)
 
 
+def _pairs(recipe: CaseSpec) -> str:
+    """Return the name of the pairing rule of a case; raises ConfigError if its ticks are not those of the rule."""
+    pairing = find_pairing(pairs_of(recipe.learner))
+    if pairing.topics != recipe.schedule.topics:
+        raise ConfigError(
+            f"golden case: expected ticks of {names_text(pairing.topics)} for pairs {pairing.name}, found those of "
+            f"{names_text(recipe.schedule.topics)}"
+        )
+    return pairing.name
+
+
 def _config(recipe: CaseSpec) -> Settings:
-    config = config_from_dict(recipe.learner)
+    config = config_from_dict({name: value for name, value in recipe.learner.items() if name != PAIRS_KEY})
     size = 8 * state_numbers(config.state_shapes())
     if size > MAX_CASE_BYTES:
         raise ConfigError(
@@ -100,15 +114,15 @@ def _trained(recipe: CaseSpec, *, on_cycle: Callable[[CycleReport], None]) -> Tr
     """Train, by way of a checkpoint if the case has one; cycles are reported from there on."""
     source = recipe.source()
     if recipe.resume_after is None:
-        trainer = Trainer(_config(recipe), on_cycle=on_cycle)
+        trainer = Trainer(_config(recipe), pairs=_pairs(recipe), on_cycle=on_cycle)
         trainer.consume(source.stream(trainer.hello(source.offer())))
         return trainer
     with TemporaryDirectory() as folder:
         checkpoint = CheckpointConfig(Path(folder, "checkpoint.npz"), recipe.resume_after)
-        stopped = Trainer(_config(recipe), checkpoint=checkpoint)
+        stopped = Trainer(_config(recipe), pairs=_pairs(recipe), checkpoint=checkpoint)
         stopped.hello(source.offer())
         stopped.take(_until_checkpoint(source.stream(), checkpoint.path))
-        trainer = Trainer(_config(recipe), checkpoint=checkpoint, on_cycle=on_cycle)
+        trainer = Trainer(_config(recipe), pairs=_pairs(recipe), checkpoint=checkpoint, on_cycle=on_cycle)
         trainer.consume(source.stream(trainer.hello(source.offer())))
     return trainer
 
@@ -121,9 +135,9 @@ def _until_checkpoint(messages: Iterator[RecordedMessage], path: Path) -> Iterat
             return
 
 
-def _trial(controller: Controller, log: Path) -> HandErrors:
+def _trial(controller: Controller, log: Path, pairs: str) -> HandErrors:
     """Try a controller on a log, after the washout that every test begins with."""
-    return evaluate_samples(controller, read_samples(log), name=log.name).errors
+    return evaluate_samples(controller, read_samples(log, pairs=pairs), name=log.name).errors
 
 
 def recipe(
@@ -132,6 +146,7 @@ def recipe(
     *,
     old: CaseSpec | None = None,
     rule: str | None = None,
+    pairs: str | None = None,
     epochs: int | None = None,
     as_recorded: bool | None = None,
     resume_after: int | None = None,
@@ -149,6 +164,8 @@ def recipe(
         What the case ran until now, if there is one.
     rule : str, optional
         The learning rule, where the settings do not name it.
+    pairs : str, optional
+        The pairing rule, where the settings do not name it.
     epochs, as_recorded, resume_after, physics
         As in `CaseSpec`.
 
@@ -163,14 +180,22 @@ def recipe(
         if not logs or (config is None and rule is None):
             raise ConfigError("expected logs and --config for a new case")
         old = CaseSpec(tuple(logs), {}, Schedule(epochs=_EPOCHS))
+    learner = old.learner
+    if not (config is None and rule is None):
+        before = pairs_of(learner) if learner and rule is None else None
+        learner = read_settings(config, rule=rule, pairs=pairs, before=before)
+    elif pairs is not None:
+        learner = with_pairs(learner, pairs)
     made = replace(
         old,
         logs=tuple(logs) or old.logs,
-        learner=old.learner if config is None and rule is None else read_settings(config, rule=rule),
+        learner=learner,
+        schedule=replace(old.schedule, topics=find_pairing(pairs_of(learner)).topics),
         as_recorded=old.as_recorded if as_recorded is None else as_recorded,
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,
     )
     if made.as_recorded and (logs or epochs or not old.as_recorded):
-        return replace(made, schedule=Schedule.from_dict(RecordedSession(made.logs[0], epochs=epochs).offer().schedule))
+        session = RecordedSession(made.logs[0], epochs=epochs, topics=made.schedule.topics)
+        return replace(made, schedule=Schedule.from_dict(session.offer().schedule))
     return made if epochs is None else replace(made, schedule=replace(made.schedule, epochs=epochs))

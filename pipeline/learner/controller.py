@@ -20,7 +20,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.learner import npz
 from pipeline.learner.registry import config_from_dict, config_to_dict, make_learner
-from pipeline.learner.rule import OnlineLearner, Settings
+from pipeline.learner.rule import DEFAULT_PAIRS, OnlineLearner, Settings
 from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
 from recorders.files.anonymous_file import AnonymousFile, write_whole
@@ -56,6 +56,8 @@ class Controller:
         The u that waits for its target, empty if none does.
     provenance : mapping
         Where it came from, plain JSON values given by the caller: logs, digests, versions.
+    pairs : str
+        Name of the pairing rule that it was trained with.
 
     Raises
     ------
@@ -72,6 +74,7 @@ class Controller:
     state: Mapping[str, Floats]
     pending: Floats
     provenance: Mapping[str, Any]
+    pairs: str = DEFAULT_PAIRS
 
     def __post_init__(self) -> None:
         inputs, outputs = self.config.inputs, self.config.outputs
@@ -101,6 +104,7 @@ class Controller:
         robot_urdf: str,
         pending: Floats | None = None,
         provenance: Mapping[str, Any] | None = None,
+        pairs: str = DEFAULT_PAIRS,
     ) -> Self:
         """Take a learner's present state; `pending` is the u that waits for its target."""
         return cls(
@@ -113,6 +117,7 @@ class Controller:
             state=learner.state(),
             pending=np.empty(0) if pending is None else pending,
             provenance=dict(provenance or {}),
+            pairs=pairs,
         )
 
     @property
@@ -152,6 +157,8 @@ class Controller:
             "connections_digest": self.learner().connections_digest(),
             "provenance": self.provenance,
         }
+        if self.pairs != DEFAULT_PAIRS:
+            header["pairs"] = self.pairs
         try:
             text = json.dumps(header, allow_nan=False, sort_keys=True)
         except (TypeError, ValueError, RecursionError) as error:
@@ -195,6 +202,7 @@ class Controller:
             robot_urdf=header["robot_urdf"],
             state=arrays,
             provenance=header["provenance"],
+            pairs=header.get("pairs", DEFAULT_PAIRS),
         )
         _check_digest("state", header["state_digest"], controller.digest)
         _check_digest("connections", header["connections_digest"], controller.learner().connections_digest())
@@ -238,6 +246,7 @@ def _parse_header(file: npz.Npz) -> dict[str, Any]:
     if type(header.get("version")) is not int or header["version"] != VERSION:
         raise ControllerError(f"expected format version {VERSION}, found {value_text(header.get('version'))}")
     kinds = {"config": dict, "joints": list, "provenance": dict, **dict.fromkeys(_HEADER_TEXTS, str)}
+    kinds |= {"pairs": str} if "pairs" in header else {}
     for name, kind in kinds.items():
         if not isinstance(header.get(name), kind):
             raise ControllerError(

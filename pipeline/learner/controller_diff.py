@@ -45,6 +45,7 @@ def first_difference(a: Controller, b: Controller) -> ControllerDifference | Non
     """
     parts = (
         _of_settings({"rule": a.rule} | a.config.to_dict(), {"rule": b.rule} | b.config.to_dict()),
+        None if a.pairs == b.pairs else ControllerDifference("pairs", a.pairs, b.pairs),
         first_difference_of_arrays(_constants(a), _constants(b)),
         _of_lists("joints[{}]", a.joints, b.joints),
         _of_lists("robot_toml line {}", a.robot_toml.split("\n"), b.robot_toml.split("\n"), first=1),

@@ -3,30 +3,27 @@
 A name that a file gives is looked up among these and never imported for itself.
 """
 
-import importlib
-import pkgutil
 from collections.abc import Mapping
-from functools import cache
-from importlib.metadata import EntryPoint, entry_points
 from typing import Any
 
 from pipeline.learner import rules
 from pipeline.learner.rule import DEFAULT, OnlineLearner, Rule, Settings
 from recorders.errors import ConfigError
-from recorders.text.wording import names_text, value_text
+from recorders.registry import Registry
+from recorders.text.wording import value_text
 
-GROUP = "reenact.rules"
 KEY = "rule"
 """Setting of a configuration that names its rule; absent for `DEFAULT`."""
 
 
+RULES = Registry("learning rule", Rule, room=rules, constant="RULE", group="reenact.rules")
+
+
 def rule_names() -> tuple[str, ...]:
     """Return the names of all rules, our own first."""
-    own = _own_names()
-    return (*own, *sorted({entry.name for entry in entry_points(group=GROUP)} - set(own)))
+    return RULES.names()
 
 
-@cache
 def find_rule(name: str) -> Rule:
     """Return a rule by its name.
 
@@ -35,13 +32,7 @@ def find_rule(name: str) -> Rule:
     ConfigError
         If there is none, or what is installed under this name is none.
     """
-    if name in _own_names():
-        loaded = importlib.import_module(f"{rules.__name__}.{name.replace('-', '_')}").RULE
-    else:
-        loaded = _load(name, [entry for entry in entry_points(group=GROUP) if entry.name == name])
-    if type(loaded) is not Rule or loaded.config.rule != name:
-        raise ConfigError(f"learning rule {name}: expected a pipeline.learner.rule.Rule of this name, found another")
-    return loaded
+    return RULES.find(name)
 
 
 def config_from_dict(values: Mapping[str, Any]) -> Settings:
@@ -78,17 +69,3 @@ def default_config(rule: str | None = None, **settings: int) -> Settings:
 def make_learner(config: Settings, **centres: Any) -> OnlineLearner:
     """Make a learner of a configuration's rule; `centres` are `input_centre` and `output_centre`."""
     return find_rule(config.rule).learner(config, **centres)
-
-
-def _own_names() -> tuple[str, ...]:
-    return tuple(sorted(module.name.replace("_", "-") for module in pkgutil.iter_modules(rules.__path__)))
-
-
-def _load(name: str, entries: list[EntryPoint]) -> object:
-    if len(entries) != 1:
-        found = f"{len(entries)} installed under this name" if entries else "none"
-        raise ConfigError(f"expected a learning rule, one of {names_text(rule_names())}; {name!r:.60}: found {found}")
-    try:
-        return entries[0].load()
-    except Exception as error:  # whatever a module of others raises when it is imported
-        raise ConfigError(f"learning rule {name}: cannot be loaded: {' '.join(str(error).split())}") from error

@@ -19,6 +19,9 @@ from recorders.text.wording import names_text, value_text
 DEFAULT = "reservoir"
 """The rule of a configuration that names none."""
 
+DEFAULT_PAIRS = "commanded"
+"""The pairs of a rule or controller that names none."""
+
 
 @dataclass(frozen=True)
 class Shown:
@@ -163,10 +166,18 @@ class Rule:
         Its configuration, whose `rule` is the name of the rule.
     learner : callable
         Makes an `OnlineLearner` of a configuration, `input_centre` and `output_centre`.
+    pairs : str
+        Pairs that it learns from unless others are asked for, by the name of their pairing rule.
     """
 
     config: type[Settings]
     learner: Callable[..., OnlineLearner]
+    pairs: str = DEFAULT_PAIRS
+
+    @property
+    def name(self) -> str:
+        """Name of the rule."""
+        return self.config.rule
 
 
 def _is_finite(value: object) -> bool:

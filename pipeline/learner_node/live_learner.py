@@ -25,7 +25,7 @@ from recorders.wire.frames import Frame, FrameType
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
 from recorders.wire.subscription import LiveMessage
-from replay.sources.live import LIVE_TOPICS, LiveStream, live_offer
+from replay.sources.live import LiveStream, live_offer
 
 logger = logging.getLogger(__name__)
 
@@ -95,7 +95,12 @@ class LiveLearner:
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
         self._receiver, self._publisher = receiver, publisher
-        self._stream = LiveStream(epochs=config.epochs, check=range_check(robot), phase=trainer.checkpoint_phase)
+        self._stream = LiveStream(
+            epochs=config.epochs,
+            check=range_check(robot),
+            tick=trainer.pairing.topics,
+            phase=trainer.checkpoint_phase,
+        )
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0
@@ -117,7 +122,8 @@ class LiveLearner:
         texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
         try:
             with self._receiver.reporting_failure():
-                self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts))
+                tick = self._trainer.pairing.topics
+                self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts, tick=tick))
                 self._trainer.take(chain(first, received))
                 self._trainer.check_learned(self._stream.losses)
         finally:
@@ -203,7 +209,7 @@ class LiveLearner:
     def _live(self, event: LiveMessage) -> tuple[RecordedMessage, ...]:
         if self._receiver.offer is None:
             return self._stream.feed(event.record, numbered=event.numbered)
-        if event.record.topic in LIVE_TOPICS:
+        if event.record.topic in self._stream.topics:
             line = f"{event.record.topic}: a message that is not of the stream that awaits this learner"
             self._stream.refuse(event.record.topic, "not of the stream", line)
         return ()
@@ -239,7 +245,7 @@ class LiveLearner:
     def _counts(self) -> dict[str, Any]:
         refused = self._stream.refused.copy()
         for reason, count in tuple(self._receiver.refused.items()):
-            topic = next((topic for topic in LIVE_TOPICS if reason.startswith(f"{topic}: ")), "elsewhere")
+            topic = next((topic for topic in self._stream.topics if reason.startswith(f"{topic}: ")), "elsewhere")
             refused[f"{topic}: unread"] += count
         return {"refused": dict(refused), "dropped": self._stream.dropped, "gaps": self._stream.gaps}
 

@@ -67,7 +67,7 @@ def learn_live(
         else:
             RobotCheck(opened, robot.joints, namespace=receiver.namespace, learner=True).warn()
         with (
-            _Recording(config, robot) as recording,
+            _Recording(config, robot, trainer.pairing.topics) as recording,
             LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
             Receiver(opened, config=receiver) as receiving,
             until_stopped() as stopped,
@@ -90,13 +90,14 @@ def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
 class _Recording:
     """Log of the messages that are learned from, if one is wanted; it stays as far as it came if learning fails."""
 
-    def __init__(self, config: LiveConfig, robot: RobotConfig) -> None:
+    def __init__(self, config: LiveConfig, robot: RobotConfig, tick: tuple[str, ...]) -> None:
         self._writer: LogWriter | None = None
         if config.record is None:
             return
+        schedule = live_offer("", epochs=config.epochs, robot={}, tick=tick).schedule
         self._writer = LogWriter(
             config.record,
-            manifest={"kind": "learning", "schedule": live_offer("", epochs=config.epochs, robot={}).schedule},
+            manifest={"kind": "learning", "schedule": schedule},
             attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
             overwrite=config.overwrite,
             rechunk=False,

@@ -8,7 +8,7 @@ from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.training.trainer import Trainer
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.wire.frames import batch_topic
@@ -21,11 +21,13 @@ from replay.transports.zenoh import ZenohTransport
 
 logger = logging.getLogger(__name__)
 
-OWN_TOPICS = frozenset({SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)})
-"""What the learner listens to: a message here that is not of its stream is refused aloud."""
-
 _UNPACED = Unpaced()
 _NAME_DIGITS = 8  # of a session's identifier, by which a replay is told from others
+
+
+def own_topics(tick: Sequence[str]) -> frozenset[str]:
+    """Return the topics of a learner of these ticks: a message here that is not of its stream is refused aloud."""
+    return frozenset({SESSION_PHASE, batch_topic(), *tick})
 
 
 def learn(

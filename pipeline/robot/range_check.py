@@ -11,6 +11,7 @@ from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState
+from recorders.messages.topics import COMMANDED_TICK
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.ticks.joiner import JointMap
@@ -148,6 +149,7 @@ def live_log(
     *,
     robot: RobotConfig | None = None,
     epochs: int = 1,
+    tick: tuple[str, ...] = COMMANDED_TICK,
     renames: Mapping[str, str] = MappingProxyType({}),
 ) -> LiveLog:
     """Return a recording as `learn --live` would have received it; the robot is the log's if none is given.
@@ -161,4 +163,4 @@ def live_log(
     """
     if robot is None:
         robot = require_recorded_robot(open_log(log), has_option=True)
-    return LiveLog(log, epochs=epochs, check=range_check(robot), renames=renames)
+    return LiveLog(log, epochs=epochs, check=range_check(robot), tick=tick, renames=renames)

@@ -15,14 +15,15 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.state import state_digest
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import OutOfRange, range_check
-from pipeline.samples.pairs import CommandedPairs
+from pipeline.samples.pairing import COMMANDED
+from pipeline.samples.rules.commanded import CommandedPairs
 from pipeline.serving.calls import serving_calls
 from pipeline.serving.clock_reset import RESTART_AFTER, StampOrder
 from pipeline.serving.codec import Command, CommandEncoder, PoseReader, Position
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.rejections import Refusal, RefusedError, undecodable, unusable, wrong_type
 from recorders.cdr.codec import decode_as, encode
-from recorders.errors import JointError, MessageError
+from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
@@ -73,6 +74,8 @@ class ServedController:
     ------
     ControllerError, RobotError
         If the controller does not take two hand targets, or is not for the joints of its own robot.
+    ConfigError
+        If it is to learn, and was trained with other pairs than a served controller sees.
     """
 
     def __init__(
@@ -85,6 +88,11 @@ class ServedController:
         self._controller = controller
         self._report = report
         self._config = config or ServingConfig()
+        if self._config.learn and controller.pairs != COMMANDED:
+            raise ConfigError(
+                f"--learn: expected a controller of pairs {COMMANDED}, found one of {controller.pairs}; serve "
+                "it without"
+            )
         self._robot = robot_of(controller)
         self._learner = controller.learner()
         self._encoder = CommandEncoder(controller.joints)
@@ -252,6 +260,7 @@ class ServedController:
             joints=self._controller.joints,
             robot_toml=self._controller.robot_toml,
             robot_urdf=self._controller.robot_urdf,
+            pairs=self._controller.pairs,
             pending=self._pairs.pending,
             provenance={
                 **self._controller.provenance,
@@ -379,7 +388,7 @@ class ServedController:
     def _complete_step(self, stamp: int, values: list[Any], records: list[Any]) -> None:
         """Take the step that this tick completes: predict, score, then update."""
         left, right, joints = values
-        tick = Tick(stamp, np.array(left), np.array(right), joints, tuple(records))
+        tick = Tick(stamp, (np.array(left), np.array(right)), joints, tuple(records))
         u, d = self._row
         if self._pairs.fill(tick, u[0], d[0]):
             outputs = self._learner.step(u, d, learning=self._learning)

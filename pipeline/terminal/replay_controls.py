@@ -11,15 +11,15 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.session_reader import open_log
 from recorders.wire.stream import Offer
 from replay.diff.divergence import guard
+from replay.sources.schedule import Schedule
 from replay.transports.clock import Pausable
 from replay.transports.transport import Source
 
 _POLL_S = 0.1  # how often the keyboard is asked whether the replay is over
-_SESSION_TOPICS = frozenset({SESSION_PHASE, *(topic.name for topic in LEARNER_TOPICS)})
 
 
 class Guarded:
@@ -38,7 +38,7 @@ class Guarded:
     def __init__(self, source: Source, compare_with: Path, *, everything: bool) -> None:
         self._source = source
         self._recorded = open_log(compare_with)
-        self._topics = None if everything else _SESSION_TOPICS
+        self._topics = None if everything else {SESSION_PHASE, *Schedule.from_dict(source.offer().schedule).topics}
 
     def offer(self) -> Offer:
         """Return the offer of the stream itself."""

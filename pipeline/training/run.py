@@ -15,7 +15,8 @@ from pipeline.learner.state import state_digest
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
-from pipeline.samples.pairs import HANDS, CommandedPairs, Presentation
+from pipeline.samples.pairing import COMMANDED, HANDS, PairingRule, find_pairing
+from pipeline.samples.pairs import Presentation
 from recorders.cdr.codec import decode
 from recorders.errors import ControllerError, MessageError
 from recorders.messages.message_types import String
@@ -73,7 +74,7 @@ class Steps(NamedTuple):
     stamps_ns : list of int, length n
         Stamps of the targets [ns].
     u : ndarray, shape (n, 6)
-        Hand targets [m].
+        Hand positions that were its inputs [m].
     outputs : ndarray, shape (n, 6 + joints)
         What the network said to each: next targets [m], joints [rad or m].
     """
@@ -105,6 +106,8 @@ class LearningRun:
         Joints, centres and kinematics.
     run : str
         Name of the run; phase markers of another are refused.
+    pairing : PairingRule, optional
+        Pairs that it learns from; the paper's if left out.
     on_steps : callable, optional
         Told of the steps, some at a time; the arrays are the run's own, to be read at once.
     """
@@ -115,8 +118,10 @@ class LearningRun:
         robot: RobotConfig,
         run: str,
         *,
+        pairing: PairingRule | None = None,
         on_steps: Callable[[Steps], None] | None = None,
     ) -> None:
+        self._pairing = pairing or find_pairing(COMMANDED)
         output_centre = np.concatenate([robot.input_centre, robot.comfort])
         config = config.fitted(inputs=HANDS, outputs=len(output_centre))
         self.robot = robot
@@ -126,12 +131,12 @@ class LearningRun:
         self._on_steps = on_steps
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
-        self._pairs = CommandedPairs(robot.joints)
-        self._joiner = TickJoiner(range_check(robot))
+        self._pairs = self._pairing.pairs(robot.joints)
+        self._joiner = TickJoiner(range_check(robot), self._pairing.topics)
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, HANDS))
         self._d = np.empty((PIECE, len(output_centre)))
-        self._stamps_ns: list[int] = []  # of the targets of the steps not yet handed to the kernel
+        self._stamps_ns: list[int] = []  # of the inputs of the steps not yet handed to the kernel
         self._filled = 0
         self._time_ns = 0
 
@@ -209,11 +214,10 @@ class LearningRun:
         report = self.begin_presentation(marker)
         self._stream.extend(presentation.links)
         self.counts.ticks += len(presentation.links)
-        targets_ns = presentation.stamps_ns[:-1]
-        for first in range(0, len(targets_ns), PIECE):
+        for first in range(0, len(presentation.stamps_ns), PIECE):
             piece = slice(first, first + PIECE)
-            self._step(targets_ns[piece], presentation.u[piece], presentation.d[piece])
-        self._time_ns = presentation.stamps_ns[-1]
+            self._step(presentation.stamps_ns[piece], presentation.u[piece], presentation.d[piece])
+        self._time_ns = presentation.end_ns
         self._pairs.resume(presentation.pending)
         return report
 
@@ -229,6 +233,7 @@ class LearningRun:
             joints=self.robot.joints,
             robot_toml=self.robot.toml_text,
             robot_urdf=self.robot.urdf_text,
+            pairs=self._pairing.name,
             pending=self._pairs.pending,
             provenance=provenance,
         )
@@ -247,6 +252,10 @@ class LearningRun:
         ControllerError
             If the checkpoint is of another learner or robot, or is not one.
         """
+        if controller.pairs != self._pairing.name:
+            raise ControllerError(
+                f"expected a checkpoint of pairs {self._pairing.name}, found one of {controller.pairs}; move it away"
+            )
         if controller.config != self.learner.config or controller.robot_urdf != self.robot.urdf_text:
             raise ControllerError("the checkpoint is of another learner configuration or robot than the one asked for")
         try:
@@ -291,9 +300,9 @@ class LearningRun:
         complete = self._pairs.fill(tick, self._u[self._filled], self._d[self._filled])
         self._stream.update(tick.records)
         self.counts.ticks += 1
-        held_since_ns, self._time_ns = self._time_ns, tick.stamp_ns
+        self._time_ns = tick.stamp_ns
         if complete:
-            self._stamps_ns.append(held_since_ns)
+            self._stamps_ns.append(self._pairs.stamp_ns)
             self._filled += 1
             if self._filled == PIECE:
                 self._flush()

@@ -2,13 +2,16 @@
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from pipeline.learner.controller import Controller
+from pipeline.learner.registry import find_rule
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import offered_robot
+from pipeline.samples.pairing import PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
 from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
 from pipeline.training.run import CycleReport, LearningRun, Steps
@@ -16,7 +19,7 @@ from recorders.errors import ConfigError, ControllerError, JointError, LearningE
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.text.wording import value_text
+from recorders.text.wording import names_text, value_text
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import EpisodeLog, Replay, naming
@@ -42,6 +45,8 @@ class Trainer:
         The learner. Its number of epochs, over which the rates fall, is the stream's; its outputs fit the robot.
     robot : RobotConfig, optional
         The robot; taken from the stream's offer if left out.
+    pairs : str, optional
+        Name of the pairing rule; that of the learning rule if left out.
     checkpoint : CheckpointConfig, optional
         Where to keep checkpoints; one that is there already, of the same run, is gone on from.
     on_cycle : callable
@@ -55,10 +60,12 @@ class Trainer:
         config: Settings,
         *,
         robot: RobotConfig | None = None,
+        pairs: str | None = None,
         checkpoint: CheckpointConfig | None = None,
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
         on_progress: Callable[[int, float | None], None] = lambda ticks, share: None,
     ) -> None:
+        self.pairing = pairing_of(config, pairs)
         self._config = config
         self._robot = robot
         self._checkpoint = checkpoint
@@ -79,13 +86,15 @@ class Trainer:
         Raises
         ------
         ConfigError, RobotError
-            If the offer's schedule or robot is not usable.
+            If the offer's schedule or robot is not usable, or its topics are not those of the pairs.
         ControllerError
             If there is a checkpoint of another run, or it cannot be used.
         """
         schedule = Schedule.from_dict(offer.schedule)
+        self._check_topics(schedule)
         robot = self._robot or offered_robot(offer, has_option=True)
-        run = LearningRun(self._config.fitted(epochs=schedule.epochs), robot, offer.run, on_steps=self._on_steps)
+        config = self._config.fitted(epochs=schedule.epochs)
+        run = LearningRun(config, robot, offer.run, pairing=self.pairing, on_steps=self._on_steps)
         self._next = self._resume(run, offer)
         self._saved_ticks = run.counts.ticks
         self._whole = _Whole(self._next, run.counts.ticks)
@@ -223,7 +232,7 @@ class Trainer:
         presentations: dict[EpisodeLog, Presentation] = {}
         for episode in replay.episodes:
             with naming(episode.path):
-                presentations[episode] = Presentation.of(episode, run.robot)
+                presentations[episode] = Presentation.of(episode, run.robot, self.pairing)
         for marker, episode in replay.presentations():
             self._report(run.present(marker, presentations[episode]))
             self._next += 1 + episode.count
@@ -269,6 +278,13 @@ class Trainer:
             kept = run.controller({**self._provenance(), "checkpoint": {"next": self._whole.next, **run.snapshot()}})
             kept.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks
+
+    def _check_topics(self, schedule: Schedule) -> None:
+        if missing := [topic for topic in self.pairing.topics if topic not in schedule.topics]:
+            raise ConfigError(
+                f"pairs {self.pairing.name}: expected a stream with {names_text(missing)}, found one of "
+                f"{names_text(schedule.topics)}; give sender and learner the same --pairs"
+            )
 
     def _provenance(self) -> dict[str, Any]:
         run, offer = self._running(), self._offer
@@ -343,6 +359,7 @@ def train(
     schedule: Schedule,
     config: Settings,
     robot: RobotConfig | None = None,
+    pairs: str | None = None,
     renames: Mapping[str, str] = _NO_RENAMES,
     on_cycle: Callable[[CycleReport], None] = lambda report: None,
 ) -> Trainer:
@@ -358,6 +375,8 @@ def train(
         The learner.
     robot : RobotConfig, optional
         The robot, for logs that carry none.
+    pairs : str, optional
+        Name of the pairing rule, whose topics are presented; that of the learning rule if left out.
     renames : mapping of str to str
         Our topic names for those that the logs use.
     on_cycle : callable
@@ -368,7 +387,8 @@ def train(
     ReenactError
         If a log, its robot or a message is not what it should be.
     """
-    return train_on(Replay(paths, schedule, renames=renames), Trainer(config, robot=robot, on_cycle=on_cycle))
+    trainer = Trainer(config, robot=robot, pairs=pairs, on_cycle=on_cycle)
+    return train_on(Replay(paths, replace(schedule, topics=trainer.pairing.topics), renames=renames), trainer)
 
 
 def train_on(source: Source, trainer: Trainer) -> Trainer:
@@ -384,3 +404,14 @@ def train_on(source: Source, trainer: Trainer) -> Trainer:
     else:
         InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
     return trainer
+
+
+def pairing_of(config: Settings, pairs: str | None = None) -> PairingRule:
+    """Return a pairing rule by its name, that of a configuration's learning rule if none is named.
+
+    Raises
+    ------
+    ConfigError
+        If there is none of this name.
+    """
+    return find_pairing(pairs or find_rule(config.rule).pairs)

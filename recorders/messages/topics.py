@@ -86,7 +86,13 @@ _ROWS = (
 
 TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}
 
-LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS))
+COMMANDED_TICK = (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS)
+"""Topics of a tick as commanded: targets of the hands, and joints."""
+
+REACHED_TICK = (LEFT_MEASURED, RIGHT_MEASURED, SAMPLE_JOINTS)
+"""Topics of a tick as reached: hands as measured, and joints."""
+
+LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in COMMANDED_TICK)
 
 
 def type_of(topic: str) -> str:

@@ -1,7 +1,7 @@
 """Ticks for training: the messages of one sample in recorded order, where anything amiss is an error."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from math import isfinite
 from typing import Any, NamedTuple, TypeAlias
@@ -9,51 +9,50 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from recorders.cdr.codec import decode_as
-from recorders.errors import JointError, MessageError
+from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS
+from recorders.messages.topics import COMMANDED_TICK, type_of
 from recorders.messages.validation import FloatArray, read_only
 from recorders.text.wording import names_text
 from recorders.ticks.stamp_joiner import OpenTick, StampJoiner, name_of
 
 MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
-RANKS = {topic.name: rank for rank, topic in enumerate(LEARNER_TOPICS)}
-"""Place of each of the learner's topics in a tick."""
-
 Check: TypeAlias = Callable[[FloatArray | JointState], None]
-"""Raises JointError or MessageError for a target [m] (3,) or joints that cannot be the robot's."""
+"""Raises JointError or MessageError for a position [m] (3,) or joints that cannot be the robot's."""
+
+_Reader: TypeAlias = Callable[[bytes], tuple[int, Any]]
 
 _MAX_LAYOUTS = 64
+_MAX_TOPICS = 64
 _REMEMBERED = 8192  # messages of each kind, a few MB
 _MAX_REMEMBERED_SIZE = 2048  # bytes: 15 joints take 460
 
 
 class Tick(NamedTuple):
-    """One sample: the new targets and the joints measured at the same instant.
+    """One sample: positions of hands and the joints measured, all at the same instant.
 
     Attributes
     ----------
     stamp_ns : int
-        The stamp that all three messages carry [ns].
-    left, right : array, shape (3,)
-        Commanded hand positions [m], read-only.
+        The stamp that all its messages carry [ns].
+    hands : tuple of array, shape (3,) each
+        Positions [m], read-only, in the order of the tick's topics: as commanded, or as measured.
     joints : JointState
         Joints at the tick.
     records : tuple of RecordedMessage
-        The messages themselves, in the order of `LEARNER_TOPICS`.
+        The messages themselves, in the order of the tick's topics.
     """
 
     stamp_ns: int
-    left: FloatArray
-    right: FloatArray
+    hands: tuple[FloatArray, ...]
     joints: JointState
     records: tuple[RecordedMessage, ...]
 
 
 def pass_all(value: FloatArray | JointState) -> None:
-    """Let every target and all joints pass, where no robot is known that they could be of."""
+    """Let every position and all joints pass, where no robot is known that they could be of."""
 
 
 class TickJoiner:
@@ -66,13 +65,18 @@ class TickJoiner:
     Parameters
     ----------
     check : callable
-        What is asked of a target or of joints beyond finite numbers in a target.
+        What is asked of a position or of joints beyond finite numbers in a position.
+    topics : sequence of str
+        The topics that a tick has a message of each: hands in the order wanted, and the joints.
     """
 
-    def __init__(self, check: Check = pass_all) -> None:
+    def __init__(self, check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK) -> None:
         self._check = check
-        self._ticks: StampJoiner[Any] = StampJoiner(tuple(RANKS), limit=MAX_OPEN, give_up=self._refuse_incomplete)
-        self._last = [-1] * len(RANKS)
+        self._topics = tuple(topics)
+        self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(self._topics)}
+        self._joints = joints_rank(self._topics)
+        self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._refuse_incomplete)
+        self._last = [-1] * len(self._topics)
 
     def feed(self, record: RecordedMessage) -> tuple[Tick, ...]:
         """Take in one message and return the tick that it completes, if any.
@@ -85,10 +89,11 @@ class TickJoiner:
         JointError
             If its joints do not pass the check.
         """
-        rank = RANKS.get(record.topic)
-        if rank is None:
+        known = self._inputs.get(record.topic)
+        if known is None:
             return ()
-        stamp, value = read_input(record, rank)
+        rank, tick_input = known
+        stamp, value = tick_input.read(record)
         try:
             self._check(value)
         except (JointError, MessageError) as error:
@@ -99,8 +104,9 @@ class TickJoiner:
         parts = self._ticks.add(stamp, rank, record, value)
         if parts is None:
             return ()
-        (left, target_l), (right, target_r), (joints, posture) = parts
-        return (Tick(stamp, target_l, target_r, posture, (left, right, joints)),)
+        records, values = zip(*parts, strict=True)
+        hands = (*values[: self._joints], *values[self._joints + 1 :])
+        return (Tick(stamp, hands, values[self._joints], records),)
 
     @property
     def idle(self) -> bool:
@@ -119,7 +125,7 @@ class TickJoiner:
     def clear(self) -> None:
         """Forget the messages of unfinished ticks and begin a new cycle."""
         self._ticks.clear()
-        self._last = [-1] * len(RANKS)
+        self._last = [-1] * len(self._topics)
 
     def _refuse_incomplete(self, stamp: int, tick: OpenTick, but: str) -> None:
         stamp, tick = self._ticks.oldest() or (stamp, tick)
@@ -129,7 +135,9 @@ class TickJoiner:
         )
 
 
-def join_ticks(records: Iterable[RecordedMessage], check: Check = pass_all) -> Iterator[Tick]:
+def join_ticks(
+    records: Iterable[RecordedMessage], check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK
+) -> Iterator[Tick]:
     """Yield the ticks of one cycle, such as a whole episode log.
 
     Raises
@@ -137,7 +145,7 @@ def join_ticks(records: Iterable[RecordedMessage], check: Check = pass_all) -> I
     MessageError, JointError
         As `TickJoiner.feed` and `TickJoiner.finish` do.
     """
-    joiner = TickJoiner(check)
+    joiner = TickJoiner(check, topics)
     for record in records:
         yield from joiner.feed(record)
     joiner.finish()
@@ -198,26 +206,60 @@ def _refuse_repeated(wanted: tuple[str, ...], found: tuple[str, ...], what: str)
         raise JointError(f"{names_text(repeated)} twice among {what}: {names_text(found)}")
 
 
-def read_input(record: RecordedMessage, rank: int) -> tuple[int, FloatArray | JointState]:
-    """Return the stamp [ns] of a message on the topic of a rank, and the target [m] (3,) or the joints that it holds.
+class TickInput:
+    """Reads the messages of one topic of a tick.
+
+    Parameters
+    ----------
+    topic : str
+        The topic, one of hands or joints.
+    """
+
+    def __init__(self, topic: str) -> None:
+        self._type = type_of(topic)
+        self._read, self._read_remembered = _READERS[self._type]
+
+    def read(self, record: RecordedMessage) -> tuple[int, FloatArray | JointState]:
+        """Return the stamp [ns] of a message, and the position [m] (3,) or the joints that it holds.
+
+        Raises
+        ------
+        MessageError
+            If it has the wrong type, does not decode, or is a position that holds NaN or infinity: which of the joints
+            are a robot's is not known here.
+        """
+        if record.type != self._type:
+            raise MessageError(f"{name_of(record)}: expected {self._type}, found {record.type!r}")
+        data = record.data
+        try:
+            return self._read_remembered(data) if len(data) <= _MAX_REMEMBERED_SIZE else self._read(data)
+        except MessageError as error:
+            raise MessageError(f"{name_of(record)}: {error}") from None
+
+
+def joints_rank(topics: Sequence[str]) -> int:
+    """Return the place of the joints' topic among those of a tick."""
+    return next(rank for rank, topic in enumerate(topics) if type_of(topic) == JointState.TYPE)
+
+
+def check_tick_topics(topics: Sequence[str]) -> tuple[str, ...]:
+    """Return topics that a tick may be made of: one of joints, all others of positions, none of them twice.
 
     Raises
     ------
-    MessageError
-        If it has the wrong type, does not decode, or is a target that holds NaN or infinity: which of the joints are a
-        robot's is not known here.
+    ConfigError
+        If they are others.
     """
-    expected, read, read_remembered = _INPUTS[rank]
-    if record.type != expected:
-        raise MessageError(f"{name_of(record)}: expected {expected}, found {record.type!r}")
-    data = record.data
-    try:
-        return read_remembered(data) if len(data) <= _MAX_REMEMBERED_SIZE else read(data)
-    except MessageError as error:
-        raise MessageError(f"{name_of(record)}: {error}") from None
+    types = Counter(map(type_of, topics))
+    hands, joints = types[PoseStamped.TYPE], types[JointState.TYPE]
+    if not 1 <= len(topics) <= _MAX_TOPICS or joints != 1 or hands + 1 != len(topics) or len(set(topics)) < len(topics):
+        raise ConfigError(
+            f"expected as a tick's topics hands, each once, and one of joints, found {names_text(topics) or 'none'}"
+        )
+    return tuple(topics)
 
 
-def _read_target(data: bytes) -> tuple[int, FloatArray]:
+def _read_position(data: bytes) -> tuple[int, FloatArray]:
     pose = decode_as(PoseStamped, data)
     _refuse_nan(pose.position, pose.stamp_ns)
     return pose.stamp_ns, pose.position
@@ -245,13 +287,11 @@ def _out_of_order(record: RecordedMessage, stamp: int, last: int) -> MessageErro
 
 # Training feeds the same episode hundreds of times, so the latest messages are remembered by their bytes, which is
 # safe because what is decoded cannot be changed.
-_remembered_target = lru_cache(maxsize=_REMEMBERED)(_read_target)
+_remembered_position = lru_cache(maxsize=_REMEMBERED)(_read_position)
 _remembered_joints = lru_cache(maxsize=_REMEMBERED)(_read_joints)
 
-# What to expect on each learner topic, by rank: its type, how to read it, and how to read it if it may come again.
-_INPUTS = tuple(
-    (topic.type, _read_joints, _remembered_joints)
-    if topic.type == JointState.TYPE
-    else (topic.type, _read_target, _remembered_target)
-    for topic in LEARNER_TOPICS
-)
+# By type: how to read a message, and how to read one that may come again.
+_READERS: dict[str, tuple[_Reader, _Reader]] = {
+    JointState.TYPE: (_read_joints, _remembered_joints),
+    PoseStamped.TYPE: (_read_position, _remembered_position),
+}

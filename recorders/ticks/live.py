@@ -7,8 +7,8 @@ from typing import NamedTuple
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import JointError, MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SAMPLE_JOINTS
-from recorders.ticks.joiner import RANKS, Check, pass_all, read_input
+from recorders.messages.topics import COMMANDED_TICK
+from recorders.ticks.joiner import Check, TickInput, joints_rank, pass_all
 from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner, name_of
 
 MAX_PENDING = 64
@@ -26,7 +26,6 @@ class LiveTick(NamedTuple):
     after_gap: bool
 
 
-_JOINTS = RANKS[SAMPLE_JOINTS]
 _APART = 4  # two counters that one tick raises by less than this in all are not one counter over both topics
 
 
@@ -86,7 +85,9 @@ class LiveTicks:
     Parameters
     ----------
     check : callable
-        What else is asked of a target or of joints.
+        What else is asked of a position or of joints.
+    topics : sequence of str
+        The topics that a tick has a message of each: hands in the order wanted, and the joints.
 
     Attributes
     ----------
@@ -94,9 +95,11 @@ class LiveTicks:
         Stamps given up so far, as messages of theirs never came.
     """
 
-    def __init__(self, check: Check = pass_all) -> None:
+    def __init__(self, check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK) -> None:
         self._check = check
-        self._ticks: StampJoiner[int | None] = StampJoiner(tuple(RANKS), limit=MAX_PENDING, give_up=self._give_up)
+        self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(topics)}
+        self._joints = joints_rank(topics)
+        self._ticks: StampJoiner[int | None] = StampJoiner(topics, limit=MAX_PENDING, give_up=self._give_up)
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
         self._numbers = _Numbers()
         self.dropped = 0
@@ -112,7 +115,7 @@ class LiveTicks:
         self._lost = False  # whether a tick was given up since the last complete one
 
     def feed(self, record: RecordedMessage, *, numbered: bool) -> LiveTick | None:
-        """Take in a message on one of the learner's topics, and return the tick that it completes.
+        """Take in a message on one of the tick's topics, and return the tick that it completes.
 
         Parameters
         ----------
@@ -126,9 +129,9 @@ class LiveTicks:
         RejectionError
             If the message is of no use.
         """
-        rank = RANKS[record.topic]
+        rank, tick_input = self._inputs[record.topic]
         try:
-            stamp = self._read(record, rank)
+            stamp = self._read(record, tick_input)
         except RejectionError:
             self._note_refused(record, rank)
             raise
@@ -141,12 +144,12 @@ class LiveTicks:
         parts = self._ticks.add(stamp, rank, record, record.sequence if numbered else None)
         return None if parts is None else self._complete(stamp, parts)
 
-    def _read(self, record: RecordedMessage, rank: int) -> int:
+    def _read(self, record: RecordedMessage, tick_input: TickInput) -> int:
         if len(record.data) > MAX_MESSAGE:
             line = f"{name_of(record)}: {len(record.data)} bytes, expected at most {MAX_MESSAGE}"
             raise RejectionError("too large", line)
         try:
-            stamp, value = read_input(record, rank)
+            stamp, value = tick_input.read(record)
         except MessageError as error:
             raise RejectionError("unreadable", str(error)) from None
         try:
@@ -162,7 +165,7 @@ class LiveTicks:
             stamp = stamp_ns(record.type, record.data)
         except MessageError:
             return
-        if rank == _JOINTS or stamp is None or stamp <= self._last_ns:
+        if rank == self._joints or stamp is None or stamp <= self._last_ns:
             return
         self._refused_at[stamp] = None
         if len(self._refused_at) > MAX_PENDING:
@@ -178,5 +181,5 @@ class LiveTicks:
 
     def _give_up(self, stamp: int, tick: OpenTick, _but: str) -> None:
         self.dropped += 1
-        has_target = any(part is not None for rank, part in enumerate(tick) if rank != _JOINTS)
+        has_target = any(part is not None for rank, part in enumerate(tick) if rank != self._joints)
         self._lost |= has_target or stamp in self._refused_at

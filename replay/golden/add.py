@@ -148,7 +148,7 @@ def _copies(recipe: CaseSpec, folder: Path) -> tuple[Path, ...]:
         )
     copies = tuple(folder / name for name in names)
     for source, target in zip(recipe.logs, copies, strict=True):
-        strip_topics(source, target, physics=recipe.physics, file_order=recipe.as_recorded)
+        strip_topics(source, target, physics=recipe.physics, tick=recipe.schedule.topics, file_order=recipe.as_recorded)
     return copies
 
 

@@ -10,7 +10,7 @@ from typing import NamedTuple
 from recorders.errors import LogError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
+from recorders.messages.topics import COMMANDED_TICK, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import Reader, open_log
@@ -18,8 +18,7 @@ from recorders.writing.writer import RESERVED, LogWriter
 from replay.golden.finding import LOG, Finding, one_line
 from replay.sources.stream_digest import frame_for_digest
 
-_LEARNED = (*(topic.name for topic in LEARNER_TOPICS), SESSION_PHASE)
-CASE_TOPICS = (*_LEARNED, LEFT_MEASURED, RIGHT_MEASURED)
+CASE_TOPICS = (*COMMANDED_TICK, SESSION_PHASE, LEFT_MEASURED, RIGHT_MEASURED)
 
 _KEY = struct.Struct("<BIQ")  # place of the topic above, sequence, first bytes of the digest
 _MESSAGE = "message"
@@ -52,7 +51,9 @@ class _Key(NamedTuple):
         return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
 
 
-def strip_topics(source: Log, target: Path, *, physics: bool, file_order: bool = False) -> None:
+def strip_topics(
+    source: Log, target: Path, *, physics: bool, tick: tuple[str, ...] = COMMANDED_TICK, file_order: bool = False
+) -> None:
     """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
 
     Parameters
@@ -62,7 +63,9 @@ def strip_topics(source: Log, target: Path, *, physics: bool, file_order: bool =
     target : Path
         Where the copy goes.
     physics : bool
-        Whether the hands as measured are needed, which no learner takes.
+        Whether targets and the hands as measured are needed, whatever the learner takes.
+    tick : tuple of str
+        Topics that the learner takes.
     file_order : bool
         Whether the order of the file counts, and not that of the log times.
 
@@ -75,10 +78,11 @@ def strip_topics(source: Log, target: Path, *, physics: bool, file_order: bool =
     if isinstance(source, Path) and set(reader.topics) <= set(CASE_TOPICS):
         target.write_bytes(source.read_bytes())
         return
+    kept = CASE_TOPICS if physics else (SESSION_PHASE, *tick)
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
     attachments = {name: reader.attachment(name) for name in reader.attachments}
     with LogWriter(target, manifest=manifest, attachments=attachments) as writer:
-        for record in reader.records(topics=CASE_TOPICS if physics else _LEARNED, file_order=file_order):
+        for record in reader.records(topics=kept, file_order=file_order):
             writer.copy(record)
 
 

@@ -76,7 +76,7 @@ class CaseSpec:
     def source(self) -> Replay | RecordedSession:
         """Return the stream that these logs make; raises ReenactError if one of them does not fit."""
         if self.as_recorded:
-            return RecordedSession(self.logs[0], epochs=self.schedule.epochs)
+            return RecordedSession(self.logs[0], epochs=self.schedule.epochs, topics=self.schedule.topics)
         return Replay(self.logs, self.schedule)
 
 

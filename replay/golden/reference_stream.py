@@ -8,15 +8,13 @@ from recorders.cdr.codec import decode, encode
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS
+from recorders.messages.topics import SESSION_PHASE, TOPICS
 from recorders.reading.reader import LogReader
 from replay.diff.divergence import first_divergence
 from replay.golden.case import Case
 from replay.golden.finding import LEARNING, Finding, of_message
 from replay.golden.recipe import CaseSpec
 from replay.sources.scheduled import typed
-
-_INPUTS = tuple(topic.name for topic in LEARNER_TOPICS)
 
 
 def altered_stream(case: Case) -> Finding | None:
@@ -33,14 +31,15 @@ def altered_stream(case: Case) -> Finding | None:
 def expected_stream(case: Case) -> Iterator[RecordedMessage]:
     """Yield the messages of the run, phase markers included."""
     recipe = case.recipe
+    inputs = recipe.schedule.topics
     if recipe.as_recorded:
-        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*_INPUTS, SESSION_PHASE), file_order=True))
+        yield from map(typed, LogReader(recipe.logs[0]).records(topics=(*inputs, SESSION_PHASE), file_order=True))
         return
     presentations = enumerate(_presentations(recipe, len(case.logs)))
     for number, (epoch, cycle, phase, log) in presentations:
         marker = Phase(str(case.expected.get("run")), epoch, cycle, phase, case.logs[log].ticks_sha256)
         yield RecordedMessage(SESSION_PHASE, TOPICS[SESSION_PHASE].type, encode(marker.to_message()), number, 0)
-        yield from map(typed, LogReader(recipe.logs[log]).records(topics=_INPUTS))
+        yield from map(typed, LogReader(recipe.logs[log]).records(topics=inputs))
 
 
 def _by_marker(stream: Iterator[RecordedMessage]) -> Iterator[list[RecordedMessage]]:

@@ -12,11 +12,11 @@ from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE
+from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.text.wording import escape_control
-from recorders.ticks.joiner import RANKS, Check, pass_all
+from recorders.ticks.joiner import Check, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks
 from recorders.ticks.stamp_joiner import RejectionError
 from recorders.wire.stream import Offer
@@ -27,8 +27,6 @@ logger = logging.getLogger(__name__)
 
 LIVE_RUN = hashlib.sha256(b"live").hexdigest()[:32]
 """Names a run to which nobody has given a name with a phase marker."""
-
-LIVE_TOPICS = frozenset({SESSION_PHASE, *RANKS})
 
 _NO_RENAMES: Mapping[str, str] = {}
 
@@ -47,7 +45,9 @@ class LiveStream:
     epochs : int
         Epochs of the run, over which the rates fall; markers of later ones are refused.
     check : callable
-        What else is asked of a target or of joints.
+        What else is asked of a position or of joints.
+    tick : tuple of str
+        Topics that a tick has a message of each.
     phase : Phase, optional
         Where the learner that takes the stream stands already.
     quiet : bool
@@ -55,6 +55,8 @@ class LiveStream:
 
     Attributes
     ----------
+    topics : frozenset of str
+        Topics of the stream: those of a tick, and of phase markers.
     refused : counter of str
         How many messages were refused, by topic and reason.
     gaps : int
@@ -70,6 +72,7 @@ class LiveStream:
         *,
         epochs: int = 1,
         check: Check = pass_all,
+        tick: tuple[str, ...] = COMMANDED_TICK,
         phase: Phase | None = None,
         quiet: bool = False,
     ) -> None:
@@ -77,7 +80,8 @@ class LiveStream:
         self._phase = phase
         self._quiet = quiet
         self._marked = False  # whether the marker in force has been passed on
-        self._joiner = LiveTicks(check)
+        self._joiner = LiveTicks(check, tick)
+        self.topics = frozenset({SESSION_PHASE, *tick})
         self._arrived: Counter[str] = Counter()
         self._repeats = 0
         self._follows = False  # whether a tick was passed on since the marker in force was
@@ -115,7 +119,7 @@ class LiveStream:
         numbered : bool
             Whether its sequence is its producer's; the others are numbered here, as a recorder numbers them.
         """
-        if record.topic not in LIVE_TOPICS:
+        if record.topic not in self.topics:
             return ()
         if not numbered:
             record = record._replace(sequence=self._arrived[record.topic])
@@ -197,7 +201,9 @@ class LiveLog:
     epochs : int
         Epochs of the run.
     check : callable
-        What else is asked of a target or of joints.
+        What else is asked of a position or of joints.
+    tick : tuple of str
+        Topics that a tick has a message of each, by our names.
     renames : mapping of str to str
         Our topic names for those that the log uses.
 
@@ -214,6 +220,7 @@ class LiveLog:
         *,
         epochs: int = 1,
         check: Check = pass_all,
+        tick: tuple[str, ...] = COMMANDED_TICK,
         renames: Mapping[str, str] = _NO_RENAMES,
     ) -> None:
         self._reader = open_log(path)
@@ -221,6 +228,7 @@ class LiveLog:
         self._renames = dict(renames)
         self._epochs = epochs
         self._check = check
+        self._tick = tick
         self._robot = read_robot(self._reader)
         self._check_order()
         counted = self._new_stream(quiet=False)
@@ -229,13 +237,20 @@ class LiveLog:
         if counted.steps == 0:
             found = f"{counted.ticks} of them{counted.losses}" if counted.ticks else f"none{counted.losses}"
             raise LogError(
-                f"{path}: expected complete ticks on {', '.join(RANKS)} that follow upon one another, found {found}; "
+                f"{path}: expected complete ticks on {', '.join(tick)} that follow upon one another, found {found}; "
                 "see `reenact info`"
             )
 
     def offer(self) -> Offer:
         """Return the offer that the consumers get before the first message."""
-        return live_offer(self._run, epochs=self._epochs, robot=self._robot, messages=self._count, log=self.path.name)
+        return live_offer(
+            self._run,
+            epochs=self._epochs,
+            robot=self._robot,
+            tick=self._tick,
+            messages=self._count,
+            log=self.path.name,
+        )
 
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
@@ -244,7 +259,7 @@ class LiveLog:
                 yield record
 
     def _new_stream(self, *, quiet: bool = True) -> LiveStream:
-        return LiveStream(epochs=self._epochs, check=self._check, quiet=quiet)
+        return LiveStream(epochs=self._epochs, check=self._check, tick=self._tick, quiet=quiet)
 
     def _check_order(self) -> None:
         """Refuse a log whose chunks lie in another order than they were recorded in."""
@@ -261,22 +276,28 @@ class LiveLog:
 
     def _falls(self) -> bool:
         """Whether the log times of the messages for a learner fall in the order of the file."""
-        records = renamed(self._reader, self._renames, LIVE_TOPICS, file_order=True)
+        records = renamed(self._reader, self._renames, self._new_stream().topics, file_order=True)
         return any(after.log_time_ns < before.log_time_ns for before, after in pairwise(records))
 
     def _stream(self, live: LiveStream, *, file_order: bool = True) -> Iterator[RecordedMessage]:
-        for record in renamed(self._reader, self._renames, LIVE_TOPICS, file_order=file_order):
+        for record in renamed(self._reader, self._renames, live.topics, file_order=file_order):
             yield from live.feed(record)
         live.finish()
 
 
 def live_offer(
-    run: str, *, epochs: int, robot: Mapping[str, str], messages: int | None = None, log: str | None = None
+    run: str,
+    *,
+    epochs: int,
+    robot: Mapping[str, str],
+    tick: tuple[str, ...] = COMMANDED_TICK,
+    messages: int | None = None,
+    log: str | None = None,
 ) -> Offer:
     """Return the offer of a live stream, or of the log of one."""
     return Offer(
         run=run,
-        schedule=Schedule(epochs=epochs, phases=((LEARN, 1),)).to_dict(),
+        schedule=Schedule(epochs, ((LEARN, 1),), tick).to_dict(),
         logs=[] if log is None else [{"name": log}],
         robot=dict(robot),
         messages=messages,

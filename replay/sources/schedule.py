@@ -1,4 +1,4 @@
-"""The training schedule: how often each log is presented, and what for."""
+"""The training schedule: how often each log is presented, what for, and which of its topics make a tick."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -6,7 +6,9 @@ from typing import Any, Self
 
 from recorders.errors import ConfigError
 from recorders.messages.phase import EVALUATE, LEARN, PHASES, WASHOUT
+from recorders.messages.topics import COMMANDED_TICK
 from recorders.text.wording import value_text
+from recorders.ticks.joiner import check_tick_topics
 
 MAX_CYCLES = 1_000_000
 """More cycles an epoch than anyone presents: a schedule may come from the network."""
@@ -23,11 +25,13 @@ class Schedule:
     phases : tuple of (str, int)
         Phases of an epoch with their numbers of cycles, in order: one cycle without learning, five with, one
         evaluated (paper, section III-B).
+    topics : tuple of str
+        Topics that are presented: those of a tick.
 
     Raises
     ------
     ConfigError
-        If a number is out of range or a phase is unknown.
+        If a number is out of range, a phase is unknown, or topics are not those of a tick.
 
     Examples
     --------
@@ -37,6 +41,7 @@ class Schedule:
 
     epochs: int = 150
     phases: tuple[tuple[str, int], ...] = ((WASHOUT, 1), (LEARN, 5), (EVALUATE, 1))
+    topics: tuple[str, ...] = COMMANDED_TICK
 
     def __post_init__(self) -> None:
         """Check ranges and names."""
@@ -53,6 +58,7 @@ class Schedule:
                 )
         if not self.phases:
             raise ConfigError("phases: expected at least one, found none")
+        check_tick_topics(self.topics)
 
     @property
     def cycles(self) -> int:
@@ -68,14 +74,16 @@ class Schedule:
                 cycle += 1
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the schedule for JSON."""
-        return {"epochs": self.epochs, "phases": [list(phase) for phase in self.phases]}
+        """Return the schedule for JSON; topics as commanded are not named."""
+        named = {} if self.topics == COMMANDED_TICK else {"topics": list(self.topics)}
+        return {"epochs": self.epochs, "phases": [list(phase) for phase in self.phases]} | named
 
     @classmethod
     def from_dict(cls, fields: Mapping[str, Any]) -> Self:
         """Read a schedule back; raises ConfigError if it is not one."""
         try:
             phases = tuple((phase, cycles) for phase, cycles in fields["phases"])
-            return cls(epochs=fields["epochs"], phases=phases)
-        except (KeyError, TypeError, ValueError) as error:
+            topics = tuple(fields.get("topics", COMMANDED_TICK))
+            return cls(fields["epochs"], phases, topics)
+        except (AttributeError, KeyError, TypeError, ValueError) as error:
             raise ConfigError(f"schedule: expected epochs and phases, found {str(fields)[:80]}") from error

@@ -10,7 +10,7 @@ from recorders.cdr.codec import encode
 from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE, TOPICS, type_of
+from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE, TOPICS, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
 from recorders.text.wording import names_text
@@ -24,7 +24,6 @@ CACHE_BYTES = 64 << 20
 
 ROBOT_FILES = {"toml": "robot.toml", "urdf": "robot.urdf"}
 
-_NEEDED = tuple(topic.name for topic in LEARNER_TOPICS)
 _NO_RENAMES: Mapping[str, str] = {}
 
 
@@ -38,6 +37,8 @@ class EpisodeLog:
     renames : mapping of str to str
         Our topic names for those that the log uses, so that a log recorded by others trains; those of topics that it
         does not have count for nothing.
+    tick : tuple of str
+        Topics that a tick has a message of each, by our names.
 
     Attributes
     ----------
@@ -58,7 +59,10 @@ class EpisodeLog:
         If a message is not what it should be, or a tick is not complete.
     """
 
-    def __init__(self, path: Log, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+    def __init__(
+        self, path: Log, *, renames: Mapping[str, str] = _NO_RENAMES, tick: tuple[str, ...] = COMMANDED_TICK
+    ) -> None:
+        self._tick = tick
         self._reader = open_log(path)
         self.path = self._reader.path
         self.topics = tuple(self._reader.topics)
@@ -77,12 +81,12 @@ class EpisodeLog:
         return self._cache is not None
 
     def _read(self) -> Iterator[RecordedMessage]:
-        return renamed(self._reader, self._renames, _NEEDED)
+        return renamed(self._reader, self._renames, self._tick)
 
     def _survey(self) -> None:
         """Read the log through once: check, count and hash it and, if it is small, keep it."""
         self._check_topics()
-        digest, joiner, size = StreamDigest(), TickJoiner(), 0
+        digest, joiner, size = StreamDigest(), TickJoiner(topics=self._tick), 0
         self.count = 0
         for message in self._read():
             check_size(message, self.path)
@@ -102,7 +106,7 @@ class EpisodeLog:
     def _check_topics(self) -> None:
         there = {topic for topic, count in self._reader.counts.items() if count > 0}
         found = {self._renames.get(topic, topic) for topic in there}
-        missing = [topic for topic in _NEEDED if topic not in found]
+        missing = [topic for topic in self._tick if topic not in found]
         if missing:
             others = names_text(self._nameable(there, missing))
             choice = f", or rename with --map one of {others}" if others else "; it has no other topic to rename"
@@ -114,7 +118,7 @@ class EpisodeLog:
 
     def _nameable(self, there: Collection[str], missing: Collection[str]) -> list[str]:
         """Return the topics that are neither ours nor renamed already, and may be of the type of a missing one."""
-        free = set(there) - set(_NEEDED) - self._renames.keys()
+        free = set(there) - set(self._tick) - self._renames.keys()
         types, found = {"", *map(type_of, missing)}, self._reader.topics
         return sorted(topic for topic in free if found.get(topic, "") in types)
 
@@ -235,7 +239,7 @@ class Replay:
     paths : sequence of Path or Parts
         Logs; a cycle presents them in this order, each under a phase marker of its own.
     schedule : Schedule
-        Epochs and phases.
+        Epochs and phases, and topics of a tick.
     renames : mapping of str to str
         Our topic names for those that the logs use.
 
@@ -252,7 +256,7 @@ class Replay:
         if not paths:
             raise LogError("expected at least one log, found none")
         self.schedule = schedule
-        self.episodes = [EpisodeLog(path, renames=renames) for path in paths]
+        self.episodes = [EpisodeLog(path, renames=renames, tick=schedule.topics) for path in paths]
         self.robot = self.episodes[0].robot
         for episode in self.episodes[1:]:
             if episode.robot != self.robot:

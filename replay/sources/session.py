@@ -1,6 +1,7 @@
 """A recorded session as a stream: the learner's messages and the phase markers, as they were recorded."""
 
 from collections.abc import Iterator, Mapping
+from dataclasses import replace
 from itertools import islice
 
 from recorders.cdr.codec import decode
@@ -8,7 +9,7 @@ from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, SESSION_PHASE
+from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import open_log
 from recorders.wire.stream import Offer
@@ -16,7 +17,6 @@ from replay.sources.schedule import Schedule
 from replay.sources.scheduled import check_size, naming, read_robot, renamed
 
 _NO_RENAMES: Mapping[str, str] = {}
-_TOPICS = frozenset({SESSION_PHASE, *(topic.name for topic in LEARNER_TOPICS)})
 
 
 class RecordedSession:
@@ -30,6 +30,8 @@ class RecordedSession:
         How many epochs the session had; needed if the log does not state it, as the rates fall over them.
     renames : mapping of str to str
         Our topic names for those that the log uses.
+    topics : tuple of str, optional
+        Topics that are presented; if left out, those that the log states, or targets and joints.
 
     Attributes
     ----------
@@ -42,11 +44,20 @@ class RecordedSession:
         If the log cannot be read, has no markers or those of several runs, or the number of epochs is unknown.
     """
 
-    def __init__(self, path: Log, *, epochs: int | None = None, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+    def __init__(
+        self,
+        path: Log,
+        *,
+        epochs: int | None = None,
+        renames: Mapping[str, str] = _NO_RENAMES,
+        topics: tuple[str, ...] | None = None,
+    ) -> None:
         self._reader = open_log(path)
         self.path = self._reader.path
         self._renames = dict(renames)
         self._robot = read_robot(self._reader)
+        topics = topics or self._stated_topics()
+        self._topics = frozenset({SESSION_PHASE, *topics})
         self._count, runs = 0, list[str]()
         for message in self.stream():
             self._count += 1
@@ -57,7 +68,7 @@ class RecordedSession:
             found = f"those of {len(set(runs))}" if runs else "none"
             raise LogError(f"{path}: expected the phase markers of one recorded run, found {found}")
         self.run = runs[0]
-        self.schedule = self._find_schedule(epochs)
+        self.schedule = self._find_schedule(epochs, topics).to_dict()
 
     def offer(self) -> Offer:
         """Return the offer that the consumers get before the first message."""
@@ -75,15 +86,21 @@ class RecordedSession:
 
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages in the order of the file, from index `start` on."""
-        return islice(renamed(self._reader, self._renames, _TOPICS, file_order=True), start, None)
+        return islice(renamed(self._reader, self._renames, self._topics, file_order=True), start, None)
 
-    def _find_schedule(self, epochs: int | None) -> dict[str, object]:
+    def _stated_topics(self) -> tuple[str, ...]:
+        recorded = self._reader.manifest.get("schedule")
+        if not isinstance(recorded, dict) or "topics" not in recorded:
+            return COMMANDED_TICK
+        return Schedule.from_dict(recorded).topics
+
+    def _find_schedule(self, epochs: int | None, topics: tuple[str, ...]) -> Schedule:
         if epochs is not None:
-            return Schedule(epochs=epochs).to_dict()
+            return Schedule(epochs, topics=topics)
         recorded = self._reader.manifest.get("schedule")
         if not isinstance(recorded, dict):
             raise LogError(f"{self.path}: the log does not say how many epochs the session had; give --epochs")
-        return Schedule.from_dict(recorded).to_dict()
+        return replace(Schedule.from_dict(recorded), topics=topics)
 
 
 def _phase(path: Log, message: RecordedMessage) -> Phase:

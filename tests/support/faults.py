@@ -18,7 +18,7 @@ from pipeline.evaluation import trials
 from pipeline.exploration import reproduce
 from pipeline.learner.rules.reservoir import kernels, learner, network
 from pipeline.robot.config import RobotConfig
-from pipeline.samples import pairs
+from pipeline.samples.rules import commanded
 from pipeline.training import run as learning_run
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
@@ -153,7 +153,7 @@ def wrong_centring(patch: Patch, folder: Path) -> None:
 
 
 def swapped_hands(patch: Patch, folder: Path) -> None:
-    rewrite(patch, pairs.CommandedPairs, "fill", "tick.left", "tick.right.copy()")
+    rewrite(patch, commanded.CommandedPairs, "fill", "left, right = tick.hands", "right, left = tick.hands")
 
 
 def permuted_joints(patch: Patch, folder: Path) -> None:
@@ -175,7 +175,7 @@ def washout_before_trials_skipped(patch: Patch, folder: Path) -> None:
 
 
 def pending_forgotten_by_checkpoints(patch: Patch, folder: Path) -> None:
-    patch.setattr(pairs.CommandedPairs, "resume", lambda self, pending: None)
+    patch.setattr(commanded.CommandedPairs, "resume", lambda self, pending: None)
 
 
 def maximum_for_mean(patch: Patch, folder: Path) -> None:

@@ -1,7 +1,7 @@
 """The verb evaluate."""
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -35,7 +35,7 @@ def evaluate(
 ) -> None:
     """Try a controller on a motion or a recording.
 
-    The result is the distances of both hands from their targets.
+    The result is the distances of both hands from their targets, and the pairs that the controller was trained with.
     """
     from pipeline.evaluation.trials import evaluate_motion
     from pipeline.learner.controller import Controller as Loaded
@@ -43,8 +43,10 @@ def evaluate(
     if deploy and linear_from is not None:
         raise ConfigError("expected one of --deploy and --linear-from, found both")
     loaded = Loaded.load(controller)
-    result = _deployed(loaded, motion) if deploy else evaluate_motion(loaded, motion, linear_from=linear_from).summary()
-    console.show(result, as_json=as_json)
+    result: dict[str, Any] = (
+        _deployed(loaded, motion) if deploy else evaluate_motion(loaded, motion, linear_from=linear_from).summary()
+    )
+    console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
 
 
 def _deployed(controller: "Learned", motion: str) -> dict[str, float]:

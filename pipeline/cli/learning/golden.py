@@ -8,7 +8,7 @@ from typing import Annotated
 import typer
 
 from pipeline.cli.groups import grouped
-from pipeline.cli.options import Json, Rule
+from pipeline.cli.options import Json, Pairs, Rule
 from pipeline.cli.usage import Verbs, help_without_verb
 from pipeline.resources import data_path
 from pipeline.terminal import console
@@ -27,6 +27,7 @@ class CaseOptions:
     """Learning and checks of a case; None keeps what an existing case has."""
 
     rule: Rule = None
+    pairs: Pairs = None
     epochs: Annotated[int | None, typer.Option(help="Epochs, at most 6; 2, or as recorded.", min=1, metavar="N")] = None
     as_recorded: Annotated[
         bool | None,

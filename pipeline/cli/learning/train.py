@@ -6,7 +6,19 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.interrupts import note_on_interrupt
-from pipeline.cli.options import AsLive, AsRecorded, Json, Logs, Overwrite, Renames, Rule, Seed, StreamsRobot, renames
+from pipeline.cli.options import (
+    AsLive,
+    AsRecorded,
+    Json,
+    Logs,
+    Overwrite,
+    Pairs,
+    Renames,
+    Rule,
+    Seed,
+    StreamsRobot,
+    renames,
+)
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
@@ -20,6 +32,7 @@ def train(
     out: Annotated[Path, typer.Option(help="Controller to write.", metavar="CONTROLLER.npz")],
     seed: Seed = 0,
     rule: Rule = None,
+    pairs: Pairs = None,
     epochs: Annotated[
         int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1, metavar="N")
     ] = None,
@@ -37,20 +50,23 @@ def train(
     from pipeline.learner.controller import check_writable
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
-    from pipeline.training.trainer import Trainer, train_on
+    from pipeline.training.trainer import Trainer, pairing_of, train_on
 
     check_writable(out, overwrite=overwrite)
     config = None if robot is None else load_robot(robot)
     if as_recorded and as_live:
         raise ConfigError("expected one of --as-recorded and --as-live, found both")
+    learner = default_config(rule, seed=seed)
+    topics = pairing_of(learner, pairs).topics
     if as_live:
-        source = _as_live(logs, config, epochs or 1, renames(map_))
+        source = _as_live(logs, config, epochs or 1, renames(map_), topics)
     else:
-        source = _from_logs(logs, epochs, renames(map_), as_recorded=as_recorded)
+        source = _from_logs(logs, epochs, renames(map_), topics, as_recorded=as_recorded)
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
-            default_config(rule, seed=seed),
+            learner,
             robot=config,
+            pairs=pairs,
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )
         train_on(source, trainer)
@@ -59,19 +75,23 @@ def train(
     console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
 
 
-def _as_live(logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str]) -> "Source":
+def _as_live(
+    logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str], topics: tuple[str, ...]
+) -> "Source":
     from pipeline.robot.range_check import live_log
     from recorders.reading.parts import one_session
 
-    return live_log(one_session(logs), robot=robot, epochs=epochs, renames=names)
+    return live_log(one_session(logs), robot=robot, epochs=epochs, tick=topics, renames=names)
 
 
-def _from_logs(logs: list[Path], epochs: int | None, names: dict[str, str], *, as_recorded: bool) -> "Source":
+def _from_logs(
+    logs: list[Path], epochs: int | None, names: dict[str, str], topics: tuple[str, ...], *, as_recorded: bool
+) -> "Source":
     from recorders.reading.parts import one_session, recordings
     from replay.sources.schedule import Schedule
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
     if as_recorded:
-        return RecordedSession(one_session(logs), epochs=epochs, renames=names)
-    return Replay(recordings(logs), Schedule(epochs=epochs or 150), renames=names)
+        return RecordedSession(one_session(logs), epochs=epochs, renames=names, topics=topics)
+    return Replay(recordings(logs), Schedule(epochs or 150, topics=topics), renames=names)

@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
-from pipeline.cli.options import Json, Overwrite, Rule, Seed, StreamsRobot
+from pipeline.cli.options import Json, Overwrite, Pairs, Rule, Seed, StreamsRobot
 from pipeline.cli.sessions import ListeningNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -88,6 +88,7 @@ def learn(
     robot: StreamsRobot = None,
     seed: Seed = 0,
     rule: Rule = None,
+    pairs: Pairs = None,
     checkpoints: CheckpointOptions,
     live: LiveOptions,
     node: ListeningNode,
@@ -103,17 +104,20 @@ def learn(
     """
     from pipeline.learner.registry import default_config
     from pipeline.learner_node.live_node import learn_live
-    from pipeline.learner_node.node import OWN_TOPICS
     from pipeline.learner_node.node import learn as run
+    from pipeline.learner_node.node import own_topics
     from pipeline.robot.config import load_robot
     from pipeline.terminal.learning_progress import learning_progress
+    from pipeline.training.trainer import pairing_of
     from recorders.nodes.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
 
     live.check()
     check_metrics(node.prometheus)
     _check_files(out, checkpoints.checkpoint, live.record, overwrite=overwrite)
-    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=OWN_TOPICS)
+    learner = default_config(rule, seed=seed)
+    own = own_topics(pairing_of(learner, pairs).topics)
+    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own)
     config = None if robot is None else load_robot(robot)
     session = node.config()
     with (
@@ -121,9 +125,7 @@ def learn(
         learning_progress("learn") as show,
         viewer.trainer(live=live.live) as make_trainer,
     ):
-        trainer = make_trainer(
-            default_config(rule, seed=seed), robot=config, checkpoint=checkpoints.config(), on_progress=show
-        )
+        trainer = make_trainer(learner, robot=config, pairs=pairs, checkpoint=checkpoints.config(), on_progress=show)
         learn_from = partial(learn_live, robot=config, config=live.config(overwrite=overwrite)) if live.live else run
         result = learn_from(trainer, session=session, receiver=receiver, metrics_port=node.prometheus)
     trainer.check_learned()

@@ -38,6 +38,10 @@ class ScheduleOptions:
         int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1, metavar="N")
     ] = None
     as_recorded: AsRecorded = False
+    pairs: Annotated[
+        str | None,
+        typer.Option(help="Pairs that the learner is to learn from: commanded, or as recorded.", metavar="PAIRS"),
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -145,8 +149,8 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
     from replay.sources.playback import Playback, PlaybackConfig
 
     names = renames(playing.map_)
-    if schedule.as_recorded or schedule.epochs is not None:
-        raise ConfigError("--play: expected neither --as-recorded nor --epochs beside it")
+    if schedule.as_recorded or schedule.epochs is not None or schedule.pairs is not None:
+        raise ConfigError("--play: expected none of --as-recorded, --epochs and --pairs beside it")
     config = PlaybackConfig(
         frozenset(playing.topic or ()),
         renames=names,
@@ -158,6 +162,7 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
 
 
 def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
+    from pipeline.samples.pairing import COMMANDED, find_pairing
     from recorders.reading.parts import one_session, recordings
     from replay.sources.schedule import Schedule
     from replay.sources.scheduled import Replay
@@ -167,5 +172,7 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
-        return RecordedSession(one_session(logs), epochs=schedule.epochs, renames=names)
-    return Replay(recordings(logs), Schedule(epochs=schedule.epochs or 150), renames=names)
+        topics = None if schedule.pairs is None else find_pairing(schedule.pairs).topics
+        return RecordedSession(one_session(logs), epochs=schedule.epochs, renames=names, topics=topics)
+    topics = find_pairing(schedule.pairs or COMMANDED).topics
+    return Replay(recordings(logs), Schedule(schedule.epochs or 150, topics=topics), renames=names)

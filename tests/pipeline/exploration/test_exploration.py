@@ -63,7 +63,7 @@ def test_t_samples_give_t_plus_one_ticks_and_the_last_repeats_the_first(log: Exp
     ticks = ticks_of(log.path)
     motion = short_motion()
     assert len(ticks) == log.ticks == SAMPLES + 1
-    targets = np.array([[tick.left, tick.right] for tick in ticks])
+    targets = np.array([tick.hands for tick in ticks])
     np.testing.assert_array_equal(targets, [*motion.targets, motion.targets[0]])
     stamps = np.array([tick.stamp_ns for tick in ticks])
     np.testing.assert_array_equal(np.diff(stamps), PERIOD_NS)
@@ -74,7 +74,7 @@ def test_joints_of_a_tick_are_measured_before_its_target_is_held(log: Exploratio
     """q at tick k+1 belongs to u(k): the hands are near the target before, not near the new one."""
     ticks = ticks_of(log.path)
     hands = KINEMATICS.hands_along(joints_of(ticks))
-    targets = np.array([[tick.left, tick.right] for tick in ticks])
+    targets = np.array([tick.hands for tick in ticks])
     to_held = np.linalg.norm(hands[1:] - targets[:-1], axis=2)
     to_new = np.linalg.norm(hands[1:] - targets[1:], axis=2)
     assert to_held.mean() < to_new.mean()
@@ -212,7 +212,7 @@ def test_an_open_motion_settles_on_its_first_target_and_ends_with_its_last(tmp_p
     ticks = ticks_of(result.path)
     assert len(ticks) == result.ticks == 7
     assert [tick.stamp_ns for tick in ticks] == [2_000_000_000 + k * 100_000_000 for k in range(7)]
-    np.testing.assert_array_equal([tick.right for tick in ticks], [*motion.targets[:, 1], motion.targets[:, 1][-1]])
+    np.testing.assert_array_equal([tick.hands[1] for tick in ticks], [*motion.targets[:, 1], motion.targets[:, 1][-1]])
     first = KINEMATICS.hands_along(joints_of(ticks))[0]
     np.testing.assert_allclose(first, motion.targets[0], atol=2e-3)
     assert done == sorted(done)

@@ -97,7 +97,7 @@ def test_a_presentation_is_a_marker_and_t_plus_one_ticks(here: list[RecordedMess
         assert (phase.epoch, phase.cycle, phase.phase, phase.log) == (0, number, PHASES[number][0], "")
         first_ns = CYCLE_NS * (1 + number)  # one cycle settles; the last tick and the next first share their instant
         assert [tick.stamp_ns for tick in ticks] == [first_ns + k * PERIOD_NS for k in range(SAMPLES + 1)]
-        targets = [np.stack([tick.left, tick.right]) for tick in ticks]
+        targets = [np.stack(tick.hands) for tick in ticks]
         np.testing.assert_array_equal(targets, [*motion.targets, motion.targets[0]])
 
 
@@ -146,7 +146,7 @@ def test_an_open_motion_settles_before_each_presentation(remote: RemoteRobot) ->
     found = cycles(stream)
     gap_ns = PERIOD_NS + CYCLE_NS
     assert [ticks[0].stamp_ns for _, ticks in found] == [PERIOD_NS + k * gap_ns for k in range(3)]
-    np.testing.assert_array_equal([ticks[-1].right for _, ticks in found], [motion.targets[:, 1][-1]] * 3)
+    np.testing.assert_array_equal([ticks[-1].hands[1] for _, ticks in found], [motion.targets[:, 1][-1]] * 3)
     numbers = [record.sequence for record in stream if record.topic == topics.JOINT_COMMANDS]
     assert numbers == list(range((3 * gap_ns - PERIOD_NS) // 5_000_000))
 

@@ -10,7 +10,8 @@ import pytest
 from episodes import write_episode
 
 from pipeline.robot.config import load_robot
-from pipeline.samples.pairs import CommandedPairs, read_samples
+from pipeline.samples.pairs import read_samples
+from pipeline.samples.rules.commanded import CommandedPairs
 from recorders.cdr.codec import decode_as
 from recorders.errors import JointError, LogError, MessageError
 from recorders.messages.message_types import JointState, Message, PoseStamped
@@ -47,10 +48,10 @@ def test_each_tick_teaches_the_step_before_it(log: Path) -> None:
     assert pairs.pending.shape == (0,)
     assert not pairs.fill(ticks[0], u, d)
     for held, tick in pairwise(ticks):
-        assert np.array_equal(pairs.pending, np.concatenate([held.left, held.right]))
+        assert np.array_equal(pairs.pending, np.concatenate(held.hands))
         assert pairs.fill(tick, u, d)
-        assert np.array_equal(u, np.concatenate([held.left, held.right]))
-        assert np.array_equal(d, np.concatenate([tick.left, tick.right, tick.joints.position]))
+        assert np.array_equal(u, np.concatenate(held.hands))
+        assert np.array_equal(d, np.concatenate([*tick.hands, tick.joints.position]))
     pairs.begin()
     assert not pairs.fill(ticks[0], u, d)
 

@@ -37,17 +37,17 @@ def test_a_log_gives_one_tick_per_stamp(ticks):
     joined = list(join_ticks(ticks(20)))
     assert [tick.stamp_ns for tick in joined] == [50_000_000 * k for k in range(20)]
     first = joined[0]
-    assert first.left.tolist() == [0.32, 0.2, 0.76]
-    assert first.right.tolist() == [0.32, -0.2, 0.76]
+    assert first.hands[0].tolist() == [0.32, 0.2, 0.76]
+    assert first.hands[1].tolist() == [0.32, -0.2, 0.76]
     assert first.joints.position.tolist() == (np.arange(15) / 7).tolist()
-    assert not first.left.flags.writeable
+    assert not first.hands[0].flags.writeable
 
 
 def test_records_are_the_learner_topics_in_rank_order_whatever_the_order_of_arrival():
     for order in itertools.permutations(one_tick(5)):
         (tick,) = run(order)
         assert list(tick.records) == one_tick(5)
-        assert tick.left.tolist() == [0.3, 0.2, 5]
+        assert tick.hands[0].tolist() == [0.3, 0.2, 5]
         assert tick.joints.position.tolist() == (np.array([0.1, 0.2, 0.3]) * 5).tolist()
 
 

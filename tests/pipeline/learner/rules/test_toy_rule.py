@@ -18,7 +18,7 @@ from rerun_server import rerun_server
 from pipeline.evaluation.errors import predicted_joints
 from pipeline.learner.contract import LearningRuleContract
 from pipeline.learner.controller import Controller
-from pipeline.learner.registry import config_from_dict, find_rule, rule_names
+from pipeline.learner.registry import RULES, config_from_dict, rule_names
 from pipeline.samples.pairs import read_samples
 from pipeline.serving.served_controller import ServedController, ServingConfig
 from pipeline.training.trainer import train_on
@@ -54,7 +54,7 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
         patch.syspath_prepend(site)
         patch.setenv("PYTHONPATH", os.pathsep.join([site, *filter(None, [os.environ.get("PYTHONPATH")])]))
         yield
-    find_rule.cache_clear()
+    RULES.forget()
 
 
 class TestToy(LearningRuleContract):

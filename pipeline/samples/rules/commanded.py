@@ -1,0 +1,61 @@
+"""Targets as commanded, and the joints at the end of their hold: the paper's pairs."""
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.samples.pairing import COMMANDED, HANDS, PairingRule
+from recorders.messages.topics import COMMANDED_TICK
+from recorders.ticks.joiner import JointMap, Tick
+
+
+class CommandedPairs:
+    """Pairs each tick with the one before it: u(k) is held until t_{k+1}, so d(k) = (u(k+1); q(k)) is complete then.
+
+    This is the paper's choice of training pairs, (target commanded, joints measured): the teacher's lag stays in the
+    data. The first tick of a cycle only sets u.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        The joints in the order of the outputs.
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self._joints = JointMap(joints)
+        self._held: Floats = np.empty(HANDS)
+        self._held_since_ns = 0
+        self._waiting = False
+        self.stamp_ns = 0
+
+    @property
+    def pending(self) -> Floats:
+        """u(k) that waits for its teaching signal [m], shape (6,), or (0,) before the first tick of a cycle."""
+        return self._held.copy() if self._waiting else np.empty(0)
+
+    def resume(self, pending: Floats) -> None:
+        """Go on from what was pending, shape (6,) or (0,)."""
+        self._waiting = len(pending) > 0
+        if self._waiting:
+            self._held[:] = pending
+
+    def begin(self) -> None:
+        """Start a cycle: nothing is pending."""
+        self._waiting = False
+
+    def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
+        """Complete the step that the tick before has begun; False for the first tick of a cycle."""
+        complete = self._waiting
+        joints = self._joints.positions(tick.joints)
+        left, right = tick.hands
+        if complete:
+            u[:] = self._held
+        self._held[:3] = left
+        self._held[3:] = right
+        d[:HANDS] = self._held
+        d[HANDS:] = joints
+        self._waiting = True
+        self.stamp_ns, self._held_since_ns = self._held_since_ns, tick.stamp_ns
+        return complete
+
+
+RULE = PairingRule(COMMANDED, COMMANDED_TICK, CommandedPairs)

@@ -1,0 +1,47 @@
+"""Hands and joints as measured at one instant: what a posture reaches, whatever was asked for."""
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.samples.pairing import HANDS, PairingRule
+from recorders.messages.topics import REACHED_TICK
+from recorders.ticks.joiner import JointMap, Tick
+
+
+class ReachedPairs:
+    """Makes a step of every tick: x(k) and q(k) are measured at one instant, so d(k) = (x(k); q(k)) is complete then.
+
+    No lag of a teacher or a servo is in these pairs, as no target is. Nothing waits for a later tick.
+
+    Parameters
+    ----------
+    joints : tuple of str
+        The joints in the order of the outputs.
+    """
+
+    def __init__(self, joints: tuple[str, ...]) -> None:
+        self._joints = JointMap(joints)
+        self.stamp_ns = 0
+
+    @property
+    def pending(self) -> Floats:
+        """Nothing, shape (0,)."""
+        return np.empty(0)
+
+    def resume(self, pending: Floats) -> None:
+        """Go on: nothing is ever pending."""
+
+    def begin(self) -> None:
+        """Start a cycle: nothing is pending."""
+
+    def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
+        """Complete the step of this tick."""
+        joints = self._joints.positions(tick.joints)
+        u[:3], u[3:] = tick.hands
+        d[:HANDS] = u
+        d[HANDS:] = joints
+        self.stamp_ns = tick.stamp_ns
+        return True
+
+
+RULE = PairingRule("reached", REACHED_TICK, ReachedPairs)
