@@ -7,7 +7,6 @@ from contextlib import ExitStack
 from dataclasses import dataclass
 
 import numpy as np
-import zenoh
 
 from pipeline.arrays import Floats
 from pipeline.deployment.processes import served_robot
@@ -25,6 +24,7 @@ from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, hand_target
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
+from recorders.wire.session import Sample, Session
 
 _ANSWER_S = 10.0  # a served controller answers within a millisecond; a machine may be very busy
 
@@ -169,7 +169,7 @@ def deploy(
 
 
 def drive_learned(
-    session: zenoh.Session,
+    session: Session,
     robot: RemoteRobot,
     targets: Floats,
     *,
@@ -181,7 +181,7 @@ def drive_learned(
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         Reaches controller and robot.
     robot : RemoteRobot
         The robot, in lockstep.
@@ -236,7 +236,7 @@ def drive_taught(
 class _Commands:
     """The commands that controllers send, in the order of the robot's joints."""
 
-    def __init__(self, session: zenoh.Session, robot: RemoteRobot, namespace: str) -> None:
+    def __init__(self, session: Session, robot: RemoteRobot, namespace: str) -> None:
         self._session = session
         self._key = message_key(namespace, JOINT_COMMANDS)
         self._joints = JointMap(robot.robot.joints)
@@ -265,7 +265,7 @@ class _Commands:
             "or was it stopped?"
         )
 
-    def _on_sample(self, sample: zenoh.Sample) -> None:
+    def _on_sample(self, sample: Sample) -> None:
         self._received.put(sample.payload.to_bytes())
 
 

@@ -8,8 +8,6 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-import zenoh
-
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.client import RemoteRobot
@@ -17,14 +15,14 @@ from recorders.errors import WireError
 from recorders.nodes.keys import controller_key
 from recorders.wire.frames import DEFAULT_NAMESPACE
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import Session, SessionConfig, open_session
 
 _NAME = "controller"  # by which `serve` is known unless told otherwise
 _POLL_S = 0.1
 
 
 @contextmanager
-def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zenoh.Session, RemoteRobot]]:
+def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Session, RemoteRobot]]:
     """Run `reenact robot`, in lockstep, and `reenact serve` while the block runs.
 
     Parameters
@@ -36,7 +34,7 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[zen
 
     Yields
     ------
-    (zenoh.Session, RemoteRobot)
+    (Session, RemoteRobot)
         A session that reaches both, and the robot.
 
     Raises
@@ -100,7 +98,7 @@ def _running(folder: Path, verb: str, *arguments: object) -> Iterator[_Process]:
             process.terminate()
 
 
-def _await_controller(session: zenoh.Session, processes: Sequence[_Process], *, wait_s: float) -> None:
+def _await_controller(session: Session, processes: Sequence[_Process], *, wait_s: float) -> None:
     key = controller_key(DEFAULT_NAMESPACE, _NAME, "alive")
     deadline_s = time.monotonic() + wait_s
     while not any(reply.ok is not None for reply in session.liveliness().get(key, timeout=1.0)):

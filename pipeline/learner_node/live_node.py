@@ -3,8 +3,6 @@
 import logging
 from typing import Any
 
-import zenoh
-
 from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
 from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
@@ -16,7 +14,7 @@ from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.node import running_node
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import Session, SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 from replay.sources.live import live_offer
 
@@ -80,7 +78,7 @@ def learn_live(
                 return learner.run(stopped, keep=recording.keep)
 
 
-def _answering(opened: zenoh.Session, namespace: str) -> RobotConfig:
+def _answering(opened: Session, namespace: str) -> RobotConfig:
     try:
         return RemoteRobot(opened, namespace=namespace).robot
     except WireError as error:

@@ -7,7 +7,6 @@ from types import TracebackType
 from typing import Any, Self
 
 import numpy as np
-import zenoh
 
 from pipeline.training.run import CycleReport, Steps
 from recorders.cdr.codec import encode
@@ -16,7 +15,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
 from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack
 from recorders.wire.publisher import TopicPublisher
-from recorders.wire.session import publishing
+from recorders.wire.session import Session, publishing_lossy
 
 _M_PER_CM = 0.01
 
@@ -29,7 +28,7 @@ class LearnerPublisher:
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session.
     namespace : str
         First part of every key.
@@ -40,7 +39,7 @@ class LearnerPublisher:
         State and stream digest, as reported last.
     """
 
-    def __init__(self, session: zenoh.Session, *, namespace: str) -> None:
+    def __init__(self, session: Session, *, namespace: str) -> None:
         self._session = session
         self._namespace = namespace
         self._producer = TopicPublisher(session, namespace=namespace)
@@ -51,12 +50,10 @@ class LearnerPublisher:
     def __enter__(self) -> Self:
         self._stack.enter_context(self._producer)
         self._outputs = self._stack.enter_context(
-            publishing(
+            publishing_lossy(
                 self._session,
                 message_key(self._namespace, LEARNER_OUTPUT),
                 encoding=f"application/cdr;{Float64MultiArray.TYPE}",
-                congestion_control=zenoh.CongestionControl.DROP,
-                allowed_destination=zenoh.Locality.REMOTE,  # our own receiver takes everything
             )
         )
         return self

@@ -3,7 +3,6 @@
 import time
 
 import numpy as np
-import zenoh
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
@@ -16,6 +15,7 @@ from recorders.messages.message_types import JointState, String
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.session import Session
 
 _ANSWER_S = 2.0  # how long one answer may take before the question is asked again
 
@@ -30,7 +30,7 @@ class RemoteRobot:
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session.
     namespace : str
         First part of every key.
@@ -49,7 +49,7 @@ class RemoteRobot:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        session: Session,
         *,
         namespace: str = DEFAULT_NAMESPACE,
         wait_s: float = 10.0,
@@ -163,7 +163,7 @@ class RemoteRobot:
             for reply in self._session.get(key, payload=payload, timeout=_ANSWER_S):
                 if reply.ok is not None:
                     return reply.ok.payload.to_bytes()
-                if reply.err is not None and reply.err.encoding == zenoh.Encoding.TEXT_PLAIN:
+                if reply.err is not None and str(reply.err.encoding) == "text/plain":
                     raise WireError(f"the robot refused: {reply.err.payload.to_string()}")
             if time.monotonic() > deadline_s:
                 raise WireError(self._silence())

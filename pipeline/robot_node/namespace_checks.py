@@ -5,13 +5,12 @@ import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import zenoh
-
 from pipeline.robot_node.protocol import RobotStatus, robot_key
 from recorders.errors import JointError, WireError
 from recorders.nodes.keys import controller_key
 from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
+from recorders.wire.session import Session, watching_tokens
 
 logger = logging.getLogger(__name__)
 
@@ -26,12 +25,12 @@ _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
 
 
-def refuse_other_controllers(session: zenoh.Session, name: str, *, namespace: str, allow_multiple: bool) -> None:
+def refuse_other_controllers(session: Session, name: str, *, namespace: str, allow_multiple: bool) -> None:
     """Check that no other controller serves: a robot that two of them command does what neither has learned.
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session; a controller that it does not reach yet is not found.
     name : str
         Name of the controller that is about to serve; a second one of this name is refused in any case.
@@ -66,7 +65,7 @@ class RobotCheck:
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session.
     joints : tuple of str
         Joints that the controller commands, or that the learner reads.
@@ -78,7 +77,7 @@ class RobotCheck:
 
     def __init__(
         self,
-        session: zenoh.Session,
+        session: Session,
         joints: tuple[str, ...],
         *,
         namespace: str,
@@ -96,7 +95,7 @@ class RobotCheck:
     def watching(self) -> Iterator[None]:
         """Notice every robot that comes while the block runs; `check_newcomer` looks at it."""
         key = robot_key(self._namespace, "alive")
-        with self._session.liveliness().declare_subscriber(key, self._on_token):
+        with watching_tokens(self._session, key, self._on_token):
             yield
 
     def check(self) -> None:
@@ -145,8 +144,8 @@ class RobotCheck:
         name = escape_control(status.robot[:_MAX_NAME])
         return f"robot '{name}' has other joints than the {self._who}: {', '.join(filter(None, parts))}"
 
-    def _on_token(self, sample: zenoh.Sample) -> None:
-        if sample.kind == zenoh.SampleKind.PUT:
+    def _on_token(self, _key: str, is_there: bool) -> None:
+        if is_there:
             self._came.set()
 
 

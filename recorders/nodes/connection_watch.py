@@ -12,7 +12,7 @@ from typing import Self
 import zenoh
 
 from recorders.nodes.keys import NodeId, node_key, node_of
-from recorders.wire.session import SessionConfig, endpoint_of
+from recorders.wire.session import SessionConfig, endpoint_of, watching_tokens
 
 logger = logging.getLogger(__name__)
 
@@ -98,15 +98,15 @@ def watching_connections(
         if endpoint is not None:
             losses.note(endpoint, is_there=event.kind == zenoh.SampleKind.PUT)
 
-    def on_token(sample: zenoh.Sample) -> None:
-        node = node_of(namespace, str(sample.key_expr))
+    def on_token(key: str, is_there: bool) -> None:
+        node = node_of(namespace, key)
         if node is not None and node != own and node.kind in LASTING:
-            losses.note(str(node), is_there=sample.kind == zenoh.SampleKind.PUT)
+            losses.note(str(node), is_there=is_there)
 
     tokens = node_key(namespace, "*", "*", "alive")
     with (
         _Losses() as losses,
         session.info.declare_link_events_listener(on_link, history=True),
-        session.liveliness().declare_subscriber(tokens, on_token, history=True),
+        watching_tokens(session, tokens, on_token, history=True),
     ):
         yield

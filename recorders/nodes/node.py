@@ -3,18 +3,16 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-import zenoh
-
 from recorders.nodes.connection_watch import watching_connections
 from recorders.nodes.keys import NodeId
 from recorders.nodes.metrics import metrics_served
 from recorders.nodes.status import NodeSource, declared_node
-from recorders.wire.session import SessionConfig
+from recorders.wire.session import Session, SessionConfig
 
 
 @contextmanager
 def running_node(
-    session: zenoh.Session,
+    session: Session,
     source: NodeSource,
     *,
     config: SessionConfig,
@@ -25,7 +23,7 @@ def running_node(
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session.
     source : NodeSource
         The node.

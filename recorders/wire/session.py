@@ -10,13 +10,17 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any, Self
+from typing import Any, Self, TypeAlias
 
 import zenoh
 
 from recorders.errors import UnreachedError, WireError
 from recorders.files.descriptors import need_descriptors
 from recorders.wire.zenoh_config import endpoints, explicit_setting, read_config, reason
+
+Session: TypeAlias = zenoh.Session
+Publisher: TypeAlias = zenoh.Publisher
+Sample: TypeAlias = zenoh.Sample
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """The default endpoint: a consumer listens there and a sender connects to it."""
@@ -209,6 +213,42 @@ def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zen
         yield publisher
     finally:
         _insist(publisher.undeclare)
+
+
+def publishing_lossy(session: zenoh.Session, key: str, **options: Any) -> AbstractContextManager[zenoh.Publisher]:
+    """Return a publisher to other sessions whose samples are dropped where the network is blocked; see `publishing`."""
+    return publishing(
+        session,
+        key,
+        congestion_control=zenoh.CongestionControl.DROP,
+        allowed_destination=zenoh.Locality.REMOTE,
+        **options,
+    )
+
+
+@contextmanager
+def watching_tokens(
+    session: zenoh.Session, key: str, on_change: Callable[[str, bool], None], *, history: bool = False
+) -> Iterator[None]:
+    """Call back when somebody comes or goes that has a liveliness token, while the block runs.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    key : str
+        Key of the tokens; wildcards are expanded.
+    on_change : callable
+        Takes a token's key and whether it is there now, on a thread of Zenoh's.
+    history : bool
+        Whether those count as coming that are there already.
+    """
+
+    def on_token(sample: zenoh.Sample) -> None:
+        on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
+
+    with session.liveliness().declare_subscriber(key, on_token, history=history):
+        yield
 
 
 def _insist(end: Callable[[], Any]) -> None:

@@ -6,11 +6,10 @@ from collections.abc import Callable
 from contextlib import ExitStack
 from typing import Any, Self
 
-import zenoh
-
 from recorders.errors import WireError
 from recorders.nodes.keys import controller_key
 from recorders.wire.frames import message_key
+from recorders.wire.session import Publisher, Session, watching_tokens
 
 _MAX_STATUS = 1 << 20  # anybody may answer [bytes]
 _MAX_TOPICS = 100
@@ -23,13 +22,13 @@ class AwaitedControllers:
 
     Parameters
     ----------
-    session : zenoh.Session
+    session : Session
         An open session.
     namespace : str
         First part of every key.
     """
 
-    def __init__(self, session: zenoh.Session, namespace: str) -> None:
+    def __init__(self, session: Session, namespace: str) -> None:
         self._session = session
         self._namespace = namespace
         self._names: list[str] = []
@@ -45,12 +44,12 @@ class AwaitedControllers:
     def add(self, name: str) -> None:
         """Await one that answers."""
 
-        def on_token(sample: zenoh.Sample) -> None:
-            if sample.kind == zenoh.SampleKind.DELETE:
+        def on_token(_key: str, is_there: bool) -> None:
+            if not is_there:
                 self._gone.append(name)
 
         key = controller_key(self._namespace, name, "alive")
-        self._stack.enter_context(self._session.liveliness().declare_subscriber(key, on_token))
+        self._stack.enter_context(watching_tokens(self._session, key, on_token))
         self._names.append(name)
 
     def check(self) -> None:
@@ -87,7 +86,7 @@ def _lost(name: str) -> WireError:
     )
 
 
-def controller_status(session: zenoh.Session, name: str, *, namespace: str) -> dict[str, Any] | None:
+def controller_status(session: Session, name: str, *, namespace: str) -> dict[str, Any] | None:
     """Return the status of a served controller; None if none of this name answers.
 
     Raises
@@ -102,7 +101,7 @@ def controller_status(session: zenoh.Session, name: str, *, namespace: str) -> d
 
 
 def await_matching(
-    publisher_on: Callable[[str], zenoh.Publisher], status: dict[str, Any], *, namespace: str, wait_s: float
+    publisher_on: Callable[[str], Publisher], status: dict[str, Any], *, namespace: str, wait_s: float
 ) -> None:
     """Wait until what is put on a controller's topics reaches somebody: before, it would be lost without a word.
 
@@ -134,7 +133,7 @@ def await_matching(
             time.sleep(_RETRY_S)
 
 
-def matches(publisher: zenoh.Publisher) -> bool:
+def matches(publisher: Publisher) -> bool:
     """Whether anybody subscribes to what a publisher puts."""
     status: Any = publisher.matching_status  # typed as a bool, which it is not
     return bool(status.matching)

@@ -13,10 +13,8 @@ from pipeline.cli.sessions import NAMESPACE, Connect, Namespace, Wait, ZenohConf
 from pipeline.terminal import console
 
 if TYPE_CHECKING:
-    import zenoh
-
     from recorders.nodes.status import NodeStatus
-    from recorders.wire.session import SessionConfig
+    from recorders.wire.session import Session, SessionConfig
 
 _WAIT_S = 1.0  # whoever is there answers within milliseconds
 _EVERY_S = 1.0
@@ -69,7 +67,7 @@ def _finding(session: "SessionConfig", namespace: str, stack: ExitStack) -> "Cal
     from recorders.nodes.search import find_nodes
     from recorders.wire.session import open_session
 
-    opened: zenoh.Session | None = None
+    opened: Session | None = None
 
     def find() -> "list[NodeStatus]":
         """Find the nodes once."""
