@@ -18,6 +18,7 @@ from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.urdf.description import canonical_urdf
 from recorders.errors import ConfigError
 from recorders.files.regular_file import require_regular_file
+from recorders.mcap_format.file_kind import mixed_up_kind
 from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
 from replay.diff.fields import format_pair
@@ -168,5 +169,6 @@ def _read_toml(path: Path) -> dict[str, Any]:
     except OSError as error:
         raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
-        raise ConfigError(f"{path}: expected TOML in UTF-8") from error
+        found = mixed_up_kind(error.object) or f"byte {error.object[error.start]:#04x}"
+        raise ConfigError(f"{path}: expected TOML in UTF-8, found {found}") from error
     return parse_toml(text, str(path), error=ConfigError)

@@ -25,11 +25,11 @@ from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
 from recorders.files.anonymous_file import AnonymousFile, write_whole
 from recorders.files.regular_file import begins_with, require_regular_file
+from recorders.mcap_format.file_kind import LOG_KIND, ZIP_MAGIC, mixed_up_kind
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"
 VERSION = 1
-_ZIP_MAGIC = b"PK\x03\x04"
 MAX_HEADER_BYTES = 4 * 2**20  # robots take at most one million
 _HEADER = "header"
 _CONSTANTS = ("input_centre", "output_centre", "pending")
@@ -184,7 +184,10 @@ class Controller:
         """
         require_regular_file(Path(path), expected="a controller", error=ControllerError)
         try:
-            return cls._parse(npz.Npz(_read(Path(path))))
+            data = _read(Path(path))
+            if mixed_up_kind(data) == LOG_KIND:
+                raise ControllerError(f"expected a controller (.npz), found {LOG_KIND}")
+            return cls._parse(npz.Npz(data))
         except (ControllerError, ConfigError) as error:
             raise ControllerError(f"cannot use controller {path}: {error}") from error
 
@@ -276,7 +279,7 @@ def is_controller(path: Path) -> bool:
     """Whether a file is a controller by its name, or begins as one does, whatever it is called."""
     if path.suffix.lower() == ".npz":
         return True
-    return path.is_file() and begins_with(path, _ZIP_MAGIC)
+    return path.is_file() and begins_with(path, ZIP_MAGIC)
 
 
 def check_writable(path: str | os.PathLike[str], *, overwrite: bool = True) -> None:

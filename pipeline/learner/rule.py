@@ -16,6 +16,8 @@ from pipeline.learner.state import MAX_NUMBERS, state_numbers
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text, value_text
 
+_OF_THE_TASK = ("inputs", "outputs", "epochs")  # settings that robot and schedule decide, not the user
+
 DEFAULT = "reservoir"
 """The rule of a configuration that names none."""
 
@@ -66,9 +68,9 @@ class Settings:
     def __post_init__(self) -> None:
         """Check types and ranges; a rule may know better."""
         for name, value in self.to_dict().items():
-            least = 1 if name in ("inputs", "outputs", "epochs") else 0
+            least = 1 if name in _OF_THE_TASK else 0
             whole = type(value) is int and least <= value < 2**63
-            if not whole and not (name not in ("inputs", "outputs", "epochs", "seed") and _is_finite(value)):
+            if not whole and not (name not in (*_OF_THE_TASK, "seed") and _is_finite(value)):
                 raise ConfigError(f"expected learner setting {name} to be a number, found {value_text(value)}")
 
     def state_shapes(self) -> dict[str, tuple[int, ...]]:
@@ -106,7 +108,8 @@ class Settings:
         known = list(cls.__dataclass_fields__)  # type: ignore[attr-defined]
         unknown = sorted(str(key) for key in values if key not in known)
         if unknown:
-            raise ConfigError(f"unknown learner setting {names_text(unknown)}; there are {names_text(known)}")
+            own = [name for name in known if name not in _OF_THE_TASK]
+            raise ConfigError(f"unknown learner setting {names_text(unknown)}; there are {names_text(own)}")
         return cls(**values)
 
     def fitted(self, **changes: int) -> Self:

@@ -15,6 +15,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from recorders.errors import MotionError
 from recorders.files.regular_file import require_regular_file
+from recorders.mcap_format.file_kind import mixed_up_kind
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
 MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
@@ -110,8 +111,8 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
     except OSError as error:
         raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
     except UnicodeDecodeError as error:
-        found = f"found byte {error.object[error.start]:#04x}"
-        raise MotionError(f"motion '{path}': expected CSV text in UTF-8, {found}") from error
+        found = mixed_up_kind(error.object) or f"byte {error.object[error.start]:#04x}"
+        raise MotionError(f"motion '{path}': expected CSV text in UTF-8, found {found}") from error
     except csv.Error as error:
         raise MotionError(f"motion '{path}', line {reader.line_num}: expected CSV text: {error}") from error
 

@@ -72,7 +72,7 @@ def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
 def recovered(recovery: Recovery) -> dict[str, str]:
     """Return the result of a recovery, by name."""
     lines = {
-        "kept": f"{recovery.kept.total()} messages",
+        "recovered": _messages(recovery.kept.total()),
         "lost": _lost(recovery),
         "skipped": _bytes(recovery.skipped),
         "attachments": names_text(recovery.attachments) or "none",
@@ -82,7 +82,7 @@ def recovered(recovery: Recovery) -> dict[str, str]:
     if recovery.lost_attachments:
         lines["lost attachments"] = names_text(recovery.lost_attachments)
     if recovery.unprotected:
-        lines["in doubt"] = f"{recovery.unprotected} messages that no CRC protects"
+        lines["in doubt"] = f"{_messages(recovery.unprotected)} that no CRC protects"
     return {escape_control(name): escape_control(text) for name, text in lines.items()}
 
 
@@ -114,7 +114,7 @@ def _state(summary: LogSummary) -> str:
 
 
 def _unprotected(summary: LogSummary) -> str:
-    return f"no CRC protects {summary.unprotected} messages: damage to them would pass unseen"
+    return f"no CRC protects {_messages(summary.unprotected)}: damage to them would pass unseen"
 
 
 def _times(summary: LogSummary) -> str:
@@ -127,7 +127,7 @@ def _times(summary: LogSummary) -> str:
 def _of_topic(topic: TopicSummary, begin_ns: int) -> Iterator[str]:
     """Yield the properties of a topic, a phrase each."""
     rate = _rate(topic.rate_hz) + (f" (stamps {_rate(topic.stamp_rate_hz)})" if topic.stamp_rate_hz else "")
-    yield f"{topic.count} message{'s' if topic.count > 1 else ''}, {rate}"
+    yield f"{_messages(topic.count)}, {rate}"
     yield f"{_moment(topic.first_ns - begin_ns)} to {_moment(topic.last_ns - begin_ns)}"
     if topic.longest_gap_ns is not None:
         after_ns = topic.log_times.longest_after_ns - begin_ns
@@ -170,8 +170,12 @@ def _lost(recovery: Recovery) -> str:
     if recovery.lost is None:
         return "unknown: nothing in the log tells"
     by_topic = names_text(f"{topic} {count}" for topic, count in recovery.lost.items())
-    count = f"{'' if recovery.exact else 'at least '}{recovery.lost.total()} messages"
+    count = f"{'' if recovery.exact else 'at least '}{_messages(recovery.lost.total())}"
     return f"{count} ({by_topic})" if by_topic else count
+
+
+def _messages(count: int) -> str:
+    return f"{count} message" if count == 1 else f"{count} messages"
 
 
 def _value(value: Any) -> str:

@@ -13,6 +13,7 @@ from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.crc_coverage import is_protected
 from recorders.mcap_format.errors import DamagedLog
+from recorders.mcap_format.file_kind import no_log_text
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
 from recorders.mcap_format.records import MAGIC, RawRecord
 from recorders.mcap_format.summary import ChannelTable, Contents, read_attachment, read_contents, read_metadata
@@ -21,7 +22,7 @@ from recorders.reading.log_order import LogOrder, find_order
 from recorders.reading.raw_messages import FOREVER_NS, WRONG_TIMES, MessageScanner
 from recorders.reading.scan import LogScan
 from recorders.reading.time_order import Pieces, merged
-from recorders.text.wording import names_text, value_text
+from recorders.text.wording import names_text
 
 _NO_SKIPS: Mapping[int, int] = {}
 _BY_FILE = LogOrder(by_file=True, risen=False)
@@ -48,10 +49,8 @@ class LogReader:
         require_regular_file(self.path)
         with self._open() as file:
             magic = file.read(len(MAGIC))
-        if not magic:
-            raise LogError(f"{self.path}: expected an MCAP file, found an empty one")
         if magic != MAGIC:
-            raise LogError(f"{self.path}: expected an MCAP file, found one that begins with {value_text(magic)}")
+            raise LogError(f"{self.path}: {no_log_text(magic)}")
 
     def __iter__(self) -> Iterator[RecordedMessage]:
         return self.records()

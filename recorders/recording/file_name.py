@@ -9,7 +9,7 @@ from pathlib import Path
 
 from recorders.errors import TakenError
 from recorders.reading.parts import is_followed, parts_in
-from recorders.writing.part_file import is_written, part_of
+from recorders.writing.part_file import check_place, is_written, part_of
 
 logger = logging.getLogger(__name__)
 
@@ -37,6 +37,8 @@ def recording_names(out: Path | None, *, splits: bool, overwrite: bool, now_ns: 
     ------
     TakenError
         If the name has a recording that came to its end, or one that is being written.
+    LogError
+        If a part to be replaced is no log.
     """
     if out is None:
         yield from _by_time(_UNNAMED, now_ns)
@@ -49,6 +51,10 @@ def recording_names(out: Path | None, *, splits: bool, overwrite: bool, now_ns: 
             )
             yield name
     else:
+        if splits and overwrite:
+            for part in parts_in(out.parent, out.stem):
+                if part.suffix != ".part":
+                    check_place(part, overwrite=True)  # now, not when its turn comes
         yield out
 
 

@@ -12,11 +12,11 @@ from typing import BinaryIO
 
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
+from recorders.mcap_format.file_kind import no_log_text
 from recorders.mcap_format.records import CRC, MAGIC, check_summary
 from recorders.recovery.salvage import Damage, LogSurvey, opened
 from recorders.recovery.summary_section import read_verified_summary
 from recorders.recovery.walk import NOT_WHOLE, ResilientScan
-from recorders.text.wording import value_text
 
 CUT_OFF = "the log is cut off"
 _DATA_CRC = "the CRC of the data section does not hold: something in it was changed that no other CRC covers"
@@ -59,8 +59,7 @@ def _magics(file: BinaryIO, size: int) -> tuple[bool, bool]:
     file.seek(-min(len(MAGIC), size), SEEK_END)
     ends = size > len(MAGIC) and file.read() == MAGIC
     if begin != MAGIC and not ends:
-        found = f"one that begins with {value_text(begin)}" if begin else "an empty one"
-        raise LogError(f"expected an MCAP file, found {found}")
+        raise LogError(no_log_text(begin))
     return begin == MAGIC, ends
 
 

@@ -9,6 +9,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, suppress
 from dataclasses import dataclass, replace
+from itertools import count
 from pathlib import Path
 from typing import Any, Self, TypeAlias
 
@@ -171,8 +172,17 @@ def read_as_it_comes() -> None:
     os.environ.setdefault("ZENOH_RUNTIME", _READING_AS_IT_COMES)
 
 
-def open_session(config: SessionConfig) -> AbstractContextManager[zenoh.Session]:
+def open_session(
+    config: SessionConfig, *, on_wait: Callable[[], None] = lambda: None
+) -> AbstractContextManager[zenoh.Session]:
     """Open a session, and close it at the end of the `with` block; left open, its threads keep the interpreter alive.
+
+    Parameters
+    ----------
+    config : SessionConfig
+        Where it listens and connects.
+    on_wait : callable
+        Called once if nobody is there yet, and it waits.
 
     Raises
     ------
@@ -183,7 +193,7 @@ def open_session(config: SessionConfig) -> AbstractContextManager[zenoh.Session]
         If this process may not open as many files as a session takes.
     """
     need_descriptors(_DESCRIPTORS, purpose="Zenoh")
-    return _closing(_open(config.resolved()))
+    return _closing(_open(config.resolved(), on_wait))
 
 
 @contextmanager
@@ -262,10 +272,10 @@ def _insist(end: Callable[[], Any]) -> None:
             return
 
 
-def _open(config: SessionConfig) -> zenoh.Session:
+def _open(config: SessionConfig, on_wait: Callable[[], None]) -> zenoh.Session:
     settings = config.to_zenoh()
     deadline = time.monotonic() + config.wait_s
-    while True:
+    for attempt in count():
         try:
             session = zenoh.open(settings)
         except zenoh.ZError as error:
@@ -276,8 +286,11 @@ def _open(config: SessionConfig) -> zenoh.Session:
                 _await_links(session, config, deadline)
             return session
         if time.monotonic() >= deadline:
-            raise _unreached(config.connect, config)
+            break
+        if attempt == 0:
+            on_wait()
         time.sleep(_RETRY_S)
+    raise _unreached(config.connect, config)
 
 
 def _await_links(session: zenoh.Session, config: SessionConfig, deadline: float) -> None:

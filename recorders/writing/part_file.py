@@ -14,7 +14,9 @@ from typing import BinaryIO
 
 from recorders.errors import LogError, TakenError
 from recorders.files.anonymous_file import AnonymousFile
+from recorders.files.regular_file import begins_with
 from recorders.files.whole_files import sync_folder
+from recorders.mcap_format.records import MAGIC
 
 logger = logging.getLogger(__name__)
 
@@ -257,10 +259,13 @@ def is_written(part: Path) -> bool:
 def check_place(path: Path, *, overwrite: bool) -> None:
     """Check that a log can be written as `path`, before the work that fills it; leaves nothing behind.
 
+    A log may, with `overwrite`, take the place of another one and of an empty file; of nothing else.
+
     Raises
     ------
     LogError
-        If the folder is missing, `path` names something else than a file, or a file that may not be replaced.
+        If the folder is missing, or `path` names something else than a file, or a file that is no log or may not be
+        replaced.
     """
     try:
         if not path.name:
@@ -278,6 +283,11 @@ def _refuse_taken(path: Path, *, overwrite: bool) -> None:
         raise _no_file(path)
     if found and not overwrite:
         raise TakenError(f"{path} exists: choose another name, or replace it with --overwrite")
+    # Of a link nothing is lost: it is replaced, and what it points to stays.
+    if found and not path.is_symlink() and path.stat().st_size and not begins_with(path, MAGIC):
+        raise LogError(
+            f"cannot write {path}: there is a file that is no log, which stays as it is; choose another name"
+        )
 
 
 def _no_file(path: Path) -> LogError:

@@ -12,6 +12,12 @@ from recorders.errors import ConfigError
 if TYPE_CHECKING:
     from pipeline.learner.controller import Controller as Learned
 
+_NOT_COMPARED = {
+    "teacher_cm": "not compared: the motion is no recording; --deploy lets the teacher drive the robot, too",
+    "linear_cm": "not compared: the motion is no recording; --linear-from LOG.mcap fits it",
+}
+"""Entries for comparisons that a result lacks: why, and how to have them."""
+
 
 def evaluate(
     controller: Controller,
@@ -46,6 +52,8 @@ def evaluate(
     result: dict[str, Any] = (
         _deployed(loaded, motion) if deploy else evaluate_motion(loaded, motion, linear_from=linear_from).summary()
     )
+    if not (deploy or as_json):
+        result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
 
 

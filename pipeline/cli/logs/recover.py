@@ -18,7 +18,7 @@ def recover(
 ) -> None:
     """Write what is whole in a damaged log to another one.
 
-    The log may be damaged or cut off; what was kept and what was lost is said.
+    The log may be damaged or cut off; the result counts what is recovered and what is lost.
     """
     from pipeline.terminal.log_tables import damage_lines, recovered
     from recorders.recovery.recover import recover as run

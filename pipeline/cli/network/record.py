@@ -1,6 +1,7 @@
 """The verb record."""
 
 from dataclasses import dataclass
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
@@ -80,9 +81,11 @@ def record(
         check_place(out, overwrite=overwrite)  # before anybody is waited for
     receiving = _receiving(name, node.namespace, config)
     session = node.config()
+    key = f"{node.namespace}/**"
+    where = ", ".join(session.listen or session.connect)
     with (
         console.counter("record") as show,
-        open_session(session) as opened,
+        open_session(session, on_wait=partial(console.notice, f"{name} waits for {where}, to record {key}")) as opened,
         Receiver(opened, config=receiving) as receiver,
         LiveRecorder(  # last, as it sets aside what a crash left: only a recording that begins may do that
             out,
@@ -99,11 +102,10 @@ def record(
         ),
         until_stopped() as stopped,
     ):
-        where = ", ".join(session.listen or session.connect)
-        console.notice(f"{name} records {node.namespace}/** at {where} to {recorder.out}; Ctrl-C ends it")
+        console.notice(f"{name} records {key} at {where} to {recorder.out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
     console.show(recorder.recording.to_dict(), as_json=as_json)
-    console.notice(_outcome(recorder.recording, f"{node.namespace}/**"))
+    console.notice(_outcome(recorder.recording, key))
 
 
 def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverConfig":

@@ -81,6 +81,19 @@ BAD_INPUT = [
     ("evaluate controller.npz eight --deploy --linear-from log.mcap", "expected one of --deploy and --linear-from"),
     ("evaluate controller.npz log.mcap --deploy", "or a CSV file, found the log log.mcap"),
     ("evaluate controller.npz spiral --deploy", "unknown motion 'spiral'"),
+    ("evaluate log.mcap eight", "cannot use controller log.mcap: expected a controller (.npz), found a log (MCAP)"),
+    (
+        "evaluate controller.npz controller.npz",
+        "expected CSV text in UTF-8, found a zip archive, as a controller (.npz)",
+    ),
+    ("serve log.mcap", "cannot use controller log.mcap: expected a controller (.npz), found a log (MCAP)"),
+    ("train controller.npz --out c.npz", ": a zip archive, as a controller (.npz) is"),
+    ("explore --motion log.mcap --out e.mcap", "'log.mcap': expected CSV text in UTF-8, found a log (MCAP)"),
+    (
+        "explore --motion eight --out controller.npz --overwrite",
+        "controller.npz: there is a file that is no log, which",
+    ),
+    ("golden add log.mcap --config log.mcap --name a --cases .", "expected TOML in UTF-8, found a log (MCAP)"),
     ("explore --motion spiral --out e.mcap", "unknown motion 'spiral': expected one of circles, eight"),
     ("explore --motion far.csv --out e.mcap", "reach"),
     ("explore --motion nan.csv --out e.mcap", "nan.csv', line 3, column lx"),
@@ -149,6 +162,20 @@ def test_evaluate_gives_the_agreed_keys(
         result = json.loads(capsys.readouterr().out)
         assert result.keys() == agreed | more
         assert result["mean_cm"] == pytest.approx((result["left_cm"] + result["right_cm"]) / 2)
+
+
+def test_evaluate_of_a_motion_that_was_not_recorded_says_why_it_is_compared_with_nothing(
+    files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    monkeypatch.chdir(files)
+    teacher = "not compared: the motion is no recording; --deploy lets the teacher drive the robot, too"
+    linear = "not compared: the motion is no recording; --linear-from LOG.mcap fits it"
+    for line, reasons in (("log.mcap", []), ("eight", [teacher, linear]), ("eight --linear-from log.mcap", [teacher])):
+        with pytest.raises(SystemExit):
+            app.main(["evaluate", "controller.npz", *line.split()])
+        rows = dict(row.split(maxsplit=1) for row in capsys.readouterr().out.splitlines())
+        assert {"teacher_cm", "linear_cm"} < rows.keys()
+        assert [text for text in rows.values() if "not compared" in text] == reasons
 
 
 def test_without_a_terminal_it_stays_quiet(files: Path) -> None:

@@ -1,6 +1,7 @@
 """`info` and `recover` as a user runs them: exit status, JSON, one line for what is no log, files left clean."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
@@ -11,9 +12,11 @@ import pytest
 from processes import complaint, reenact, start
 from waiting import wait_until
 
+from pipeline.terminal.log_tables import recovered
 from recorders.messages.message_types import Clock
 from recorders.messages.topics import CLOCK
 from recorders.reading.reader import LogReader
+from recorders.recovery.recover import recover
 from recorders.writing.writer import LogWriter
 
 CHUNK = b"\x03\0\0\0lz4"
@@ -82,7 +85,14 @@ def test_recover_keeps_what_is_whole(damaged: Path) -> None:
     assert "exists" in complaint(reenact("recover", damaged, "--out", good, cwd=damaged.parent))
     run = reenact("recover", damaged, "--out", good, "--overwrite", cwd=damaged.parent)
     assert run.returncode == 0, run.stderr
+    assert re.search(r"^recovered +136 messages$", run.stdout, re.MULTILINE)
     assert "64 messages (/clock 64)" in run.stdout
+
+
+def test_one_message_is_one(tmp_path: Path) -> None:
+    write(tmp_path / "log.mcap", 1)
+    lines = recovered(recover(tmp_path / "log.mcap", tmp_path / "good.mcap"))
+    assert (lines["recovered"], lines["lost"]) == ("1 message", "0 messages")
 
 
 def test_a_killed_recording_is_recovered(tmp_path: Path) -> None:

@@ -557,6 +557,15 @@ def test_a_recorder_says_where_it_is(tmp_path: Path) -> None:
     assert line == f"recorder records reenact/** at {endpoint} to log.mcap; Ctrl-C ends it\n"
 
 
+def test_a_recorder_that_connects_says_what_it_waits_for_before_it_waits(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with start("record", "--out", "log.mcap", "--connect", endpoint, cwd=tmp_path) as process:
+        line = wait_for_line(process, "")  # nobody is there
+        process.send_signal(signal.SIGINT)
+        process.communicate(timeout=30)
+    assert line == f"recorder waits for {endpoint}, to record reenact/**\n"
+
+
 def test_a_name_that_is_taken_is_said_before_anybody_is_looked_for(tmp_path: Path) -> None:
     (tmp_path / "there.mcap").write_bytes(b"")
     endpoint = free_endpoint()

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from recorders.errors import TakenError
+from recorders.errors import LogError, TakenError
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import LEFT_TARGET
 from recorders.reading.parts import PART
@@ -51,6 +51,13 @@ def test_a_name_that_is_told_is_kept(tmp_path: Path, caplog: pytest.LogCaptureFi
     assert names(tmp_path / "a.mcap", splits=True, overwrite=True) == [str(tmp_path / "a.mcap")]
     with pytest.raises(TakenError, match=r"a_000.mcap exists: choose another name, or --overwrite"):
         names(tmp_path / "a.mcap", splits=True)
+
+
+def test_a_part_to_be_replaced_that_is_no_log_is_refused_before_anything_is_recorded(tmp_path: Path) -> None:
+    part(tmp_path / "a_000.mcap", 0, more=True)
+    (tmp_path / "a_001.mcap").write_text("precious")
+    with pytest.raises(LogError, match=r"a_001.mcap: there is a file that is no log, which stays as it is"):
+        names(tmp_path / "a.mcap", splits=True, overwrite=True)
 
 
 @pytest.mark.parametrize("between", [False, True])

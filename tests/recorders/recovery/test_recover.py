@@ -392,10 +392,10 @@ def test_the_original_is_never_written_to(log, tmp_path):
 
 def test_a_log_of_that_name_is_overwritten_only_if_allowed(log, tmp_path):
     out = tmp_path / "good.mcap"
-    out.write_bytes(b"precious")
+    out.write_bytes(records.MAGIC + b"precious")
     with pytest.raises(LogError, match="exists"):
         recover(log, out)
-    assert out.read_bytes() == b"precious"
+    assert out.read_bytes() == records.MAGIC + b"precious"
     recover(log, out, overwrite=True)
     assert list(LogReader(out)) == list(LogReader(log))
 

@@ -311,6 +311,6 @@ def test_a_session_that_does_not_close_in_time_hides_no_error(monkeypatch: pytes
         def close(self) -> None:
             raise zenoh.ZError("close operation timed out!")
 
-    monkeypatch.setattr("recorders.wire.session._open", lambda config: Stuck())
+    monkeypatch.setattr("recorders.wire.session._open", lambda *arguments: Stuck())
     with pytest.raises(WireError, match="why it ended"), open_session(SessionConfig(listen=(free_endpoint(),))):
         raise WireError("why it ended")

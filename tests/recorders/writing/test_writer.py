@@ -11,6 +11,7 @@ from mcap.stream_reader import StreamReader
 from recorders.cdr.codec import encode
 from recorders.errors import LogError, MessageError
 from recorders.mcap_format.manifest import METADATA_NAME, content_sha256, from_metadata
+from recorders.mcap_format.records import MAGIC
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.topics import LEFT_TARGET, ROBOT_DESCRIPTION, SESSION_PHASE
 from recorders.reading.reader import LogReader
@@ -97,14 +98,30 @@ def test_the_log_is_standard_ros2_mcap_with_every_crc(log):
 
 def test_a_log_is_not_overwritten_unless_told(tmp_path):
     path = tmp_path / "log.mcap"
-    path.write_bytes(b"precious")
+    path.write_bytes(MAGIC + b"precious")
     with pytest.raises(LogError, match=r"log.mcap exists: choose another name"):
         LogWriter(path, manifest={})
-    assert path.read_bytes() == b"precious"
+    assert path.read_bytes() == MAGIC + b"precious"
     with LogWriter(path, manifest={}, overwrite=True) as log:
         log.write(LEFT_TARGET, target(), log_time_ns=0)
     assert len(list(LogReader(path))) == 1
     assert [file.name for file in tmp_path.iterdir()] == ["log.mcap"]
+
+
+@pytest.mark.parametrize("content", [b"precious", b"PK\x03\x04", MAGIC[:-1]])
+def test_what_is_no_log_is_never_replaced(tmp_path, content):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(content)
+    with pytest.raises(LogError, match=r"log.mcap: there is a file that is no log, which stays as it is; choose"):
+        LogWriter(path, manifest={}, overwrite=True)
+    assert [(file.name, file.read_bytes()) for file in tmp_path.iterdir()] == [("log.mcap", content)]
+
+
+def test_an_empty_file_may_be_replaced(tmp_path):
+    path = tmp_path / "log.mcap"
+    path.touch()
+    LogWriter(path, manifest={}, overwrite=True).close()
+    assert list(LogReader(path)) == []
 
 
 def test_after_an_exception_the_part_is_readable_and_says_so(tmp_path):

@@ -433,8 +433,10 @@ def test_a_network_larger_than_memory_is_refused():
 def test_a_configuration_survives_json():
     config = LearnerConfig(reservoir=17, seed=2**62, output_output_density=0.3)
     assert LearnerConfig.from_dict(json.loads(json.dumps(config.to_dict()))) == config
-    with pytest.raises(ConfigError, match="unknown learner setting reservoire; there are reservoir, "):
+    with pytest.raises(ConfigError, match="unknown learner setting reservoire; there are reservoir, ") as caught:
         LearnerConfig.from_dict({"reservoire": 300})
+    offered = set(str(caught.value).partition("there are ")[2].split(", "))
+    assert offered == set(config.to_dict()) - {"inputs", "outputs", "epochs"}  # which follow from robot and schedule
 
 
 def test_a_rule_can_be_switched_off():
