@@ -152,7 +152,7 @@ def test_evaluate_gives_the_agreed_keys(
     files: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.chdir(files)
-    agreed = {"mean_cm", "max_cm", "left_cm", "right_cm", "left_max_cm", "right_max_cm", "samples"}
+    agreed = {"mean_cm", "max_cm", "left_cm", "right_cm", "left_max_cm", "right_max_cm", "samples", "pairs"}
     linear = {"linear_cm", "linear_left_cm", "linear_right_cm"}
     teacher = {"teacher_cm", "teacher_left_cm", "teacher_right_cm"}
     for line, more in (("log.mcap", teacher | linear), ("eight", set()), ("eight --linear-from log.mcap", linear)):
