@@ -95,6 +95,11 @@ REACHED_TICK = (LEFT_MEASURED, RIGHT_MEASURED, SAMPLE_JOINTS)
 LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in COMMANDED_TICK)
 
 
+def is_measured(topic: str) -> bool:
+    """Whether a topic is of a hand as measured: robots publish these at a rate of their own."""
+    return topic.startswith("/hand/") and topic.endswith("/measured")
+
+
 def type_of(topic: str) -> str:
     """Return the ROS 2 type name of a topic of the table or of any hand, the empty string for any other."""
     known = TOPICS.get(topic)

@@ -12,7 +12,7 @@ from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import COMMANDED_TICK, type_of
+from recorders.messages.topics import COMMANDED_TICK, is_measured, type_of
 from recorders.messages.validation import FloatArray, read_only
 from recorders.text.wording import names_text
 from recorders.ticks.stamp_joiner import OpenTick, StampJoiner, name_of
@@ -59,7 +59,8 @@ class TickJoiner:
     """Joins the messages of one cycle to ticks.
 
     Within a tick the messages may come in any order, and topics may run ahead of one another; on each topic stamps
-    must grow. Messages on other topics are passed over. Between cycles, which repeat the stamps, call `finish` (the
+    must grow. Messages on other topics are passed over, and so are hands as measured where there are no joints, as
+    robots publish them more often. Between cycles, which repeat the stamps, call `finish` (the
     cycle is over) or `clear` (it is given up).
 
     Parameters
@@ -75,6 +76,7 @@ class TickJoiner:
         self._topics = tuple(topics)
         self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(self._topics)}
         self._joints = joints_rank(self._topics)
+        self._surplus = [is_measured(topic) for topic in self._topics]
         self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._refuse_incomplete)
         self._last = [-1] * len(self._topics)
 
@@ -115,10 +117,9 @@ class TickJoiner:
 
     def finish(self) -> None:
         """End the cycle; raises MessageError, naming what is missing, if a tick is not complete."""
-        oldest = self._ticks.oldest()
         try:
-            if oldest is not None:
-                self._refuse_incomplete(*oldest, "the cycle is over")
+            for stamp, tick in self._ticks.waiting():
+                self._refuse_incomplete(stamp, tick, "the cycle is over")
         finally:
             self.clear()
 
@@ -128,7 +129,8 @@ class TickJoiner:
         self._last = [-1] * len(self._topics)
 
     def _refuse_incomplete(self, stamp: int, tick: OpenTick, but: str) -> None:
-        stamp, tick = self._ticks.oldest() or (stamp, tick)
+        if all(part is None or surplus for part, surplus in zip(tick, self._surplus, strict=True)):
+            return
         absent, present = self._ticks.absent(tick), [name_of(record) for record, _ in filter(None, tick)]
         raise MessageError(
             f"the tick at {stamp} ns lacks {names_text(absent)}: it has {names_text(present)}, and {but}"

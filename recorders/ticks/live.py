@@ -7,7 +7,7 @@ from typing import NamedTuple
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import JointError, MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import COMMANDED_TICK
+from recorders.messages.topics import COMMANDED_TICK, is_measured
 from recorders.ticks.joiner import Check, TickInput, joints_rank, pass_all
 from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner, name_of
 
@@ -80,7 +80,8 @@ class LiveTicks:
     Unlike `TickJoiner` it expects nothing of them. A refused message changes nothing. Time is that of the last complete
     tick, so that no single message can move it. A tick that waits is given up when a later one is complete, as on each
     topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
-    producers, where they give any. Joints may come more often than targets: joints alone are no tick.
+    producers, where they give any. Joints may come more often than targets, and hands as measured more often than
+    joints: alone they are no tick.
 
     Parameters
     ----------
@@ -98,7 +99,9 @@ class LiveTicks:
     def __init__(self, check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK) -> None:
         self._check = check
         self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(topics)}
-        self._joints = joints_rank(topics)
+        measured = {rank for rank, topic in enumerate(topics) if is_measured(topic)}
+        self._surplus = measured or {joints_rank(topics)}  # ranks of what may come more often
+        self._measured = measured
         self._ticks: StampJoiner[int | None] = StampJoiner(topics, limit=MAX_PENDING, give_up=self._give_up)
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
         self._numbers = _Numbers()
@@ -107,7 +110,7 @@ class LiveTicks:
 
     def begin(self) -> None:
         """Begin a new cycle: ticks that wait are given up, and time starts anew."""
-        self.dropped += len(self._ticks)
+        self.dropped += sum(self._counts(tick) for _, tick in self._ticks.waiting())
         self._ticks.clear()
         self._refused_at.clear()
         self._numbers.begin()
@@ -160,12 +163,12 @@ class LiveTicks:
         return stamp
 
     def _note_refused(self, record: RecordedMessage, rank: int) -> None:
-        """Note where there was a target, if of no use: joints alone at that stamp are a lost tick."""
+        """Note where there was what makes a tick, if of no use: the rest alone at that stamp is a lost tick."""
         try:
             stamp = stamp_ns(record.type, record.data)
         except MessageError:
             return
-        if rank == self._joints or stamp is None or stamp <= self._last_ns:
+        if rank in self._surplus or stamp is None or stamp <= self._last_ns:
             return
         self._refused_at[stamp] = None
         if len(self._refused_at) > MAX_PENDING:
@@ -179,7 +182,11 @@ class LiveTicks:
         self._last_ns, self._lost = stamp, False
         return LiveTick(stamp, tuple(record for record, _ in parts), gap)
 
+    def _counts(self, tick: OpenTick) -> bool:
+        """Whether there is more of a tick than hands as measured, which robots publish at a rate of their own."""
+        return any(part is not None for rank, part in enumerate(tick) if rank not in self._measured)
+
     def _give_up(self, stamp: int, tick: OpenTick, _but: str) -> None:
-        self.dropped += 1
-        has_target = any(part is not None for rank, part in enumerate(tick) if rank != self._joints)
-        self._lost |= has_target or stamp in self._refused_at
+        self.dropped += self._counts(tick)
+        wanted = any(part is not None for rank, part in enumerate(tick) if rank not in self._surplus)
+        self._lost |= wanted or stamp in self._refused_at

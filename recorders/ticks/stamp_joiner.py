@@ -75,9 +75,9 @@ class StampJoiner(Generic[_Value]):
             self._give_up_before(stamp_ns)
         return tick  # type: ignore[return-value]  # None is none of them
 
-    def oldest(self) -> tuple[int, OpenTick] | None:
-        """Return the smallest stamp that waits [ns], and what there is of its tick."""
-        return min(self._open.items(), default=None, key=lambda item: item[0])
+    def waiting(self) -> list[tuple[int, OpenTick]]:
+        """Return the stamps that wait [ns], the smallest first, and what there is of their ticks."""
+        return sorted(self._open.items(), key=lambda item: item[0])
 
     def absent(self, tick: OpenTick) -> list[str]:
         """Return the topics of which a tick lacks a message."""
@@ -96,7 +96,7 @@ class StampJoiner(Generic[_Value]):
         return tick
 
     def _give_up_before(self, stamp_ns: int) -> None:
-        for earlier in [stamp for stamp in self._open if stamp < stamp_ns]:
+        for earlier in sorted(stamp for stamp in self._open if stamp < stamp_ns):
             self._give_up(earlier, self._open[earlier], f"the tick at {stamp_ns} ns is complete")
             del self._open[earlier]
 

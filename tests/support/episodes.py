@@ -10,7 +10,7 @@ from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher
 from recorders.messages.message_types import JointState, Message, PoseStamped
-from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.messages.topics import LEFT_MEASURED, LEFT_TARGET, RIGHT_MEASURED, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.writing.writer import LogWriter
 
 PERIOD_NS = 200_000_000
@@ -45,8 +45,11 @@ def write_episode(
     return path
 
 
-def write_plain_episode(path: Path, *, samples: int = 10) -> Path:
-    """Write an episode whose numbers are products and sums alone: the same bits on every machine."""
+def write_plain_episode(path: Path, *, samples: int = 10, measured: bool = False) -> Path:
+    """Write an episode whose numbers are products and sums alone: the same bits on every machine.
+
+    Hands as measured come twice as often as ticks, as from a robot with a rate of its own.
+    """
     robot = load_robot("asimo")
     attachments = {"robot.urdf": robot.urdf_text.encode(), "robot.toml": robot.toml_text.encode()}
     with LogWriter(path, manifest={"kind": "test"}, attachments=attachments) as writer:
@@ -56,6 +59,10 @@ def write_plain_episode(path: Path, *, samples: int = 10) -> Path:
             writer.write(RIGHT_TARGET, PoseStamped(stamp, [0.25, -0.25 + wave, 0.75 + wave]), log_time_ns=stamp)
             joints = JointState(stamp, robot.joints, robot.comfort + wave * 0.5)
             writer.write(SAMPLE_JOINTS, joints, log_time_ns=stamp)
+            for at_ns in (stamp, stamp + PERIOD_NS // 2) if measured else ():
+                left, right = [0.25, 0.25 + wave * 0.75, 0.75], [0.25, -0.25, 0.75 - wave * 0.75]
+                writer.write(LEFT_MEASURED, PoseStamped(at_ns, left), log_time_ns=at_ns)
+                writer.write(RIGHT_MEASURED, PoseStamped(at_ns, right), log_time_ns=at_ns)
     return path
 
 

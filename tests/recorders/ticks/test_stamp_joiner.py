@@ -41,9 +41,7 @@ def test_a_tick_that_a_later_one_overtakes_is_given_up() -> None:
         joined.add(stamp, rank, record(rank, stamp), 0)
     assert given_up == [(5, ["/b"], "the tick at 8 ns is complete"), (7, ["/a"], "the tick at 8 ns is complete")]
     assert len(joined) == 1
-    oldest = joined.oldest()
-    assert oldest is not None
-    assert oldest[0] == 9
+    assert joined.waiting()[0][0] == 9
 
 
 def test_the_first_that_came_makes_room_and_no_more_wait_than_may() -> None:
