@@ -54,7 +54,7 @@ _DEPLOYMENT_PERIOD_NS = 100_000_000  # the paper presents targets at 10 Hz
 
 @dataclass(frozen=True, eq=False)
 class Demo:
-    """What a run of the demo came to.
+    """Results of a run of the demo.
 
     Attributes
     ----------
@@ -243,7 +243,7 @@ def _beside(*arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
             yield result
         except WireError:
             if process.poll():
-                result()  # what ended the other process says more than that it does not answer
+                result()  # the reason for which the other process ended is worth more than that it does not answer
             raise
         finally:
             process.terminate()

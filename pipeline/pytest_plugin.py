@@ -47,8 +47,8 @@ class GoldenCases:
         """Keep the cases, and what leads to them, from being ignored: pytest passes over folders such as `build`."""
         path = collection_path.resolve()
         asked = any(path.is_relative_to(folder) for folder in self._folders)
-        kept = asked and any(case.is_relative_to(path) for case in self._cases)
-        return False if kept else None
+        collected = asked and any(case.is_relative_to(path) for case in self._cases)
+        return False if collected else None
 
     def pytest_collect_directory(self, path: Path, parent: pytest.Collector) -> pytest.Collector | None:
         """Take the folder of a case, if it lies in one of the folders that were asked for."""
@@ -99,7 +99,7 @@ class GoldenItem(pytest.Item):
         return super().repr_failure(excinfo)
 
     def reportinfo(self) -> tuple[Path, None, str]:
-        """Say what the test is."""
+        """Return where the test is, and its name."""
         return self.path, None, f"golden case {self.path.name}"
 
 

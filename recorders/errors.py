@@ -9,7 +9,7 @@ DISTRIBUTION = "reenact-robot"
 class ReenactError(Exception):
     """Root of every error raised on purpose; its text is one line for the user.
 
-    The line says what was expected, what was found and, where it helps, what to do.
+    The line names what was expected, what was found and, where it helps, what to do.
     """
 
     exit_status: ClassVar[int] = 2

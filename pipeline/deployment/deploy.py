@@ -125,11 +125,11 @@ def deploy(
 ) -> Deployment:
     """Let a controller, and then the teacher, lead the robot through a motion.
 
-    `reenact robot` and `reenact serve` run in processes of their own, connected over loopback; this process says the
-    targets, one sample of the motion each period whatever the motion's own times, as the paper does. The robot is in
-    lockstep: `serve` commands it directly, this process holds each command for the rest of the period, and the robot's
-    time stands still until the next. So the result is the same to the last bit however busy the machine is. What makes
-    steps at 10 Hz into a motion is the lag of the robot's own servos.
+    `reenact robot` and `reenact serve` run in processes of their own, connected over loopback; this process publishes
+    the targets, one sample of the motion each period whatever the motion's own times, as the paper does. The robot is
+    in lockstep: `serve` commands it directly, this process holds each command for the rest of the period, and the
+    robot's time stands still until the next. So the result is the same to the last bit however busy the machine is.
+    What makes steps at 10 Hz into a motion is the lag of the robot's own servos.
 
     Parameters
     ----------

@@ -17,7 +17,7 @@ from recorders.wire.frames import DEFAULT_NAMESPACE
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import Session, SessionConfig, open_session
 
-_NAME = "controller"  # by which `serve` is known unless told otherwise
+_NAME = "controller"  # by which `serve` is known by default
 _POLL_S = 0.1
 
 
@@ -58,7 +58,7 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Ses
             _await_controller(session, processes, wait_s=wait_s)
             yield session, robot
         except WireError as error:
-            # What ended a process says more than that it does not answer.
+            # The reason for which a process ended is worth more than that it does not answer.
             raise WireError(next(filter(None, map(_Process.complaint, processes)), str(error))) from error
 
 

@@ -103,7 +103,7 @@ class DemonstrationResult:
     out_of_reach : OutOfReach
         What of it was, and what became of that.
     source : dict of str to object
-        Where it came from, as the manifest says.
+        Where it came from, as in the manifest.
     teacher_error_cm : float
         Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
     content_sha256 : str

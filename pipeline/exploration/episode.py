@@ -119,7 +119,7 @@ class TeacherRun:
     start : array, shape (n,)
         The posture from which the teacher begins [rad or m].
     on_hold : callable
-        Told the robot's time [ns] after every hold.
+        Called with the robot's time [ns] after every hold.
     """
 
     def __init__(

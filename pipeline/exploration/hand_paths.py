@@ -32,7 +32,7 @@ class DemonstratedPaths:
     paths : mapping of str to HandPath
         By hand; at least one.
     source : mapping
-        What the manifest says of where it came from.
+        Where it came from, for the manifest.
     """
 
     name: str

@@ -213,7 +213,7 @@ def explore_live(
     schedule : Schedule
         Epochs and phases.
     session, sender : SessionConfig, SenderConfig
-        Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch_size` says.
+        Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch_size` is.
     teacher, config : TeacherConfig, ExplorationConfig
         Parameters.
     progress : callable

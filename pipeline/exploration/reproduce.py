@@ -103,7 +103,7 @@ def _exploration(log: Path) -> _Settings:
             closed=bool(manifest["motion"]["closed"]),
         )
     except (KeyError, TypeError) as error:
-        raise LogError(f"{log}: the manifest does not say how the exploration was made: {error}") from error
+        raise LogError(f"{log}: the manifest does not hold the settings of the exploration: {error}") from error
 
 
 def _whole(value: Any) -> int:

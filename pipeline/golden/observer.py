@@ -50,7 +50,7 @@ class ObservedRun:
     pairing : PairingRule
         Pairs that it learns from.
     offer : Offer
-        What the stream says of itself, the robot included.
+        The description of the stream, the robot included.
     resume_after : int, optional
         After so many ticks a new learner goes on from a checkpoint.
 
@@ -147,7 +147,7 @@ class ObservedRun:
             path = Path(folder, "checkpoint.npz")
             snapshot = self._run.snapshot()
             self._run.controller({"checkpoint": snapshot}).save(path)
-            kept = Controller.load(path)
+            checkpoint = Controller.load(path)
         self._resume_after = None
         self._run, self._learner = self._begin()
-        self._run.restore(kept, kept.provenance["checkpoint"])
+        self._run.restore(checkpoint, checkpoint.provenance["checkpoint"])

@@ -174,7 +174,7 @@ def recipe(
     ConfigError
         If there are no logs or settings, the file cannot be read, or a setting is bad.
     LogError
-        If a recorded session does not say how many epochs it had.
+        If it is unknown how many epochs a recorded session had.
     """
     if old is None:
         if not logs or (config is None and rule is None):
@@ -186,7 +186,7 @@ def recipe(
         learner = read_settings(config, rule=rule, pairs=pairs, before=before)
     elif pairs is not None:
         learner = with_pairs(learner, pairs)
-    made = replace(
+    case = replace(
         old,
         logs=tuple(logs) or old.logs,
         learner=learner,
@@ -195,7 +195,7 @@ def recipe(
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,
     )
-    if made.as_recorded and (logs or epochs or not old.as_recorded):
-        session = RecordedSession(made.logs[0], epochs=epochs, topics=made.schedule.topics)
-        return replace(made, schedule=Schedule.from_dict(session.offer().schedule))
-    return made if epochs is None else replace(made, schedule=replace(made.schedule, epochs=epochs))
+    if case.as_recorded and (logs or epochs or not old.as_recorded):
+        session = RecordedSession(case.logs[0], epochs=epochs, topics=case.schedule.topics)
+        return replace(case, schedule=Schedule.from_dict(session.offer().schedule))
+    return case if epochs is None else replace(case, schedule=replace(case.schedule, epochs=epochs))

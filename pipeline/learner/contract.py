@@ -174,7 +174,7 @@ class LearningRuleContract:
         assert state_digest(learner.state()) == digest
 
     def test_targets_of_a_wrong_shape_are_refused(self) -> None:
-        """One line says which was expected."""
+        """An error names the shape that was expected."""
         n, (u, _) = self.config.outputs, self.motion(3)
         for shape in ((n,), (3, n - 1), (3, n + 1), (4, n), (3, n, 1)):
             with pytest.raises(MessageError, match="expected"):
@@ -192,13 +192,13 @@ class LearningRuleContract:
         learner, first, second = self.trained(64), tmp_path / "first.npz", tmp_path / "second.npz"
         joints = tuple(f"joint {k}" for k in range(self.config.outputs - self.config.inputs))
         Controller.from_learner(learner, joints=joints, robot_toml="", robot_urdf="").save(first)
-        kept = Controller.load(first)
-        kept.save(second)
+        loaded = Controller.load(first)
+        loaded.save(second)
         assert first.read_bytes() == second.read_bytes()
-        assert (kept.rule, kept.config, kept.digest) == (
+        assert (loaded.rule, loaded.config, loaded.digest) == (
             self.rule.config.rule,
             self.config,
             state_digest(learner.state()),
         )
         u, d = self.motion(20)
-        assert np.array_equal(kept.learner().step(u, d, learning=True), learner.step(u, d, learning=True))
+        assert np.array_equal(loaded.learner().step(u, d, learning=True), learner.step(u, d, learning=True))

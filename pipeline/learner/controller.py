@@ -245,7 +245,7 @@ def _parse_header(file: npz.Npz) -> dict[str, Any]:
     except (ValueError, RecursionError) as error:
         raise ControllerError(f"its header is not JSON: {json_fault_text(error)}") from error
     if not isinstance(header, dict) or header.get("format") != FORMAT:
-        raise ControllerError(f"its header does not say {FORMAT}")
+        raise ControllerError(f"its header does not name the format {FORMAT}")
     if type(header.get("version")) is not int or header["version"] != VERSION:
         raise ControllerError(f"expected format version {VERSION}, found {value_text(header.get('version'))}")
     kinds = {"config": dict, "joints": list, "provenance": dict, **dict.fromkeys(_HEADER_TEXTS, str)}
@@ -262,7 +262,7 @@ def _parse_header(file: npz.Npz) -> dict[str, Any]:
 
 def _check_digest(name: str, expected: str, found: str) -> None:
     if expected != found:
-        raise ControllerError(f"its {name} digest is {found[:12]}, but its header says {expected[:12]}")
+        raise ControllerError(f"its {name} digest is {found[:12]}, but its header has {expected[:12]}")
 
 
 def _read(path: Path) -> bytes:

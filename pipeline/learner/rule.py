@@ -90,7 +90,9 @@ class Settings:
             If it has more than `MAX_NUMBERS` numbers.
         """
         if (found := state_numbers(self.state_shapes())) > MAX_NUMBERS:
-            raise ConfigError(f"expected at most {MAX_NUMBERS} numbers in a state, to be kept in a file, found {found}")
+            raise ConfigError(
+                f"expected at most {MAX_NUMBERS} numbers in a state, to be stored in a file, found {found}"
+            )
 
     def to_dict(self) -> dict[str, int | float]:
         """Return the fields as plain numbers, ready for JSON or TOML."""
@@ -138,7 +140,7 @@ class OnlineLearner(Protocol):
         """Constant taken from d and added to the outputs, shape (outputs,)."""
 
     def begin_epoch(self, epoch: int) -> None:
-        """Start an epoch: seeded state of its own, rates of its own, weights kept."""
+        """Start an epoch: seeded state of its own, rates of its own, the same weights."""
 
     def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> Floats:
         """Take steps with targets d (n, outputs); returns the outputs (n, outputs), each from before its update."""

@@ -80,9 +80,9 @@ class LiveLearner:
     config : LiveConfig
         When it ends.
     receiver : Receiver
-        One that hears live messages too.
+        One that receives live messages too.
     publisher : LearnerPublisher
-        Says what comes of it.
+        Publishes the results.
     """
 
     def __init__(

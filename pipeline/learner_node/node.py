@@ -22,11 +22,11 @@ from replay.transports.zenoh import ZenohTransport
 logger = logging.getLogger(__name__)
 
 _UNPACED = Unpaced()
-_NAME_DIGITS = 8  # of a session's identifier, by which a replay is told from others
+_NAME_DIGITS = 8  # of a session's identifier, by which a replay differs from others
 
 
 def own_topics(tick: Sequence[str]) -> frozenset[str]:
-    """Return the topics of a learner of these ticks: a message here that is not of its stream is refused aloud."""
+    """Return the topics of a learner of these ticks: a message here that is not of its stream is refused and reported."""
     return frozenset({SESSION_PHASE, batch_topic(), *tick})
 
 
@@ -121,7 +121,7 @@ def replay(
     def counted(start: int) -> Iterator[RecordedMessage]:
         """Yield the messages at the pace of the clock, and count them."""
         nonlocal sent
-        for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # told at the end
+        for sent, message in enumerate(paced(source.stream(start), clock), start + 1):  # noqa: B007  # reported at the end
             yield message
 
     def advanced(consumed: int) -> None:

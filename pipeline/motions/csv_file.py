@@ -18,7 +18,7 @@ from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.file_kind import mixed_up_kind
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
-MAX_TIME_S = 1e6  # eleven days: a float64 still tells their nanoseconds apart
+MAX_TIME_S = 1e6  # eleven days: a float64 still separates their nanoseconds
 MAX_ROWS = 1_000_000  # nearly three hours at 100 Hz
 MAX_GAP_S = 5.0  # a hand does not rest for longer unseen; milliseconds taken for seconds exceed it below 200 Hz
 

@@ -72,7 +72,7 @@ DRAWINGS: dict[str, Callable[[RobotConfig], Motion]] = {
     "right_hand_house": house,
     "right_hand_spiral": spiral,
 }
-"""What makes each of the drawings that come with the program, by the name of its file."""
+"""Generators of the drawings that come with the program, by the name of its file."""
 
 
 def write_motion_csv(motion: Motion, path: str | Path, hands: Sequence[str], *, comment: str) -> None:

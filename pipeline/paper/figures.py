@@ -55,7 +55,7 @@ class Picture:
         Of its file, without folder.
     figure : str
         The paper's number of it.
-    says : str
+    caption : str
         What it shows, for those who read it and those who cannot see it.
     key : str
         How it is to be read; it stands in the picture too.
@@ -63,7 +63,7 @@ class Picture:
 
     name: str
     figure: str
-    says: str
+    caption: str
     key: str
 
 

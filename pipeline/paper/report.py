@@ -16,9 +16,9 @@ from recorders.files.anonymous_file import write_whole
 
 _COLUMNS = ("quantity", "ours", "the paper", "teacher", "linear", "seeds", "commands", "printed as")
 _SHORT_RUN = (
-    "<p><strong>This was a short run to try everything out: its numbers say nothing.</strong> It explored coarsely, so "
-    "<code>reenact explore</code> gives other logs than those beside this page. All other commands use these logs, and "
-    "give the numbers of this page.</p>"
+    "<p><strong>This was a short run to try everything out: its numbers mean nothing.</strong> It explored coarsely, "
+    "so <code>reenact explore</code> gives other logs than those beside this page. All other commands use these logs, "
+    "and give the numbers of this page.</p>"
 )
 _BEYOND = 1.001  # so many times as far out as what was learned: by more than the rounding of targets
 
@@ -35,9 +35,9 @@ def write_report(
     out : Path
         Folder to write to.
     is_full : bool
-        Whether the bounds count; the page of a short run says that they do not.
+        Whether the bounds count; the page of a short run states that they do not.
     progress : callable
-        Told the share of the pictures that are drawn, 0 to 1.
+        Called with the share of the pictures that are drawn, 0 to 1.
 
     Raises
     ------
@@ -117,18 +117,18 @@ def _directions(found: Sequence[Direction]) -> str:
 def _beyond(found: Sequence[Depth], paper: PaperResults) -> str:
     """Return a paragraph on the drawings that lead a hand farther out than what was learned."""
     learned_cm = max(part.out_cm for part in found if part.motion == PATTERN_1)
-    says = [
+    sentences = [
         f"in {escape(drawing_title(part.motion))}, up to {part.out_cm:.1f} cm out, the {part.hand} hand misses by "
         f"{part.missed_cm:.2f} cm: {part.off_plane_cm:.2f} cm ahead or behind, {part.in_plane_cm:.2f} cm in the plane"
         for part in found
         if part.motion in paper.demonstrations and part.out_cm > _BEYOND * learned_cm
     ]
-    if not says:
+    if not sentences:
         return ""
     return (
         f"<p>Nothing that the networks learned from is farther than {learned_cm:.1f} cm from the centre of a pattern. "
-        f"Drawings go beyond it, where networks extrapolate: {'; '.join(says)}. The pictures show the last of these "
-        "numbers alone: what lies on its targets there is ahead of them or behind by the number before.</p>"
+        f"Drawings go beyond it, where networks extrapolate: {'; '.join(sentences)}. The pictures show the last of "
+        "these numbers alone: what lies on its targets there is ahead of them or behind by the number before.</p>"
     )
 
 
@@ -197,6 +197,6 @@ def _figures(pictures: Iterable[Picture], prefix: str, out: Path) -> str:
 
 
 def _figure(picture: Picture, png: bytes) -> str:
-    data, says = base64.b64encode(png).decode("ascii"), escape(f"{picture.says} {' '.join(picture.key.split())}")
-    caption = f"<figcaption>As the paper's figure {escape(picture.figure)}. {says}</figcaption>"
-    return f'<figure><img src="data:image/png;base64,{data}" alt="{says}">{caption}</figure>'
+    data, text = base64.b64encode(png).decode("ascii"), escape(f"{picture.caption} {' '.join(picture.key.split())}")
+    caption = f"<figcaption>As the paper's figure {escape(picture.figure)}. {text}</figcaption>"
+    return f'<figure><img src="data:image/png;base64,{data}" alt="{text}">{caption}</figure>'

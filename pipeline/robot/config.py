@@ -120,7 +120,7 @@ def robot_names() -> list[str]:
 def load_robot(name_or_directory: str | Path) -> RobotConfig:
     """Load a robot that comes with the program, or one from a directory.
 
-    The directory holds `robot.toml` and either `robot.urdf`, or `import.toml`, which says from what model of others,
+    The directory holds `robot.toml` and either `robot.urdf`, or `import.toml`, which names from what model of others,
     and how, the URDF is made.
 
     Raises

@@ -17,7 +17,7 @@ _IN_PLANE_M, _AHEAD_M = 0.25, 0.069  # half extents of the box: in the plane of 
 
 
 def upgraded(table: Mapping[str, Any]) -> dict[str, Any]:
-    """Return a parsed robot config with `[[hands]]`, made of `[hands]` and `[pattern]` if it is of the older form.
+    """Return a parsed robot config with `[[hands]]`, from `[hands]` and `[pattern]` if it is of the older form.
 
     Raises
     ------

@@ -44,7 +44,7 @@ class RemoteRobot:
     WireError
         If no robot answers; from every method that asks it, also if it refuses or answers something else.
     RobotError
-        If what it says of itself is not usable.
+        If its description or status is not usable.
     """
 
     def __init__(
@@ -117,7 +117,7 @@ class RemoteRobot:
         for _ in range(duration_ns // period_ns):
             command = self._command(q_command, stamp_ns=self.time_ns)
             self._waiting.append(command)
-            # Now, and not before the next command: its topic may say that one first, and the robot is further then.
+            # Now, and not before the next command: its topic may bring that one first, and the robot is further then.
             full = (len(self._waiting) + 1) * len(pack_commands([command])) > MAX_COMMAND
             if full or self.status.real_time:
                 self.wait()
@@ -172,7 +172,7 @@ class RemoteRobot:
     def _silence(self) -> str:
         if self._name:
             return (
-                f"robot '{self._name}' has not answered for {self._patience_s:g} s; what it was told after its time "
+                f"robot '{self._name}' has not answered for {self._patience_s:g} s; what it was sent after its time "
                 f"{self._state.stamp_ns} ns is unconfirmed; was it stopped, or the connection cut?"
             )
         return (

@@ -23,7 +23,7 @@ class FollowerConfig:
     Parameters
     ----------
     rate_hz : float
-        How often it says its state, in its own time [Hz].
+        How often it publishes its state, in its own time [Hz].
     real_time : bool
         Whether its time runs with the clock on the wall, the latest command holding; else lockstep: every command
         moves it on by one period, and its time stands still between commands.
@@ -58,7 +58,7 @@ class Follower:
     config : FollowerConfig
         Rate and mode.
     publish : callable
-        Takes topic and message: what the robot says.
+        Takes topic and message of what the robot publishes.
 
     Attributes
     ----------

@@ -128,7 +128,7 @@ class RobotCheck:
                 continue
             try:
                 status = RobotStatus.from_json(reply.ok.payload.to_bytes())
-            except WireError:  # not a robot of ours: whatever it is will say itself what it refuses
+            except WireError:  # not a robot of ours: whatever it is will report itself what it refuses
                 continue
             if difference := self._difference(status):
                 return difference

@@ -38,7 +38,7 @@ MAX_WAITING = 1024
 
 _ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
 _QUIET_S = 1.0  # after so much silence a flood is over, and the next one is worth a line again
-_SLIP_S = 0.1  # from here on it is said that the robot's time has slipped, and again whenever that has doubled
+_SLIP_S = 0.1  # from here on it is logged that the robot's time has slipped, and again whenever that has doubled
 
 
 class _Command(NamedTuple):

@@ -13,8 +13,8 @@ One robot stands in a namespace:
 
 A command is a JointState that names all joints of the robot, in any order. Its stamp is the robot's time at which it
 takes effect; it then holds for one period. A robot in lockstep takes a command only at that very time, and its time
-stands still between commands. A command that the robot has carried out may come again, as a query repeats what the
-topic has said and as what is lost on the way is sent again: it changes nothing.
+stands still between commands. A command that the robot has carried out may come again, as a query repeats what
+came on the topic and as what is lost on the way is sent again: it changes nothing.
 
 `NAMESPACE/robot_description` is published too, once, for subscribers; one with a history gets it whenever it comes, as
 ROS 2 knows that from a topic that is transient local.
@@ -147,7 +147,7 @@ class RobotStatus:
     slipped_s : float
         How far its time has fallen behind the clock on the wall [s].
     joints : tuple of str
-        Names of its joints, in order; none if it does not say.
+        Names of its joints, in order; none if it names none.
     """
 
     robot: str

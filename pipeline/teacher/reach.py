@@ -14,7 +14,7 @@ from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_rea
 from recorders.errors import MotionError
 
 CHOICES = ("refuse", "clip", "skip", "keep")
-"""What to do with samples out of reach: refuse the motion; move them to the nearest point within reach; leave them out,
+"""Treatments of samples out of reach: refuse the motion; move them to the nearest point within reach; leave them out,
 the target before them being held on; keep them, for the teacher to come as near as it does."""
 
 _STEPS = 100  # of the search for the nearest point; 30 come within 2 mm of where it ends

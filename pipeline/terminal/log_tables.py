@@ -39,8 +39,8 @@ def overview(summary: LogSummary) -> dict[str, str]:
     for session in summary.sessions.values():
         cycles = ", ".join(f"{count} {phase}" for phase, count in session.cycles.items())
         lines[f"run {session.run}"] = f"epochs {session.first_epoch} to {session.last_epoch}; markers: {cycles}"
-    said = found.manifest.items()
-    manifest = {f"manifest: {name}": _value(value) for name, value in said if value is not None}
+    entries = found.manifest.items()
+    manifest = {f"manifest: {name}": _value(value) for name, value in entries if value is not None}
     return {escape_control(name): escape_control(text) for name, text in (lines | manifest).items()}
 
 
@@ -72,7 +72,7 @@ def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
 def recovered(recovery: Recovery) -> dict[str, str]:
     """Return the result of a recovery, by name."""
     lines = {
-        "recovered": _messages(recovery.kept.total()),
+        "recovered": _messages(recovery.saved.total()),
         "lost": _lost(recovery),
         "skipped": _bytes(recovery.skipped),
         "attachments": names_text(recovery.attachments) or "none",
@@ -99,7 +99,7 @@ def _counts(summary: LogSummary) -> str:
     wrong = summary.wrong_totals
     more = f"; and {len(wrong) - _TOTALS_NAMED} more" if len(wrong) > _TOTALS_NAMED else ""
     return (
-        f", and NOT as many as the summary says: {'; '.join(map(_cut, wrong[:_TOTALS_NAMED]))}{more}" if wrong else ""
+        f", and NOT as many as the summary states: {'; '.join(map(_cut, wrong[:_TOTALS_NAMED]))}{more}" if wrong else ""
     )
 
 
@@ -109,8 +109,8 @@ def _state(summary: LogSummary) -> str:
     else:
         state = "finished" if summary.survey.finished else "not finished"
     complete = summary.survey.manifest.get("complete")
-    said = {True: ", complete", False: ", not complete"}.get(complete, "") if isinstance(complete, bool) else ""
-    return state + said + ("" if summary.sound else "; damaged")
+    whole = {True: ", complete", False: ", not complete"}.get(complete, "") if isinstance(complete, bool) else ""
+    return state + whole + ("" if summary.sound else "; damaged")
 
 
 def _unprotected(summary: LogSummary) -> str:
@@ -148,10 +148,10 @@ def _missing(topic: TopicSummary) -> str:
     by_number = f"{topic.missing} missing by number" + (
         f" ({places}{', …' if topic.more_gaps else ''})" if places else ""
     )
-    said = by_number if topic.numbered or topic.missing else "no numbers of its own"
+    text = by_number if topic.numbered or topic.missing else "no numbers of its own"
     if topic.dropped is None or topic.dropped == topic.missing:
-        return said
-    return f"{said}, about {topic.dropped} missing by time"
+        return text
+    return f"{text}, about {topic.dropped} missing by time"
 
 
 def _ahead(least_ns: int, most_ns: int) -> Iterator[str]:
@@ -168,7 +168,7 @@ def _ahead(least_ns: int, most_ns: int) -> Iterator[str]:
 
 def _lost(recovery: Recovery) -> str:
     if recovery.lost is None:
-        return "unknown: nothing in the log tells"
+        return "unknown: the log does not state it"
     by_topic = names_text(f"{topic} {count}" for topic, count in recovery.lost.items())
     count = f"{'' if recovery.exact else 'at least '}{_messages(recovery.lost.total())}"
     return f"{count} ({by_topic})" if by_topic else count

@@ -8,7 +8,7 @@ from rich.text import Text
 from recorders.nodes.status import NodeStatus
 from recorders.text.wording import escape_control
 
-_DIGITS = 8  # of a digest, which tell one from another
+_DIGITS = 8  # of a digest, enough to distinguish it from another
 _MINUTE_S, _HOUR_S = 60, 3600
 
 

@@ -85,7 +85,7 @@ def compute_all(
     executors : callable
         Opens the executor to compute them on.
     on_done : callable
-        Told of the number of finished runs after each.
+        Called with the number of finished runs after each.
 
     Raises
     ------

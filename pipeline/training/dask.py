@@ -38,7 +38,7 @@ def connected(address: str) -> Iterator[Any]:
             _ask(address, host, port)
             client: Any = Client(address, timeout=_CONNECT_S, set_as_default=False)  # type: ignore[no-untyped-call]
         except Exception as error:  # whoever listens there may answer anything at all
-            reason = getattr(error, "strerror", None) or str(error) or f"nothing heard in {_CONNECT_S:g} s"
+            reason = getattr(error, "strerror", None) or str(error) or f"no answer in {_CONNECT_S:g} s"
             raise WireError(
                 f"no Dask scheduler answers at {address} ({reason}): start one, or leave --scheduler out"
             ) from error
@@ -106,7 +106,7 @@ def _host_and_port(address: str) -> tuple[str, int]:
 def _ask(address: str, host: str, port: int) -> None:
     """Ask who listens at the address, as a client that does not get through leaves a loop behind that hangs.
 
-    Dask tries a refused connection again and again; a plain one says so at once.
+    Dask tries a refused connection again and again; a plain one fails at once.
     """
     socket.create_connection((host, port), timeout=_CONNECT_S).close()
     kind = asyncio.run(asyncio.wait_for(_identity(address), _CONNECT_S))["type"]

@@ -76,7 +76,7 @@ class Steps(NamedTuple):
     u : ndarray, shape (n, 6)
         Hand positions that were its inputs [m].
     outputs : ndarray, shape (n, 6 + joints)
-        What the network said to each: next targets [m], joints [rad or m].
+        Outputs of the network for each: next targets [m], joints [rad or m].
     """
 
     stamps_ns: list[int]
@@ -109,7 +109,7 @@ class LearningRun:
     pairing : PairingRule, optional
         Pairs that it learns from; the paper's if left out.
     on_steps : callable, optional
-        Told of the steps, some at a time; the arrays are the run's own, to be read at once.
+        Called with the steps, some at a time; the arrays are the run's own, to be read at once.
     """
 
     def __init__(
@@ -191,7 +191,7 @@ class LearningRun:
         return report
 
     def feed(self, message: RecordedMessage) -> None:
-        """Take one message; steps are made as ticks come complete.
+        """Take one message; steps are taken as ticks come complete.
 
         Raises
         ------

@@ -50,9 +50,9 @@ class Trainer:
     checkpoint : CheckpointConfig, optional
         Where to keep checkpoints; one that is there already, of the same run, is gone on from.
     on_cycle : callable
-        Told of every finished cycle.
+        Called with every finished cycle.
     on_progress : callable
-        Told now and then of the ticks so far, and of the share of the stream that is through, if its length is known.
+        Called now and then with the ticks so far, and the share of the stream that is through, if its length is known.
     """
 
     def __init__(
@@ -124,11 +124,11 @@ class Trainer:
         ControllerError
             If the file is not a checkpoint.
         """
-        kept = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path)
-        if kept is None:
+        found = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path)
+        if found is None:
             return None
         try:
-            return Phase(**kept.provenance["checkpoint"]["phase"])
+            return Phase(**found.provenance["checkpoint"]["phase"])
         except (KeyError, TypeError, MessageError) as error:
             raise no_checkpoint(self._checkpoint.path) from error  # type: ignore[union-attr]  # there is one
 
@@ -275,8 +275,10 @@ class Trainer:
         if run is None or self._checkpoint is None or self._busy:
             return
         if run.counts.ticks == self._whole.ticks > 0:
-            kept = run.controller({**self._provenance(), "checkpoint": {"next": self._whole.next, **run.snapshot()}})
-            kept.save(self._checkpoint.path)
+            checkpoint = run.controller(
+                {**self._provenance(), "checkpoint": {"next": self._whole.next, **run.snapshot()}}
+            )
+            checkpoint.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks
 
     def _check_topics(self, schedule: Schedule) -> None:
@@ -301,12 +303,12 @@ class Trainer:
         controller = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path, of=f"run {offer.run}")
         if controller is None or self._checkpoint is None:
             return 0
-        path, kept = self._checkpoint.path, controller.provenance["checkpoint"]
-        if kept.get("run") != offer.run:
-            found = str(kept.get("run"))[:64]
+        path, saved = self._checkpoint.path, controller.provenance["checkpoint"]
+        if saved.get("run") != offer.run:
+            found = str(saved.get("run"))[:64]
             raise ControllerError(f"{path}: expected a checkpoint of run {offer.run}, found {found}; move it away")
-        run.restore(controller, kept)
-        start = kept.get("next")
+        run.restore(controller, saved)
+        start = saved.get("next")
         if type(start) is not int:
             raise ControllerError(f"{path}: expected the stream index to go on from, found {value_text(start)}")
         return start
@@ -380,7 +382,7 @@ def train(
     renames : mapping of str to str
         Our topic names for those that the logs use.
     on_cycle : callable
-        Told of every finished cycle.
+        Called with every finished cycle.
 
     Raises
     ------

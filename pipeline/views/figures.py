@@ -16,7 +16,7 @@ from pipeline.arrays import Floats
 from pipeline.evaluation.errors import HandErrors
 from recorders.errors import ConfigError, MotionError
 
-HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision tell them apart
+HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision distinguish them
 BLACK, GREY, _TARGET_GREY, _BAND = "#000000", "#6B6B6B", "#BDBDBD", "#B8D4E8"
 KEY = (
     "Seen from behind the robot, its left on the left. Grey: targets, from the dot on. Colour: where the hands went.\n"

@@ -20,7 +20,7 @@ from recorders.rerun_scene.track import MAX_TIME_NS, Track
 from recorders.ticks.joiner import JointMap
 
 JOINT_TOPICS = (JOINT_STATES, SAMPLE_JOINTS, JOINT_COMMANDS)
-"""Where postures are taken from: the first of these that there is."""
+"""Topics that postures are taken from: the first of these that there is."""
 
 MAX_ROWS = 20_000
 """Rows that a viewer is given at once: over six minutes at 50 Hz; of more, some are left out evenly."""

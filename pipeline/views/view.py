@@ -172,7 +172,7 @@ def _joints_topic(reader: Reader, renames: Mapping[str, str], hands: Sequence[st
 
 
 def _published_errors(controller: Controller) -> list[float]:
-    """Return the error of every epoch, if the controller tells: what it tells is its writer's, and not checked."""
+    """Return the error of every epoch, if the controller has it: its writer noted it, and nobody checks it."""
     errors = controller.provenance.get("errors_cm")
     if not isinstance(errors, list):
         return []

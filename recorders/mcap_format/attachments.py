@@ -51,7 +51,7 @@ def attachment_head(record: RawRecord) -> AttachmentHead:
         raise damaged(record.offset, "an attachment is malformed") from None
     head = AttachmentHead(log_time_ns, create_time_ns, name, media_type, position + _DATA.size, size)
     if head.end + CRC.size > record.size:
-        raise damaged(record.offset, "an attachment is not as long as it says")
+        raise damaged(record.offset, "an attachment is not as long as it states")
     return head
 
 

@@ -9,7 +9,7 @@ import lz4.frame
 import zstandard
 
 DECOMPRESS_ERRORS = (RuntimeError, ValueError, OverflowError, EOFError, zstandard.ZstdError)
-"""What `decompress` raises for damaged data: the libraries have no common error."""
+"""Errors that `decompress` raises for damaged data: the libraries have no common error."""
 
 _LZ4_RATIO = 255  # bytes out for a byte in, at the very most: a longer match takes one more byte for every 255
 _LZ4_FRAME = 32  # bytes, more than the ends of a frame take

@@ -86,7 +86,7 @@ def length_to_read(file: BinaryIO, opcode: int, length: int, offset: int) -> int
     fixed, texts, behind = layout
     begin, data_length = _data(file, offset, fixed, texts)
     if not 0 <= length - begin - data_length - behind <= _MOST_BEHIND:
-        raise damaged(offset, f"a record of kind {opcode} is not as long as it says")
+        raise damaged(offset, f"a record of kind {opcode} is not as long as it states")
     if opcode == Opcode.CHUNK and length <= MAX_CHUNK + _MOST_BEHIND:
         return length
     if begin > LARGE:

@@ -13,7 +13,10 @@ def _from_1(manifest: Manifest) -> Manifest:
 
 
 UPGRADES: Mapping[int, Callable[[Manifest], Manifest]] = MappingProxyType({1: _from_1})
-"""What makes a manifest of one version one of the next, by the version that it takes; none changes what it is given."""
+"""Functions that turn a manifest of one version into one of the next, by the version that they take.
+
+None changes the manifest that it is given.
+"""
 
 
 def upgrade(manifest: Manifest) -> Manifest:

@@ -202,7 +202,7 @@ def _next_record(file: BinaryIO, offset: int, size: int, skip_ranges: Mapping[in
     if record.opcode in _MISPLACED:
         raise damaged(offset, f"a record of kind {record.opcode} among its messages")
     if record.opcode == _MESSAGE_INDEX and not is_message_index(record):
-        raise damaged(offset, "a message index is not as long as it says")
+        raise damaged(offset, "a message index is not as long as it states")
     return record
 
 
@@ -268,7 +268,7 @@ def chunk_head(record: RawRecord) -> ChunkHead:
         raise damaged(record.offset, f"a chunk is malformed ({error!s:.{_LONGEST_REASON}})") from None
     start = _CHUNK.size + length + _LENGTH.size
     if record.size - start < data_length:
-        raise damaged(record.offset, "a chunk is not as long as it says")
+        raise damaged(record.offset, "a chunk is not as long as it states")
     return ChunkHead(first_ns, last_ns, size, crc, compression, start, start + data_length)
 
 

@@ -4,7 +4,7 @@ import re
 from typing import NamedTuple
 
 KINDS = ("robot", "controller", "learner", "recorder", "replay", "explorer")
-"""What a node can be."""
+"""Kinds of nodes."""
 
 _KEY = re.compile(r"/@node/([a-z]{1,20})/([A-Za-z0-9_.-]{1,100})/(alive|status)")
 _NO_NAME = re.compile(r"[^A-Za-z0-9_.-]+")

@@ -61,7 +61,7 @@ class Parts:
 
 
 Log: TypeAlias = Path | Parts
-"""Where a recording is: in one file, or in several."""
+"""Path of a recording in one file, or those of several parts."""
 
 
 def part_path(out: Path, number: int) -> Path:

@@ -20,7 +20,7 @@ from recorders.messages.record import RecordedMessage
 
 WRONG_TIMES = (
     "expected log times as the chunks and their indexes state them, found others: the order of the messages cannot be "
-    "told; `reenact recover` writes the log with the right ones"
+    "determined; `reenact recover` writes the log with the right ones"
 )
 
 FOREVER_NS = 2**64

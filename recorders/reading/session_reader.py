@@ -72,8 +72,8 @@ class SessionReader:
     @property
     def manifest(self) -> dict[str, Any]:
         """Manifest of the session: values of later parts replace earlier ones."""
-        said = {key: value for part in self.parts for key, value in part.manifest.items()}
-        return {key: value for key, value in said.items() if key not in (*RESERVED, PART)}
+        entries = {key: value for part in self.parts for key, value in part.manifest.items()}
+        return {key: value for key, value in entries.items() if key not in (*RESERVED, PART)}
 
     @property
     def by_file(self) -> bool:

@@ -20,7 +20,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.reading.raw_messages import MessageScanner, in_order
 
 MOST_HELD = 160_000_000
-"""What may be held at once of pieces that overlap [bytes, decompressed]: reading a log takes 256 MB with it."""
+"""Limit of what is held at once of pieces that overlap [bytes, decompressed]: reading a log takes 256 MB with it."""
 
 _PLACE = 4  # bytes that it takes to remember where a message stands
 _BLOCK = 2**20  # bytes of messages beside the chunks that are taken as one piece

@@ -42,14 +42,14 @@ class LiveRecorder:
     Parameters
     ----------
     out : Path, optional
-        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on. `recording.file_name` says what is
+        Log to write; with a split, `NAME_000.mcap`, `NAME_001.mcap` and so on. `recording.file_name` defines what is
         written without a name, and where parts are that a crash left.
     config : RecordConfig
         What is recorded.
     overwrite : bool
         Whether existing files may be replaced.
     on_progress : callable
-        Told of the recording so far, a few times a second.
+        Called with the recording so far, a few times a second.
     clock : callable
         The clock on the wall [ns]; log time goes by it, but never falls.
 

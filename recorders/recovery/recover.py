@@ -33,19 +33,19 @@ class Recovery:
     ----------
     source, out : Path
         The damaged log and the sound one.
-    kept : Counter
-        Number of messages kept, by topic.
+    saved : Counter
+        Number of messages saved, by topic.
     lost : Counter or None
         Number of messages lost, by topic; None if unknown.
     exact : bool
         Whether these are all that were lost; otherwise they are those whose numbers are missing at the damage, and
         there may be more.
     unprotected : int
-        How many of those kept stood before the first damage, in no chunk with a CRC: they may be wrong.
+        How many of those saved stood before the first damage, in no chunk with a CRC: they may be wrong.
     undeclared : int
         How many of those lost are there, on channels whose declaration is lost.
     attachments, lost_attachments : tuple of str
-        Names of the attachments kept, and of those lost as far as the log's summary states.
+        Names of the attachments saved, and of those lost as far as the log's summary states.
     damage : tuple of Damage
         Where the log was damaged.
     complete : bool
@@ -54,7 +54,7 @@ class Recovery:
 
     source: Path
     out: Path
-    kept: Counter[str]
+    saved: Counter[str]
     lost: Counter[str] | None
     exact: bool
     unprotected: int
@@ -75,8 +75,8 @@ class Recovery:
             "from": str(self.source),
             "out": str(self.out),
             "complete": self.complete,
-            "kept": self.kept.total(),
-            "kept_by_topic": dict(self.kept),
+            "kept": self.saved.total(),
+            "kept_by_topic": dict(self.saved),
             "lost": None if self.lost is None else self.lost.total(),
             "lost_by_topic": None if self.lost is None else dict(self.lost),
             "lost_exact": self.exact,
@@ -192,7 +192,7 @@ class _Copy:
 
     def _account(self, out: Path) -> Recovery:
         found, tally = self._found, self._tally
-        if found.damage and not (tally.kept or found.attachments or found.manifest):
+        if found.damage and not (tally.saved or found.attachments or found.manifest):
             raise CheckFailed(f"{found.path}: nothing in it can be believed: {found.damage[0].reason}")
         lost, exact = tally.lost(found)
         expected = Counter(found.summary.attachments if found.summary else ())
@@ -200,7 +200,7 @@ class _Copy:
         return Recovery(
             source=found.path,
             out=out,
-            kept=tally.kept,
+            saved=tally.saved,
             lost=lost,
             exact=exact,
             unprotected=0 if found.data_crc else tally.unprotected,
@@ -226,7 +226,7 @@ class _Copy:
     def _manifest(self, recovery: Recovery) -> dict[str, Any]:
         note: dict[str, Any] = {
             "from": recovery.source.name,
-            "kept": recovery.kept.total(),
+            "kept": recovery.saved.total(),
             "lost": None if recovery.lost is None else recovery.lost.total(),
             "damage": [{"offset": each.offset, "reason": each.reason} for each in recovery.damage[:_MOST_NOTED]],
         }
@@ -235,8 +235,8 @@ class _Copy:
             **self._found.manifest,
             "format_version": FORMAT_VERSION,
             "complete": recovery.complete,
-            "messages": recovery.kept.total(),
-            "counts": stated_counts(recovery.kept),
+            "messages": recovery.saved.total(),
+            "counts": stated_counts(recovery.saved),
             "content_sha256": self._content.hexdigest(),
             "recovered": note if earlier is None else {**note, "earlier": earlier},
         }

@@ -53,9 +53,9 @@ def _joined(whole: LogSurvey, parts: Sequence[LogSurvey]) -> LogSurvey:
         for part in parts
         for damage in part.damage
     ]
-    said = {name: value for part in parts for name, value in part.manifest.items()}
-    whole.manifest = {name: value for name, value in said.items() if name not in (*RESERVED, PART)}
-    if said:
+    entries = {name: value for part in parts for name, value in part.manifest.items()}
+    whole.manifest = {name: value for name, value in entries.items() if name not in (*RESERVED, PART)}
+    if entries:
         whole.manifest["complete"] = all(part.manifest.get("complete") is True for part in parts)
     return whole
 

@@ -15,7 +15,7 @@ class Tally:
 
     Attributes
     ----------
-    kept : Counter
+    saved : Counter
         Messages by topic.
     unprotected : int
         How many of them stand in no chunk with a CRC.
@@ -25,7 +25,7 @@ class Tally:
         Messages by topic whose numbers are missing at damage.
     """
 
-    kept: Counter[str] = field(default_factory=Counter)
+    saved: Counter[str] = field(default_factory=Counter)
     unprotected: int = 0
     undeclared: int = 0
     missing: Counter[str] = field(default_factory=Counter)
@@ -37,7 +37,7 @@ class Tally:
         if channel is None:
             self.undeclared += 1
             return
-        self.kept[channel.topic] += 1
+        self.saved[channel.topic] += 1
         self.unprotected += not message.protected
         span, sequence = self._last.get(channel, (message.span, message.sequence))
         if span != message.span and message.sequence > sequence + 1:
@@ -48,13 +48,13 @@ class Tally:
         """Return how many messages of each topic are lost, and whether these are all.
 
         The log's own counts, of its summary or manifest, are used; without them the numbers missing at damage, and
-        what cannot be kept; and without those nothing does.
+        what cannot be saved; and without those nothing does.
         """
         counts = found.stated_counts
         if counts is None and isinstance(found.manifest.get("counts"), dict):
             counts = Counter({topic: n for topic, n in found.manifest["counts"].items() if type(n) is int})
-        if counts is not None:  # where every message is kept, they may be on other topics than is stated
-            return (counts - self.kept if self.kept.total() < counts.total() else Counter()), True
+        if counts is not None:  # where every message is saved, they may be on other topics than is stated
+            return (counts - self.saved if self.saved.total() < counts.total() else Counter()), True
         whole = found.finished and not found.damage
         missing = self.missing + Counter({_UNDECLARED: self.undeclared})
         return (missing, whole) if missing or whole else (None, False)

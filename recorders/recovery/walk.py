@@ -148,7 +148,7 @@ class ResilientScan:
         try:
             record = self._read(self.offset)
             if self._swallows(record):
-                raise damaged(record.offset, "a record is not as long as it says")
+                raise damaged(record.offset, "a record is not as long as it states")
             self._take(record)
         except TooLarge as error:
             self._pass_over(error)

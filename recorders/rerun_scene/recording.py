@@ -1,6 +1,6 @@
 """A motion as a Rerun recording: the robot moving, its hands against their targets, and the plots beside them.
 
-Analytics: Rerun's viewer and command line send usage data unless told not to. The library that this module uses writes
+Analytics: Rerun's viewer and command line send usage data unless set not to. The library that this module uses writes
 a file, or to a viewer, without starting any of that, which a test watches; see `rerun_scene.viewer` for the viewer.
 """
 
@@ -82,7 +82,9 @@ def open_recording(
             recording.disconnect()  # writes the footer and closes the file
         except RuntimeError as error:  # what Rerun raises when the disk is full, or the viewer gone
             raise LogError(_complaint(destination, " ".join(str(error).split()))) from error
-        if destination.path is not None and not _has_footer(destination.path):  # of its last bytes Rerun tells nothing
+        if destination.path is not None and not _has_footer(
+            destination.path
+        ):  # of its last bytes Rerun reports nothing
             raise LogError(_complaint(destination, "it ended early"))
 
 

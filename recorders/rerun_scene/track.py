@@ -19,7 +19,7 @@ MAX_TIME_NS = 2**63 - 1
 """The latest time, and with the other sign the earliest, that a timeline of Rerun's holds [ns]."""
 
 MAX_NUMBER = 1e9
-"""No joint [rad or m] and no hand [m] is shown farther from 0; single precision tells nothing apart out there."""
+"""No joint [rad or m] and no hand [m] is shown farther from 0; single precision separates nothing out there."""
 
 _CM_PER_M = 100.0
 

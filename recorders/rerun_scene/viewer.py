@@ -50,8 +50,8 @@ def viewer_environment(config_home: Path) -> dict[str, str]:
         "data_dir_path": str(directory / "analytics"),
     }
     config_file.write_text(json.dumps(config), encoding="utf-8")
-    kept = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
-    return kept | {"CI": "1", "XDG_CONFIG_HOME": str(home)}
+    inherited = {name: value for name, value in os.environ.items() if name != "FORCE_RERUN_ANALYTICS"}
+    return inherited | {"CI": "1", "XDG_CONFIG_HOME": str(home)}
 
 
 def viewer_command(port: int, *options: str) -> list[str]:

@@ -8,7 +8,7 @@ from typing import Generic, TypeVar
 _Item = TypeVar("_Item")
 
 ITEM_BYTES = 1024
-"""What every item counts for beside its own size, as Python needs some memory for it [bytes]."""
+"""Size that every item counts for beside its own, as Python needs some memory for it [bytes]."""
 
 _LOOK_S = 0.5  # longest single wait
 

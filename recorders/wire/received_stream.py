@@ -123,7 +123,7 @@ class ReceivedStream:
         self.progress = replace(self.progress, error=reason)
 
     def abandon(self, reason: str = "the stream was given up") -> None:
-        """Leave the stream under way, as its sender has; the answer for that sender is kept."""
+        """Leave the stream under way, as its sender has; the answer for that sender stays."""
         if self.offer is not None and bytes.fromhex(self.offer.sender) != NO_RUN:  # live messages are of no sender
             self._remember(self.offer.sender, reason)
         self.offer = None

@@ -195,7 +195,7 @@ class PartFile:
             if not self._lock_part(descriptor) and not self._overwrite:
                 raise LogError(
                     f"{self.part} is left from an unfinished recording, or another writes it, which this file system "
-                    "cannot tell: move it away, or give --overwrite, which sets it aside"
+                    "cannot show: move it away, or give --overwrite, which sets it aside"
                 )
             self._set_aside(os.fstat(descriptor).st_size)
         finally:

@@ -52,7 +52,7 @@ def add_case(
     reason : str, optional
         Why; needed if the case exists, and stored in its history with what changes of the recipe. Tolerances stay.
     progress : callable
-        Told the fraction done, from 0 to 1.
+        Called with the fraction done, from 0 to 1.
 
     Returns
     -------
@@ -94,7 +94,7 @@ def _before(folder: Path, reason: str | None) -> Case | None:
     if not folder.exists():
         return None
     if not (reason or "").strip():
-        raise ConfigError(f"{folder} exists: say with --reason why its expectations change")
+        raise ConfigError(f"{folder} exists: give with --reason why its expectations change")
     case = load_case(folder)
     strangers = sorted({path.name for path in folder.iterdir()} - set(case.file_names))
     if strangers:
@@ -194,4 +194,4 @@ def _check(case: Case, runner: Runner) -> None:
     if finding is not None and finding.tier == PHYSICS:
         raise ConfigError(f"the simulation does not make this log again; leave --physics out: {finding}")
     if finding is not None:
-        raise ConfigError(f"the case does not hold as soon as it is made: {finding}")
+        raise ConfigError(f"the case does not hold as soon as it is written: {finding}")

@@ -63,7 +63,7 @@ class Verdict:
 def check_case(folder: Path, runner: Runner, *, changed: Changed = _nothing) -> Verdict:
     """Check one case: its files, then the learning, then the physics; the first finding ends it.
 
-    A program that crashes is a finding too, of the tier at which it did. `changed` says in what that which a team uses
+    A program that crashes is a finding too, of the tier at which it did. `changed` names in what that which a team uses
     today differs from the case's own copies.
     """
     name = folder.resolve().name

@@ -15,7 +15,7 @@ from replay.sources.scheduled import Replay
 from replay.sources.session import RecordedSession
 
 MAX_EPOCHS = 6
-"""The state is kept at the end of each: more would make a case too large to keep beside the code."""
+"""The state is stored at the end of each: more would make a case too large to have beside the code."""
 
 MAX_CYCLES = 100
 """Of an epoch: a case may come from anyone, and is run on every change."""
@@ -26,7 +26,7 @@ MAX_CASE_BYTES = 300_000
 PHYSICS_TICKS = 64
 
 LATER_RESULTS = frozenset({"hands_cm", "trials_hands_cm"})
-"""What came of a run that is compared in the cases that have it: the first ones were made without."""
+"""Results of a run that are compared in the cases that have them: the first cases have none."""
 
 State: TypeAlias = Mapping[str, NDArray[np.float64]]
 

@@ -105,9 +105,9 @@ class LiveStream:
     def losses(self) -> str:
         """Refused and missing messages, with the first reason, as the end of a line; empty if there were none."""
         counts = {"refused": self.refused.total(), "given up": self.dropped, "gaps": self.gaps}
-        said = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
+        text = ", ".join(f"{name} {count}" for name, count in counts.items() if count)
         first = f"; the first: {self._first_refusal}" if self._first_refusal else ""
-        return f"; {said}{first}" if said else ""
+        return f"; {text}{first}" if text else ""
 
     def feed(self, record: RecordedMessage, *, numbered: bool = True) -> tuple[RecordedMessage, ...]:
         """Take in a message and return what of the stream goes on with it; messages on other topics are passed over.
@@ -151,7 +151,7 @@ class LiveStream:
             raise RejectionError(
                 "marker",
                 f"{record.topic} #{record.sequence}: expected an epoch below {self._epochs}, found {phase.epoch}; "
-                "say how many there are with --epochs",
+                "give their number with --epochs",
             )
         if self._phase is not None and phase.run != self._phase.run:
             phase = replace(phase, run=self._phase.run)

@@ -20,7 +20,7 @@ from replay.sources.schedule import Schedule
 from replay.sources.stream_digest import StreamDigest
 
 CACHE_BYTES = 64 << 20
-"""A log whose messages take less is kept in memory, since every cycle presents it again."""
+"""A log whose messages take less is held in memory, since every cycle presents it again."""
 
 ROBOT_FILES = {"toml": "robot.toml", "urdf": "robot.urdf"}
 

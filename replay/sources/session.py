@@ -99,7 +99,7 @@ class RecordedSession:
             return Schedule(epochs, topics=topics)
         recorded = self._reader.manifest.get("schedule")
         if not isinstance(recorded, dict):
-            raise LogError(f"{self.path}: the log does not say how many epochs the session had; give --epochs")
+            raise LogError(f"{self.path}: the log does not state how many epochs the session had; give --epochs")
         return replace(Schedule.from_dict(recorded), topics=topics)
 
 

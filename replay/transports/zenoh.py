@@ -56,7 +56,7 @@ class ZenohTransport:
     config : SenderConfig
         Consumers, window and patience.
     on_progress : callable
-        Told how many messages every consumer has consumed.
+        Called with how many messages every consumer has consumed.
     channels : sequence of DeclaredChannel
         The channels of what is sent, published for recorders: by the names that it is sent under.
     """
@@ -139,9 +139,9 @@ class _Delivery:
         for name in self._config.consumers:
             key = control_key(self._config.namespace, name, "ack")
             self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
-        heart = threading.Thread(target=self._stay_alive, daemon=True)
-        heart.start()
-        self._stack.callback(heart.join)
+        heartbeat = threading.Thread(target=self._stay_alive, daemon=True)
+        heartbeat.start()
+        self._stack.callback(heartbeat.join)
         self._stack.callback(self._leaving.set)
         return self
 
@@ -377,7 +377,7 @@ def _why(error: BaseException) -> str:
         return str(error)
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
-    return "terminated" if isinstance(error, SystemExit) else "it failed, and says why itself"
+    return "terminated" if isinstance(error, SystemExit) else "it failed, and reports why itself"
 
 
 def _checked(name: str, progress: Progress) -> Progress:

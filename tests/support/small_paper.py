@@ -1,4 +1,4 @@
-"""A small rerun of the paper: two networks of two epochs on 20 samples, and no simulator; its numbers say nothing."""
+"""A small rerun of the paper: two networks of two epochs on 20 samples, and no simulator; its numbers mean nothing."""
 
 from pathlib import Path
 

@@ -57,13 +57,13 @@ def add(
     cases: Annotated[Path, typer.Option(help="Folder of the cases.", metavar="DIR")] = Path("golden"),
     case: CaseOptions,
     reason: Annotated[
-        str | None, typer.Option(help="Why an existing case changes; kept in its history.", metavar="TEXT")
+        str | None, typer.Option(help="Why an existing case changes; stored in its history.", metavar="TEXT")
     ] = None,
     as_json: Json = False,
 ) -> None:
     """Make a golden case of logs and a learner, or accept a change.
 
-    An existing case keeps whatever is not said anew: its logs, settings, epochs, tolerances and what is checked.
+    An existing case keeps whatever is not given anew: its logs, settings, epochs, tolerances and what is checked.
     """
     from pipeline.golden.runner import GoldenRunner, recipe
     from replay.golden.add import add_case

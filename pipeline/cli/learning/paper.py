@@ -16,7 +16,7 @@ def paper(
     ] = Path("out/paper"),
     seed: Seed = 0,
     quick: Annotated[
-        bool, typer.Option("--quick", help="A short run through everything; its numbers say nothing.")
+        bool, typer.Option("--quick", help="A short run through everything; its numbers mean nothing.")
     ] = False,
     scheduler: Annotated[
         str | None,

@@ -98,7 +98,7 @@ def learn(
 ) -> None:
     """Learn online over Zenoh, from a replay or a live session.
 
-    The learner hears a session or replay that awaits it by name, to its end, or with --live whoever publishes. With
+    The learner receives a session or replay that awaits it by name, to its end, or with --live whoever publishes. With
     --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
     ends with a stream that awaits it by name.
     """

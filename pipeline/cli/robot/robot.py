@@ -13,7 +13,9 @@ from pipeline.cli.sessions import ListeningNode
 def robot(
     *,
     robot: Robot = "asimo",
-    rate: Annotated[float, typer.Option(help="How often it says its state, in its own time.", metavar="HZ")] = 50.0,
+    rate: Annotated[
+        float, typer.Option(help="How often it publishes its state, in its own time.", metavar="HZ")
+    ] = 50.0,
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Run with the clock on the wall, not as fast as the driver goes.")
     ] = False,

@@ -1,1 +1,1 @@
-"""Import of a model of others: what is taken of it, and the URDF that is made."""
+"""Import of a model of others: the part of it that is taken, and the URDF that is written."""

@@ -24,7 +24,7 @@ def write_urdf(
     Parameters
     ----------
     whole : Element
-        The URDF from which `model` was built, with its root link `world`; tells names, types, axes and limits.
+        The URDF from which `model` was built, with its root link `world`; holds names, types, axes and limits.
     model : pinocchio.Model
         The model with no other joints than `joints`.
     joints : sequence of str

@@ -328,7 +328,7 @@ def test_a_robot_that_is_gone_is_noticed() -> None:
         process.kill()
         remote.advance(ASIMO.comfort, PERIOD_NS)
         with pytest.raises(
-            WireError, match="'asimo' has not answered for 1 s; what it was told after its time 0 ns is unconfirmed"
+            WireError, match="'asimo' has not answered for 1 s; what it was sent after its time 0 ns is unconfirmed"
         ):
             remote.wait()
 

@@ -115,7 +115,7 @@ def test_tls_that_is_not_configured_is_one_line(silent_port: int) -> None:
 
 def test_a_listener_that_says_nothing_is_no_scheduler(silent_port: int, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("pipeline.training.dask._CONNECT_S", 0.5)
-    expected = r"no Dask scheduler answers at .* \(nothing heard in 0\.5 s\)"
+    expected = r"no Dask scheduler answers at .* \(no answer in 0\.5 s\)"
     with pytest.raises(WireError, match=expected), dask_cluster(f"tcp://127.0.0.1:{silent_port}"):
         pass
 

@@ -190,7 +190,7 @@ def test_chunks_that_state_wrong_times_are_one_line(tmp_path):
     messages = [message(k, 10 * k) for k in range(20)]
     late = chunk(messages[10:], declared=CHANNELS, stated=[0, 9])
     path = put(tmp_path / "log.mcap", late, chunk(messages[:10], stated=[10, 19]))
-    with pytest.raises(LogError, match=r"the order of the messages cannot be told; `reenact recover` writes"):
+    with pytest.raises(LogError, match=r"the order of the messages cannot be determined; `reenact recover` writes"):
         list(LogReader(path))
     recover(path, tmp_path / "right.mcap")
     assert list(LogReader(tmp_path / "right.mcap")) == stamped(messages)

@@ -43,7 +43,7 @@ def test_they_are_passed_over(tmp_path, kind):
     summary = summarise(path)
     assert (summary.sound, summary.to_dict()["messages"]) == (True, 6)
     recovery = recover(path, out)
-    assert (recovery.complete, recovery.damage, recovery.kept) == (True, (), {"/x": 6})
+    assert (recovery.complete, recovery.damage, recovery.saved) == (True, (), {"/x": 6})
     assert list(LogReader(out)) == list(LogReader(path))
 
 

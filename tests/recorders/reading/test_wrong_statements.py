@@ -96,7 +96,7 @@ def test_a_channel_that_becomes_another_is_refused_and_recovered_as_two(tmp_path
     assert not summary.sound
     assert {topic.topic: topic.count for topic in summary.topics.values()} == {"/x": 5, "/y": 5}
     recovery = recover(path, tmp_path / "out.mcap")
-    assert (recovery.kept, recovery.lost) == ({"/x": 5, "/y": 5}, {})
+    assert (recovery.saved, recovery.lost) == ({"/x": 5, "/y": 5}, {})
     assert LogReader(recovery.out).counts == {"/x": 5, "/y": 5}
 
 
@@ -106,7 +106,7 @@ def test_what_cannot_be_kept_is_counted_as_lost(tmp_path):
     raw = MAGIC + packed(Header("", "other"), *messages(0, 3), SCHEMA, CHANNEL, *messages(3, 2))
     path.write_bytes(raw + packed(DataEnd(zlib.crc32(raw)), Footer(0, 0, 0)) + MAGIC)
     recovery = recover(path, tmp_path / "out.mcap")
-    assert (recovery.kept.total(), recovery.undeclared, recovery.lost.total()) == (2, 3, 3)
+    assert (recovery.saved.total(), recovery.undeclared, recovery.lost.total()) == (2, 3, 3)
     assert (recovery.exact, recovery.complete) == (True, False)
 
 
@@ -119,7 +119,7 @@ def test_no_recovery_is_complete_without_all_attachments_and_metadata(tmp_path, 
     if missing == "attachment":
         log.raw += packed(Attachment(0, 0, "x", "", b"data"))[:-4] + b"\1\2\3\4"
     recovery = recover(log.end(tmp_path / "log.mcap", **{f"{missing}_count": 1}), tmp_path / "out.mcap")
-    assert (recovery.kept.total(), recovery.lost.total(), recovery.complete) == (3, 0, False)
+    assert (recovery.saved.total(), recovery.lost.total(), recovery.complete) == (3, 0, False)
 
 
 @pytest.mark.parametrize(

@@ -220,7 +220,7 @@ def test_a_damaged_length_in_a_big_file_takes_no_memory(every, tmp_path, kind):
     error, peak = peak_of_reading(path)
     assert isinstance(error, DamagedLog)
     assert peak < MOST_BYTES
-    assert "is not as long as it says" in error.reason or "is the most" in error.reason
+    assert "is not as long as it states" in error.reason or "is the most" in error.reason
 
 
 def test_a_sound_large_chunk_and_attachment_are_read(tmp_path):

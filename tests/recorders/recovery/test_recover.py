@@ -106,7 +106,7 @@ def test_a_record_that_claims_more_takes_no_chunk_with_it(log, tmp_path, kind, p
     without = everything[:128] + everything[128 + count :]
     assert kept in ([everything, without] if kind == "chunk" else [everything])
     missing = Counter(record.topic for record in everything) - Counter(record.topic for record in kept)
-    assert (recovery.kept.total(), recovery.lost) == (len(kept), missing)
+    assert (recovery.saved.total(), recovery.lost) == (len(kept), missing)
 
 
 def test_a_cut_off_log_tells_by_its_numbers_what_is_missing_before_the_cut(log, tmp_path):
@@ -114,7 +114,7 @@ def test_a_cut_off_log_tells_by_its_numbers_what_is_missing_before_the_cut(log, 
     cut = chunks_of(log)[3][0] + 50
     recovery, _ = recovered(flipped(log.read_bytes()[:cut], (start + end) // 2), tmp_path)
     assert recovery.lost is not None
-    assert (recovery.kept.total(), recovery.lost.total(), recovery.exact) == (128, 64, False)
+    assert (recovery.saved.total(), recovery.lost.total(), recovery.exact) == (128, 64, False)
     assert recovery.damage[-1].reason == CUT_OFF
     assert recovery.damage[-1].offset == chunks_of(log)[3][0]
     assert not recovery.complete
@@ -122,7 +122,7 @@ def test_a_cut_off_log_tells_by_its_numbers_what_is_missing_before_the_cut(log, 
 
 def test_of_a_log_that_is_merely_cut_off_nothing_tells_how_much_is_lost(log, tmp_path):
     recovery, out = recovered(log.read_bytes()[: chunks_of(log)[2][0]], tmp_path)
-    assert (recovery.kept.total(), recovery.lost, recovery.exact) == (128, None, False)
+    assert (recovery.saved.total(), recovery.lost, recovery.exact) == (128, None, False)
     assert LogReader(out).manifest["recovered"]["lost"] is None
     assert LogReader(out).manifest["robot"] == "asimo"  # a log says at its beginning what made it
 
@@ -172,7 +172,7 @@ def check_recovery(log: Path, raw: bytes, places: list[int], folder: Path) -> No
     kept = list(LogReader(out))
     assert is_part_in_order(kept, everything)
     assert content_sha256(kept) == LogReader(out).manifest["content_sha256"]
-    assert len(kept) == recovery.kept.total()
+    assert len(kept) == recovery.saved.total()
     assert recovery.complete <= (kept == everything)
     begin = 0
     for is_whole, (_, _, count) in zip(whole, chunks, strict=True):
@@ -297,7 +297,7 @@ def test_without_any_crc_of_its_own_a_changed_data_section_is_not_believed(tmp_p
     assert survey(path).damage == []
     path.write_bytes(flipped(path.read_bytes(), path.read_bytes().index(bytes([30]) * 20)))
     recovery = recover(path, tmp_path / "good.mcap")  # the attachment has a CRC
-    assert recovery.kept.total() == 0
+    assert recovery.saved.total() == 0
     assert recovery.lost is not None
     assert recovery.lost.total() == 60
 
@@ -310,7 +310,7 @@ def test_a_chunk_that_became_a_record_of_another_kind_is_missed(tmp_path):
     path.write_bytes(flipped(raw, chunks_of_any(path)[1][0], 7))
     recovery = recover(path, tmp_path / "good.mcap")
     assert recovery.lost is not None
-    assert recovery.lost.total() == 60 - recovery.kept.total() > 0
+    assert recovery.lost.total() == 60 - recovery.saved.total() > 0
     assert not summarise(path).sound
 
 
@@ -332,7 +332,7 @@ def test_a_log_of_nothing_stays_one(tmp_path):
         writer.start()
         writer.finish()
     recovery = recover(path, tmp_path / "good.mcap")
-    assert (recovery.kept, recovery.damage, recovery.complete) == (Counter(), (), True)
+    assert (recovery.saved, recovery.damage, recovery.complete) == (Counter(), (), True)
 
 
 def test_an_index_that_became_a_message_is_not_believed(log, tmp_path):
@@ -349,7 +349,7 @@ def test_a_channel_whose_declaration_is_lost_is_counted_and_not_guessed(log, tmp
     start, end, _ = chunks_of(log)[0]
     raw = flipped(log.read_bytes()[: chunks_of(log)[2][1]], (start + end) // 2)
     recovery, out = recovered(raw, tmp_path)
-    assert (recovery.kept.total(), recovery.undeclared) == (0, 128)
+    assert (recovery.saved.total(), recovery.undeclared) == (0, 128)
     assert list(LogReader(out)) == []
 
 

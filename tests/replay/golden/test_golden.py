@@ -378,7 +378,7 @@ def test_a_case_that_does_not_hold_is_not_kept(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     runner = CountingRunner()
     runner.pack = lambda states: json.dumps([[0.0]]).encode()  # type: ignore[method-assign]
-    with pytest.raises(ConfigError, match="does not hold as soon as it is made: learning: epoch 0: count"):
+    with pytest.raises(ConfigError, match="does not hold as soon as it is written: learning: epoch 0: count"):
         add_case(tmp_path / "cases" / "a", CaseSpec((log,), {}, Schedule(epochs=1)), runner)
     assert not list((tmp_path / "cases").iterdir())
 

@@ -141,8 +141,8 @@ class LearnerConfig(Settings):
         neurons, numbers = self.inputs + self.outputs + self.reservoir, state_numbers(self.state_shapes())
         if neurons > MAX_FILE_NEURONS or numbers > MAX_NUMBERS:
             raise ConfigError(
-                f"expected at most {MAX_FILE_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be kept in "
-                f"a file, found {neurons} and {numbers}"
+                f"expected at most {MAX_FILE_NEURONS} neurons and {MAX_NUMBERS} weights and activities, to be stored "
+                f"in a file, found {neurons} and {numbers}"
             )
 
 

@@ -441,7 +441,7 @@ class Served(NamedTuple):
     left_position: Floats  # (3,), in the messages [m]
     right_position: Floats
     head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
-    near: Floats  # (7,): positions are usual if along no axis farther from the first six than the last says [m]
+    near: Floats  # (7,): positions are usual if along no axis farther from the first six than the last states [m]
 
 
 def addresses(served: Served) -> NDArray[np.int64]:

@@ -148,7 +148,7 @@ class Learner:
         self.check(kernels.look_ahead(u, self._centre, limits, *network, self._next_outputs, outputs, limited))
 
     def check(self, status: int) -> None:
-        """Raise what a kernel's status says of a step that it took or looked ahead to, unless it is `kernels.OK`.
+        """Raise the error that a kernel's status stands for, of a step taken or looked ahead to; `kernels.OK` is none.
 
         Raises
         ------

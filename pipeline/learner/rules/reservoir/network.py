@@ -116,7 +116,7 @@ class Network:
         return {**weights, **{name: values.copy() for name, values in self._vectors().items()}}
 
     def load_state(self, state: Mapping[str, Floats]) -> None:
-        """Take over a state made by `state`; it must have passed `pipeline.learner.state.check_state`."""
+        """Take over a state as `state` returns it; it must have passed `pipeline.learner.state.check_state`."""
         for name, places in self._places.items():
             self._weights_of(name)[places] = state[f"{name}_weights"]
         for name, values in self._vectors().items():
