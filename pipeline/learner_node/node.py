@@ -26,7 +26,7 @@ _NAME_DIGITS = 8  # of a session's identifier, by which a replay differs from ot
 
 
 def own_topics(tick: Sequence[str]) -> frozenset[str]:
-    """Return the topics of a learner of these ticks: a message here that is not of its stream is refused and reported."""
+    """Return the topics of a learner of these ticks: a message here of no stream of its own is refused."""
     return frozenset({SESSION_PHASE, batch_topic(), *tick})
 
 
