@@ -103,7 +103,7 @@ def test_what_runs_is_what_is_developed_with(lock: str) -> None:
 
 
 def test_the_core_is_locked_without_its_extras() -> None:
-    extras = {re.match(r"[\w-]+", name)[0] for names in PROJECT["optional-dependencies"].values() for name in names}
+    extras = {re.split(r"[^\w-]", name)[0] for names in PROJECT["optional-dependencies"].values() for name in names}
     locked = set(re.findall(r"^[\w-]+", (ROOT / "requirements-core.lock").read_text(), re.MULTILINE))
     assert {"drake", "rerun-sdk", "matplotlib", "distributed"} <= extras
     assert locked & extras == set()

@@ -126,7 +126,7 @@ def drakes(robot: RobotConfig, period_s: float) -> Callable[[], Step]:
         parameters.set_nominal_joint_position(q.copy())
         parameters.set_joint_centering_gain(np.eye(len(q)))
         parameters.set_joint_position_limits((lower, upper))
-        parameters.set_joint_velocity_limits((-fastest, fastest))
+        parameters.set_joint_velocity_limits((-fastest, fastest))  # type: ignore[misc]
         still = np.zeros(len(q))
 
         def step(target: np.ndarray) -> np.ndarray:

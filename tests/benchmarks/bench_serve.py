@@ -101,7 +101,7 @@ class Driver:
         keys = [message_key(NAMESPACE, topic) for topic in (LEFT_TARGET, RIGHT_TARGET)]
         self._targets = [session.declare_publisher(key, **QUALITY) for key in keys]
         deadline = time.monotonic() + 60.0
-        while not all(publisher.matching_status.matching for publisher in self._targets):
+        while not all(publisher.matching_status.matching for publisher in self._targets):  # type: ignore[attr-defined]
             if time.monotonic() > deadline:
                 raise SystemExit("nobody subscribes to the targets")
             time.sleep(0.01)

@@ -96,7 +96,10 @@ def main(epochs: int, repetitions: int) -> None:
         log = write_episode(folder / "log.mcap", samples=SAMPLES)
         train([log], schedule=Schedule(epochs=1), config=LearnerConfig())  # compile
         schedule = Schedule(epochs=epochs)
-        sides = {"from the file": FromFile(log, schedule), "over Zenoh": Streamed(log, schedule, stack)}
+        sides: dict[str, FromFile | Streamed] = {
+            "from the file": FromFile(log, schedule),
+            "over Zenoh": Streamed(log, schedule, stack),
+        }
         times: dict[str, list[float]] = {name: [] for name in sides}
         digests = set()
         for turn in range(repetitions):

@@ -1,6 +1,6 @@
 """Small real logs and messages that the tests of this package share."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -99,6 +99,6 @@ def write_log(tmp_path: Path) -> Callable[..., Path]:
 
 
 @pytest.fixture
-def log(write_log: Callable[..., Path]) -> Iterator[Path]:
+def log(write_log: Callable[..., Path]) -> Path:
     """A log of 40 ticks, in several chunks."""
     return write_log(40)

@@ -20,7 +20,9 @@ def local_cluster(workers: int = 2) -> Iterator[str]:
     from distributed import LocalCluster
 
     options = {"host": "127.0.0.1", "dashboard_address": None, "worker_dashboard_address": None}
-    with LocalCluster(workers, threads_per_worker=1, processes=True, silence_logs="CRITICAL", **options) as local:
+    with LocalCluster(  # type: ignore[no-untyped-call]
+        workers, threads_per_worker=1, processes=True, silence_logs="CRITICAL", **options
+    ) as local:
         yield local.scheduler_address
 
 

@@ -55,8 +55,10 @@ def write_plain_episode(path: Path, *, samples: int = 10, measured: bool = False
     with LogWriter(path, manifest={"kind": "test"}, attachments=attachments) as writer:
         for tick in range(samples + 1):
             stamp, wave = tick * PERIOD_NS, (tick % 8 - 4) * 0.015625
-            writer.write(LEFT_TARGET, PoseStamped(stamp, [0.25, 0.25 + wave, 0.75 - wave]), log_time_ns=stamp)
-            writer.write(RIGHT_TARGET, PoseStamped(stamp, [0.25, -0.25 + wave, 0.75 + wave]), log_time_ns=stamp)
+            writer.write(LEFT_TARGET, PoseStamped(stamp, np.array([0.25, 0.25 + wave, 0.75 - wave])), log_time_ns=stamp)
+            writer.write(
+                RIGHT_TARGET, PoseStamped(stamp, np.array([0.25, -0.25 + wave, 0.75 + wave])), log_time_ns=stamp
+            )
             joints = JointState(stamp, robot.joints, robot.comfort + wave * 0.5)
             writer.write(SAMPLE_JOINTS, joints, log_time_ns=stamp)
             for at_ns in (stamp, stamp + PERIOD_NS // 2) if measured else ():

@@ -120,15 +120,19 @@ class EveryRecord:
 
     def finish(self) -> None:
         """Add data end, summary, footer and magic."""
-        self.add(DataEnd(self.crc(self.raw)))
+        self.add(DataEnd(self.crc(bytes(self.raw))))
         start, offsets = len(self.raw), []
-        groups = {Opcode.SCHEMA: [SCHEMA], Opcode.CHANNEL: self.channels, Opcode.STATISTICS: [self.statistics()]}
+        groups: dict[Opcode, list[McapRecord]] = {
+            Opcode.SCHEMA: [SCHEMA],
+            Opcode.CHANNEL: [*self.channels],
+            Opcode.STATISTICS: [self.statistics()],
+        }
         for opcode, records in {**groups, **self.indexes}.items():
             group = self.add(*records)
             offsets.append(SummaryOffset(opcode, group, len(self.raw) - group))
         offsets_start = self.add(*offsets)
         head = packed(Footer(start, offsets_start, 0))[:-4]
-        crc = self.crc(head, self.crc(self.raw[start:]))
+        crc = self.crc(head, self.crc(bytes(self.raw[start:])))
         self.add(Footer(start, offsets_start, crc))
         self.raw += MAGIC
 
@@ -138,7 +142,7 @@ def packed(*records: McapRecord) -> bytes:
     builder = RecordBuilder()
     for record in records:
         record.write(builder)
-    found: bytes = builder.end()
+    found: bytes = builder.end()  # type: ignore[no-untyped-call]
     return found
 
 

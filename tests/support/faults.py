@@ -16,9 +16,11 @@ from numba.core.registry import CPUDispatcher
 from pipeline.evaluation import errors as evaluation
 from pipeline.evaluation import trials
 from pipeline.exploration import reproduce
+from pipeline.exploration.episode import TeacherRun, start_posture
 from pipeline.learner.rules.reservoir import kernels, learner, network
-from pipeline.robot.config import RobotConfig
+from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.samples.rules import commanded
+from pipeline.simulation.simulation import Simulation
 from pipeline.training import run as learning_run
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
@@ -225,10 +227,9 @@ def message_changed(patch: Patch, folder: Path) -> None:
 
 
 def changed_link(patch: Patch, folder: Path) -> None:
-    right = reproduce.load_robot
 
     def longer(name: str) -> RobotConfig:
-        robot = right(name)
+        robot = load_robot(name)
         lines = robot.urdf_text.split("\n")
         place = next(n for n, line in enumerate(lines) if '<origin xyz="0 0 -0.21"' in line)
         lines[place] = lines[place].replace("-0.21", "-0.2101")
@@ -238,17 +239,18 @@ def changed_link(patch: Patch, folder: Path) -> None:
 
 
 def no_gravity_feed_forward(patch: Patch, folder: Path) -> None:
-    rewrite(patch, reproduce.Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
+    rewrite(patch, Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
 
 
 def another_start_posture(patch: Patch, folder: Path) -> None:
-    right = reproduce.start_posture
-    patch.setattr(reproduce, "start_posture", lambda robot, *, seed, spread: right(robot, seed=9, spread=spread))
+    patch.setattr(
+        reproduce, "start_posture", lambda robot, *, seed, spread: start_posture(robot, seed=9, spread=spread)
+    )
 
 
 def _simulating(patch: Patch, count: int) -> None:
-    right = reproduce.TeacherRun.cycle
-    patch.setattr(reproduce.TeacherRun, "cycle", lambda self, plan: islice(right(self, plan), count))
+    right = TeacherRun.cycle
+    patch.setattr(TeacherRun, "cycle", lambda self, plan: islice(right(self, plan), count))
 
 
 def simulation_makes_nothing(patch: Patch, folder: Path) -> None:
@@ -264,13 +266,13 @@ def simulation_without_positions(patch: Patch, folder: Path) -> None:
 
     def simulate(log: Path, *, ticks: int) -> Iterator[Any]:
         for topic, message in right(log, ticks=ticks):
-            yield topic, replace(message, position=[]) if isinstance(message, JointState) else message
+            yield topic, replace(message, position=np.empty(0)) if isinstance(message, JointState) else message
 
     patch.setattr(reproduce, "simulate", simulate)
 
 
 def simulation_crashes(patch: Patch, folder: Path) -> None:
-    rewrite(patch, reproduce.Simulation, "_demand", "self._joints", "None")
+    rewrite(patch, Simulation, "_demand", "self._joints", "None")
 
 
 # In the case.

@@ -88,6 +88,6 @@ def zeros(size: int, compression: str) -> bytes:
     made = (
         zstandard.ZstdCompressor().compressobj(size=size) if compression == "zstd" else lz4.frame.LZ4FrameCompressor()
     )
-    begin = [] if compression == "zstd" else [made.begin(size)]
+    begin = [made.begin(size)] if isinstance(made, lz4.frame.LZ4FrameCompressor) else []
     pieces = (_PIECE[: size - start] for start in range(0, size, len(_PIECE)))
     return b"".join([*begin, *map(made.compress, pieces), made.flush()])

@@ -95,7 +95,7 @@ class Intruder:
         joints = JointState(0, ("antenna", "tail"), np.zeros(2))
         for topic, message in (
             (LEFT_TARGET, joints),
-            (RIGHT_TARGET, Float64MultiArray([1.0])),
+            (RIGHT_TARGET, Float64MultiArray(np.array([1.0]))),
             (SESSION_PHASE, joints),
             (SAMPLE_JOINTS, joints),
         ):

@@ -4,7 +4,7 @@ import json
 import signal
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NoReturn
@@ -83,7 +83,8 @@ def main() -> None:
     signal.signal(signal.SIGTERM, lambda signum, frame: sys.exit(128 + signum))
     verb, options = sys.argv[1], json.loads(sys.argv[2])
     try:
-        {"robot": run_robot_node, "explore": run_exploration}[verb](**options)
+        run: dict[str, Callable[..., None]] = {"robot": run_robot_node, "explore": run_exploration}
+        run[verb](**options)
     except ReenactError as error:
         print(f"reenact: {error}", file=sys.stderr)
         sys.exit(error.exit_status)

@@ -6,6 +6,7 @@ import sys
 import tempfile
 import traceback
 from pathlib import Path
+from typing import Any
 
 from recorders.errors import ReenactError
 from recorders.reading.reader import LogReader
@@ -62,7 +63,7 @@ def _in_child(what: str, path: str, write: int) -> None:
     os._exit(0)
 
 
-def peak(what: str, path: str) -> tuple[object, int]:
+def peak(what: str, path: str) -> tuple[Any, int]:
     """Do one thing with one log in a fork; returns its result and the most memory that it had at once [bytes]."""
     read_end, write_end = os.pipe()
     child = os.fork()

@@ -42,5 +42,5 @@ def write_foreign(path: Path, records: Sequence[RecordedMessage]) -> Path:
                 channels[record.topic] = writer.register_channel(record.topic, "cdr", schema)
             time_ns = record.log_time_ns
             writer.add_message(channels[record.topic], time_ns, record.data, time_ns, record.sequence)
-        writer.finish()
+        writer.finish()  # type: ignore[no-untyped-call]
     return path

@@ -23,7 +23,8 @@ def shown_right(times_s: np.ndarray, points: np.ndarray) -> DemonstratedPaths:
 
 def line_of(times_s: np.ndarray) -> np.ndarray:
     """A straight line, 0.1 m/s aside and 0.05 m/s up, from the right hand's centre."""
-    return RIGHT + np.outer(times_s, [0.0, 0.1, 0.05])
+    line: np.ndarray = RIGHT + np.outer(times_s, [0.0, 0.1, 0.05])
+    return line
 
 
 def write_csv(path: Path, header: str, *columns: np.ndarray) -> Path:

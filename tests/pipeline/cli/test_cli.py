@@ -37,7 +37,7 @@ def files(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (folder / "far.csv").write_text(header + "0,0.3,0.2,0.7,0.3,-0.2,0.7\n1,2.0,0.2,0.7,0.3,-0.2,0.7\n")
     (folder / "columns.csv").write_text("t,x\n0,1\n")
 
-    def change(edit):  # type: ignore[no-untyped-def]
+    def change(edit):
         def changed(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
             return [edit(topic, message) if isinstance(message, JointState) else (topic, message)]
 

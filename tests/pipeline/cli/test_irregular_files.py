@@ -21,12 +21,17 @@ def socket_at(path: Path) -> None:
         end.bind(path.name)  # names of sockets are short: in the working folder
 
 
+def link_to_pipe(path: Path) -> None:
+    os.mkfifo(path.with_name("far"))
+    path.symlink_to(path.with_name("far"))
+
+
 KINDS: dict[str, Callable[[Path], object]] = {
     "pipe": os.mkfifo,
     "socket": socket_at,
     "folder": Path.mkdir,
     "link to a device": lambda path: path.symlink_to("/dev/zero"),
-    "link to a pipe": lambda path: (os.mkfifo(path.with_name("far")), path.symlink_to(path.with_name("far"))),
+    "link to a pipe": link_to_pipe,
 }
 FOUND = "found a (directory|pipe, a socket or a device)$"
 

@@ -61,7 +61,7 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
         with start("record", "--out", "log.mcap", "--connect", endpoint, "--json", *options, cwd=folder) as process:
             wait_for_line(process, "records reenact/**")
             with session.declare_publisher("reenact/anything") as publisher:
-                await_that(lambda: bool(publisher.matching_status.matching))
+                await_that(lambda: bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
             yield session, process
             process.kill()
 
@@ -88,7 +88,7 @@ def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subp
             yield process, replay
 
 
-def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, object]:
+def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, Any]:
     process.send_signal(number)
     printed, complaints = process.communicate(timeout=60)
     assert process.returncode == 0, complaints
@@ -97,7 +97,7 @@ def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT)
 
 def stop_once_all_is_there(
     session: zenoh.Session, process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT
-) -> dict[str, object]:
+) -> dict[str, Any]:
     """Stop a recorder when it has what was put before."""
     await_arrival(session)
     return stop(process, number)
@@ -427,7 +427,7 @@ class Slow:
     def hello(self, offer: Offer) -> int:
         return 0
 
-    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, object]:
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         count = len(list(messages))
         time.sleep(self._seconds)
         self._say()

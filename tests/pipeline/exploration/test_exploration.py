@@ -10,8 +10,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.exploration.episode import TeacherRun, plan
-from pipeline.exploration.explore import ExplorationConfig, ExplorationResult, explore, start_posture
+from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
+from pipeline.exploration.explore import ExplorationResult, explore
 from pipeline.motions.motion import Motion, circles, eight, read_motion_csv
 from pipeline.robot.config import load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics

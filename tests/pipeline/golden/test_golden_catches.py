@@ -4,6 +4,7 @@ import json
 import re
 import shutil
 from pathlib import Path
+from typing import Any
 
 import pytest
 from faults import FAULTS, Fault, use_plain_kernels
@@ -34,12 +35,12 @@ def case(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return add_case(folder / "cases" / "small", recipe, GoldenRunner()).folder
 
 
-def checked(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, object]]:
+def checked(folder: Path, capsys: pytest.CaptureFixture[str]) -> tuple[int, dict[str, Any]]:
     with pytest.raises(SystemExit) as ended:
         app.main(["golden", "check", str(folder), "--json"])
     code = ended.value.code
     assert isinstance(code, int)
-    found: dict[str, object] = json.loads(capsys.readouterr().out)
+    found: dict[str, Any] = json.loads(capsys.readouterr().out)
     return code, found
 
 
@@ -62,7 +63,7 @@ def test_it_catches(
     code, found = checked(copy, capsys)
     assert code == 1
     assert found["failed"] == 1
-    (verdict,) = found["cases"]  # type: ignore[misc]
+    (verdict,) = found["cases"]
     divergence = verdict["first_divergence"]
     assert verdict["tier"] == fault.tier, divergence["text"]
     assert divergence["field"] == fault.field, divergence["text"]
@@ -82,7 +83,7 @@ def test_a_shipped_case_catches_what_the_small_one_cannot(
     fault.plant(monkeypatch)
     code, found = checked(folder_of(fault), capsys)
     assert code == 1
-    (verdict,) = found["cases"]  # type: ignore[misc]
+    (verdict,) = found["cases"]
     divergence = verdict["first_divergence"]
     assert verdict["tier"] == "learning", divergence["text"]
     assert divergence["field"] == fault.field, divergence["text"]
@@ -90,7 +91,7 @@ def test_a_shipped_case_catches_what_the_small_one_cannot(
     assert divergence["expected"] != divergence["found"]
 
 
-def check_end(fault: Fault, end: dict[str, object] | None) -> None:
+def check_end(fault: Fault, end: dict[str, Any] | None) -> None:
     """Check the element that differs at the end of the epoch."""
     if not fault.end:
         assert end is None

@@ -12,7 +12,8 @@ from recorders.messages.message_types import JointState
 from recorders.messages.topics import SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 from replay.golden.case import load_case
-from replay.golden.check import check_case, find_cases
+from replay.golden.check import check_case
+from replay.golden.folder import find_cases
 
 CASES = find_cases(data_path("golden"))
 

@@ -53,6 +53,7 @@ def test_everything_comes_back(path):
 
 def test_a_loaded_learner_goes_on_to_the_bit(path):
     learner, loaded = trained(), Controller.load(path).learner()
+    assert isinstance(loaded, Learner)
     assert loaded.epoch == learner.epoch == 1
     u, d = uniforms(1, "u", count=60).reshape(10, 6), uniforms(1, "d", count=80).reshape(10, 8)
     assert np.array_equal(loaded.step(u, d, learning=True), learner.step(u, d, learning=True))
@@ -76,7 +77,7 @@ def test_a_controller_cannot_be_changed(path):
     with pytest.raises(ValueError, match="read-only"):
         loaded.state["a"][0] = 0.0
     with pytest.raises(AttributeError):
-        loaded.joints = ()
+        loaded.joints = ()  # type: ignore[misc]
 
 
 @pytest.mark.parametrize(

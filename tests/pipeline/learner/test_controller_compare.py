@@ -81,7 +81,7 @@ def test_the_sign_of_zero_counts(controller: Controller) -> None:
     ],
 )
 def test_everything_else(controller: Controller, changes: dict[str, object], line: str) -> None:
-    b = replace(controller, **changes)  # type: ignore[arg-type]
+    b = replace(controller, **changes)
     assert str(found(controller, b)).startswith(line)
 
 
@@ -109,7 +109,7 @@ def test_two_logs(tmp_path: Path) -> None:
         return [(topic, message)]
 
     a = write_episode(tmp_path / "a.mcap", samples=5)
-    b = write_episode(tmp_path / "b.mcap", samples=5, change=bent)  # type: ignore[arg-type]
+    b = write_episode(tmp_path / "b.mcap", samples=5, change=bent)
     divergence = diff(a, b)
     assert isinstance(divergence, Divergence)
     assert (divergence.topic, divergence.sequence, divergence.b) == ("/sample/joint_states", 3, "0.0")

@@ -155,7 +155,7 @@ def marker(*, epoch: int, cycle: int, phase: str) -> RecordedMessage:
 
 def altered(record: RecordedMessage, **changes: object) -> RecordedMessage:
     message: Message = decode(record.type, record.data)
-    return record._replace(data=encode(replace(message, **changes)))  # type: ignore[type-var]
+    return record._replace(data=encode(replace(message, **changes)))
 
 
 def test_a_paced_replay_live_and_both_recordings_of_it_are_one_state(log: Path, tmp_path: Path) -> None:

@@ -2,6 +2,7 @@
 
 import json
 import signal
+import subprocess
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -35,7 +36,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 @contextmanager
-def learner(folder: Path, *options: object) -> Iterator[tuple[str, object]]:
+def learner(folder: Path, *options: object) -> Iterator[tuple[str, subprocess.Popen[str]]]:
     """Start a learner in an empty folder; yields its endpoint and its process."""
     endpoint = free_endpoint()
     with start("learn", "--listen", endpoint, "--out", "controller.npz", "--json", *options, cwd=folder) as process:
@@ -105,7 +106,7 @@ def test_a_log_that_is_cut_off_reaches_no_learner(log: Path, empty: Path, tmp_pa
 def test_a_log_that_cannot_be_learned_from_is_named_before_anything_is_sent(empty: Path, tmp_path: Path) -> None:
     def spoil(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
         bad = tick == 7 and isinstance(message, PoseStamped)
-        return [(topic, replace(message, position=np.full(3, np.nan)) if bad else message)]  # type: ignore[type-var]
+        return [(topic, replace(message, position=np.full(3, np.nan)) if bad else message)]
 
     log = write_episode(tmp_path / "nan.mcap", samples=10, change=spoil)
     with learner(empty) as (endpoint, process):
@@ -195,7 +196,7 @@ def test_a_learner_that_is_killed_twice_goes_on_from_its_checkpoint(log: Path, e
             with start(*arguments, cwd=empty) as process:
                 beginnings.append(int(wait_for_line(process, "takes run").split(" from message ")[1].split()[0]))
                 before = kept(empty / "k.npz")
-                wait_until(lambda before=before: kept(empty / "k.npz") > before)
+                wait_until(lambda before=before: kept(empty / "k.npz") > before)  # type: ignore[misc]
                 process.kill()
         last = reenact(*arguments, "--json", cwd=empty)
         replayed, complaints = replay.communicate(timeout=120)

@@ -108,7 +108,7 @@ def test_a_table_gives_each_number_with_seeds_and_command(paper: PaperResults) -
     assert first.ours == f"{one.curves_cm[:, -1].mean():.2f} ± {np.std(one.curves_cm[:, -1], ddof=1):.2f}"
     assert first.papers == "2.79"
     assert first.linear == "0.50"
-    assert first.teacher == f"{paper.networks[PATTERN_1].trials[PATTERN_1][0].teacher.mean_cm:.2f}"  # type: ignore[union-attr]
+    assert first.teacher == f"{paper.networks[PATTERN_1].trials[PATTERN_1][0].teacher.mean_cm:.2f}"
     assert first.seeds == "4–5"
     assert first.commands == (
         "reenact train circles.mcap --epochs 2 --seed SEED --out again-circles-SEED.npz",

@@ -16,7 +16,8 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import circles
 from pipeline.robot.config import load_robot, robot_names
 from pipeline.robot.range_check import OutOfRange, range_check
-from pipeline.serving.served_controller import ServedController, ServingConfig
+from pipeline.serving.config import ServingConfig
+from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import encode
 from recorders.errors import JointError
@@ -33,9 +34,7 @@ def scaled(factor: float) -> Callable[[int, str, Message], Sequence[tuple[str, M
     """Targets in another unit than metres."""
 
     def change(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
-        return [
-            (topic, replace(message, position=message.position * factor) if topic != SAMPLE_JOINTS else message)  # type: ignore[attr-defined, type-var]
-        ]
+        return [(topic, replace(message, position=message.position * factor) if topic != SAMPLE_JOINTS else message)]
 
     return change
 

@@ -185,7 +185,8 @@ def loaded(folder: Path, reasons: dict[str, str], way: str) -> RobotConfig | Non
 
 def check(name: str, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> dict[str, str]:
     """Try a model in three ways; return the reasons for which it was refused."""
-    model, reasons = Model.read(name), {}
+    model = Model.read(name)
+    reasons: dict[str, str] = {}
     for way, joints in (
         ("all joints", model.moving(leaders=True)),
         ("no leaders", model.moving(leaders=False)),

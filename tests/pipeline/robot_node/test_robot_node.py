@@ -440,7 +440,7 @@ def test_in_real_time_it_goes_on_by_itself_and_holds_the_latest_command() -> Non
 def test_bad_settings_are_refused() -> None:
     for bad in ({"rate_hz": 0.0}, {"rate_hz": 300.0}, {"rate_hz": float("nan")}, {"period_ns": 0}):
         with pytest.raises(ConfigError):
-            FollowerConfig(**bad)  # type: ignore[arg-type]
+            FollowerConfig(**bad)
     with spawn("robot", listen=[free_endpoint()], rate_hz=1e6) as process:
         _, complaints = process.communicate(timeout=30)
     assert process.returncode == 2

@@ -1,6 +1,6 @@
 """What a step is given and taught: d(k) = (u(k+1); q(k)), q(k) read at the end of the hold of u(k)."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -23,7 +23,9 @@ from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
 
-def on_joints(edit: object) -> object:
+def on_joints(
+    edit: Callable[[int, JointState], JointState],
+) -> Callable[[int, str, Message], Sequence[tuple[str, Message]]]:
     def change(tick: int, topic: str, message: Message) -> Sequence[tuple[str, Message]]:
         return [(topic, edit(tick, message) if isinstance(message, JointState) else message)]
 

@@ -24,7 +24,8 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot_node.protocol import RobotStatus, robot_key
 from pipeline.samples.pairs import Samples, read_samples
-from pipeline.serving.served_controller import ServedController, ServingConfig
+from pipeline.serving.config import ServingConfig
+from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import LogError, WireError
@@ -139,7 +140,7 @@ def serving(
         process.kill()
 
 
-def stop(process: subprocess.Popen[str], signum: int = signal.SIGTERM) -> tuple[dict[str, Any], str]:
+def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM) -> tuple[dict[str, Any], str]:
     """Return the summary and what was said, once a signal has ended the process."""
     process.send_signal(signum)
     summary, said = process.communicate(timeout=WAIT_S)

@@ -19,8 +19,10 @@ from pipeline.learner.state import state_digest
 from pipeline.robot.config import load_robot
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.serving.clock_reset import RESTART_AFTER
+from pipeline.serving.codec import Command
+from pipeline.serving.config import ServingConfig
 from pipeline.serving.rejections import Refusal
-from pipeline.serving.served_controller import MAX_OPEN, Command, ServedController, ServingConfig
+from pipeline.serving.served_controller import MAX_OPEN, ServedController
 from pipeline.training.trainer import Trainer, train
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, ControllerError
@@ -471,7 +473,7 @@ def test_a_controller_for_other_joints_than_its_robots_is_refused(controller: Co
 @pytest.mark.parametrize("wrong", [{"washout_steps": -1}, {"outside_m": 0.0}, {"outside_m": float("nan")}])
 def test_a_configuration_out_of_range_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(ConfigError, match="washout_steps"):
-        ServingConfig(**wrong)  # type: ignore[arg-type]
+        ServingConfig(**wrong)
 
 
 def test_other_topics_are_passed_over(controller: Controller) -> None:

@@ -33,8 +33,9 @@ def motion(steps: int) -> np.ndarray:
     return ROBOT.input_centre + 0.2 * np.sin(np.arange(steps)[:, np.newaxis] + np.arange(6))
 
 
-def poses(stamp_ns: int, u: np.ndarray) -> list[bytes]:
-    return [encode(PoseStamped(stamp_ns, hand)) for hand in u.reshape(2, 3)]
+def poses(stamp_ns: int, u: np.ndarray) -> tuple[bytes, bytes]:
+    left, right = (encode(PoseStamped(stamp_ns, hand)) for hand in u.reshape(2, 3))
+    return left, right
 
 
 def test_commands_and_states_are_those_of_predicting() -> None:

@@ -126,7 +126,7 @@ def test_the_space_bar_stops_a_full_stop_steps_and_ctrl_c_ends_it(log: Path) -> 
         stopped = replay.settled()
         for step in (1, 2):
             replay.press(".")
-            replay.wait_for(lambda count, expected=stopped + step: count >= expected)
+            replay.wait_for(lambda count, expected=stopped + step: count >= expected)  # type: ignore[misc]
             assert replay.settled() == stopped + step
         replay.press(" ")
         replay.wait_for(lambda count: count >= stopped + 5)

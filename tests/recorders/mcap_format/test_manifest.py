@@ -25,7 +25,7 @@ def test_what_is_not_json_is_refused_by_name(value):
 
 def test_keys_must_be_strings():
     with pytest.raises(LogError, match="keys that are strings, found 1"):
-        to_metadata({1: 2})
+        to_metadata({1: 2})  # type: ignore[dict-item]
 
 
 def test_a_changed_value_is_found_out():

@@ -24,7 +24,7 @@ def test_arrays_are_copied_and_cannot_be_written():
     with pytest.raises(ValueError, match="read-only"):
         message.position[0] = 5.0
     with pytest.raises(dataclasses.FrozenInstanceError):
-        message.stamp_ns = 1
+        message.stamp_ns = 1  # type: ignore[misc]
 
 
 def test_names_become_a_tuple_shared_by_all_messages():

@@ -114,6 +114,7 @@ def test_rerun_imports_every_joint_and_target(log, ours, quiet_environment):
 @pytest.mark.extra
 def test_reruns_own_command_converts_the_log(log, tmp_path, quiet_environment):
     command = shutil.which("rerun", path=Path(sys.executable).parent)
+    assert command is not None
     out = tmp_path / "log.rrd"
     subprocess.run([command, "mcap", "convert", log, "-o", out], env=quiet_environment, check=True, capture_output=True)
     stats = subprocess.run(

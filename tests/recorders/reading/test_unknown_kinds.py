@@ -2,6 +2,7 @@
 
 import struct
 import zlib
+from typing import Any
 
 import pytest
 from every_record import packed
@@ -53,7 +54,7 @@ def test_a_kind_that_has_no_place_in_a_chunk_is_damage_to_readers_too(tmp_path, 
     data = packed(CHANNEL) + MESSAGES[0] + other + MESSAGES[1]
     chunk = packed(Chunk("", data, 10, 0, zlib.crc32(data), len(data)))
     path.write_bytes(MAGIC + packed(Header("", "other")) + chunk + packed(DataEnd(0)) + packed(Footer(0, 0, 0)) + MAGIC)
-    read = []
+    read: list[Any] = []
     with pytest.raises(LogError, match=f"a record of kind {kind} in a chunk"):
         read.extend(record.sequence for record in LogReader(path))
     assert not summarise(path).sound

@@ -50,19 +50,19 @@ def check(path, truth, *, whole=0, protected=True):
         assert whole == 0
         return error
     in_time, _ = until_damage(reader)
-    found, error = until_damage(reader.records(file_order=True))
+    found, damage = until_damage(reader.records(file_order=True))
     assert in_time == sorted(found, key=lambda record: record.log_time_ns)
     assert found == truth[: len(found)]
     assert len(found) >= whole
-    assert error is None or "\n" not in str(error)
-    if isinstance(error, DamagedLog):
-        assert error.path == path
-        assert error.last_time_ns == (found[-1].log_time_ns if found else None)
+    assert damage is None or "\n" not in str(damage)
+    if isinstance(damage, DamagedLog):
+        assert damage.path == path
+        assert damage.last_time_ns == (found[-1].log_time_ns if found else None)
     else:
-        assert (found, error) == (truth, None)
+        assert (found, damage) == (truth, None)
     check_slices(reader, truth)
-    check_contents(reader, truth, sound=error is None, protected=protected)
-    return error
+    check_contents(reader, truth, sound=damage is None, protected=protected)
+    return damage
 
 
 def check_slices(reader, truth):

@@ -17,7 +17,9 @@ NAMES = ("hip", "elbow", "wrist")
 def record(topic, tick, **changes):
     """Return one of the three messages of a tick; its values follow from the tick."""
     if topic == SAMPLE_JOINTS:
-        message = JointState(tick, NAMES, changes.pop("values", np.array([0.1, 0.2, 0.3]) * tick))
+        message: JointState | PoseStamped = JointState(
+            tick, NAMES, changes.pop("values", np.array([0.1, 0.2, 0.3]) * tick)
+        )
     else:
         side = 1 if topic == LEFT_TARGET else -1
         message = PoseStamped(tick, changes.pop("values", np.array([0.3, 0.2 * side, tick])))

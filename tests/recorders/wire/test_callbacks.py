@@ -27,7 +27,7 @@ def test_a_thread_of_zenohs_keeps_its_state_between_two_calls() -> None:
         listening.declare_subscriber("a/b", on_network_thread(count)),
         sending.declare_publisher("a/b") as publisher,
     ):
-        wait_until(lambda: publisher.matching_status.matching)
+        wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
         for number in range(COUNT):
             publisher.put(bytes([number]))
         calls = [heard.get(timeout=30) for _ in range(COUNT)]

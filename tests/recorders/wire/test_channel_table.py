@@ -3,6 +3,7 @@
 import json
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import pytest
 from hypothesis import given, settings
@@ -130,7 +131,7 @@ def test_a_table_that_is_too_large_is_said_not_sent(caplog: pytest.LogCaptureFix
 
 
 GOOD = json.loads(to_json(CHANNELS[:1]))
-BAD = (
+BAD: tuple[Any, ...] = (
     {},
     [],
     GOOD | {"version": 2},

@@ -26,7 +26,7 @@ Lines = queue.SimpleQueue[logging.LogRecord]
 def lines() -> Iterator[Lines]:
     """What is logged, from now on."""
     found: Lines = queue.SimpleQueue()
-    handler = QueueHandler(found)  # type: ignore[type-var]
+    handler = QueueHandler(found)
     logger.addHandler(handler)
     yield found
     logger.removeHandler(handler)

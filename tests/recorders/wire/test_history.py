@@ -44,7 +44,7 @@ def keeping(session: zenoh.Session) -> Iterator[AdvancedPublisher]:
 
 def heard(receiver: Receiver, count: int) -> list[bytes]:
     """So many messages, however long they take, and what comes just after them, which should be none."""
-    found = []
+    found: list[bytes] = []
     while isinstance(event := receiver.next_event(_AFTER_S if len(found) >= count else _DEADLINE_S), LiveMessage):
         found.append(event.record.data)
     return found

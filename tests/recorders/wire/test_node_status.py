@@ -110,10 +110,13 @@ def test_rates_and_times_are_of_the_monotonic_clock(monkeypatch: pytest.MonkeyPa
 
 def test_a_flood_of_questions_makes_one_status(monkeypatch: pytest.MonkeyPatch) -> None:
     asked: list[int] = []
+
+    def latency_us() -> dict[str, float | None]:
+        asked.append(1)
+        return {}
+
     monkeypatch.setattr(time, "monotonic", lambda: 5.0)
-    meter = NodeMeter(
-        NodeSource("learner", "anna", state=lambda: "", counts=dict, latency_us=lambda: asked.append(1) or {})
-    )
+    meter = NodeMeter(NodeSource("learner", "anna", state=lambda: "", counts=dict, latency_us=latency_us))
     assert len({id(meter.status()) for _ in range(1000)}) == 1
     assert len(asked) == 1
 
@@ -125,7 +128,7 @@ def test_every_node_is_found_from_either_end(sessions: tuple[zenoh.Session, zeno
         stack.enter_context(declared_node(far, source({"ticks": 4}, name="berta"), namespace="lab/a"))
         stack.enter_context(declared_node(far, source({}), namespace="lab/b"))
         for session in sessions:  # what one session declares reaches the other a moment later
-            wait_until(lambda session=session: len(find_nodes(session, namespace="lab/a")) == 2)
+            wait_until(lambda session=session: len(find_nodes(session, namespace="lab/a")) == 2)  # type: ignore[misc]
             found = find_nodes(session, namespace="lab/a")
             assert [(node.name, node.state, node.counts) for node in found] == [
                 ("anna", "learning", {"ticks": 3}),

@@ -2,6 +2,7 @@
 
 import random
 from dataclasses import replace
+from typing import Any
 
 import pytest
 
@@ -34,7 +35,8 @@ def accepted(start: int = 0) -> ReceivedStream:
 def test_frames_that_are_lost_repeated_and_late_come_out_in_order_and_once(seed: int) -> None:
     draw = random.Random(seed)
     sent = [frame(first, min(3, 200 - first)) for first in range(0, 200, 3)] + [frame(200, 0, kind=FrameType.END)]
-    stream, taken, ended = accepted(), [], False
+    stream, ended = accepted(), False
+    taken: list[Any] = []
     while not ended:
         lacking = [each for each in sent if each.end > stream.progress.received or each.kind is FrameType.END]
         under_way = [each for each in lacking[:8] if draw.random() < 0.7] + draw.choices(sent, k=2)

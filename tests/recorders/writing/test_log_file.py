@@ -103,7 +103,7 @@ def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
             lock.release()
 
     def slow():  # holds the lock, until the check asks for it
-        log._file._lock = Watched()
+        log._file._lock = Watched()  # type: ignore[assignment]
         writing.set()
         assert asked.wait(30)
         flush()

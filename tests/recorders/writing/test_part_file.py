@@ -5,6 +5,7 @@ import fcntl
 import os
 import shutil
 import time
+from typing import Any
 
 import pytest
 
@@ -175,7 +176,7 @@ def seen_while_rewriting(folder):
     """Rewrite a file, and return what stands in its folder meanwhile."""
     file = PartFile(folder / "log.mcap", overwrite=False)
     file.stream.write(b"old")
-    seen = []
+    seen: list[Any] = []
 
     def copy(source, target):
         target.write(source.read() + b" and new")

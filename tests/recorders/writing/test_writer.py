@@ -41,7 +41,7 @@ def test_the_manifest_says_what_made_the_log(log):
 
 
 def test_messages_are_numbered_from_zero_by_topic(log):
-    seen = {}
+    seen: dict[str, int] = {}
     for record in LogReader(log):
         assert record.sequence == seen.get(record.topic, -1) + 1
         seen[record.topic] = record.sequence
@@ -265,10 +265,10 @@ def test_a_disk_that_fills_up_keeps_what_was_written(tmp_path, monkeypatch):
         signal.signal(signal.SIGXFSZ, old)
     records = []
     with pytest.raises(LogError, match="cut off"):  # noqa: PT012  one by one: the last step raises
-        for record in LogReader(tmp_path / "log.mcap.part"):
-            records.append(record)
+        for found in LogReader(tmp_path / "log.mcap.part"):
+            records.append(found)
     assert len(records) > 500
-    assert [record.sequence for record in records] == list(range(len(records)))
+    assert [found.sequence for found in records] == list(range(len(records)))
 
 
 def test_writing_to_a_closed_log_is_refused(tmp_path):

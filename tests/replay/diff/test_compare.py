@@ -3,7 +3,7 @@
 import itertools
 import math
 import struct
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -240,7 +240,7 @@ def test_either_side_ends_too_early(log: list[RecordedMessage], kept: int) -> No
 
 def test_a_changed_sequence_and_a_changed_type(log: list[RecordedMessage]) -> None:
     for change, field in (({"sequence": 77}, "sequence"), ({"type": "x/msg/Y"}, "type")):
-        b = [*log[:7], log[7]._replace(**change), *log[8:]]  # type: ignore[arg-type]
+        b = [*log[:7], log[7]._replace(**change), *log[8:]]
         assert (found(log, b).field, names(found(log, b), log[7])) == (field, True)
 
 
@@ -275,7 +275,7 @@ def test_numbers_that_look_alike() -> None:
 
 def test_the_line(log: list[RecordedMessage]) -> None:
     b = [*log[:6], with_float(log[6], 0, 0.1), *log[7:]]
-    x = decode(log[6].type, log[6].data).position[0]  # type: ignore[union-attr]
+    x = decode(log[6].type, log[6].data).position[0]
     line = f"/hand/left/target #2 at 400000000 ns is changed: pose.position.x is {float(x)!r} in A, 0.1 in B"
     assert str(found(log, b)) == line
     assert str(found(log, [*log[:6], *log[7:]])) == (
@@ -295,9 +295,7 @@ def test_no_more_is_read_than_needed(log: list[RecordedMessage]) -> None:
     endless = itertools.count()
     a = (RecordedMessage("/x", "", b"", number, 0) for number in endless)
     b = (RecordedMessage("/x", "", b"", number, 0) for number in itertools.count() if number != 5)
-    assert found(a, b) == Divergence(  # type: ignore[arg-type]
-        "/x", 5, None, "missing", "message", "present", "absent (/x #6 in its place)"
-    )
+    assert found(a, b) == Divergence("/x", 5, None, "missing", "message", "present", "absent (/x #6 in its place)")
     assert next(endless) < 2 * alignment.LOOKAHEAD
 
 
@@ -306,7 +304,7 @@ def test_a_topic_that_only_one_log_has_does_not_fill_the_memory(monkeypatch: pyt
     monkeypatch.setattr(alignment, "LOOKAHEAD", 50)
     kept: list[int] = []
 
-    def log(topics: Sequence[str]) -> "itertools.chain[RecordedMessage]":
+    def log(topics: Sequence[str]) -> Iterator[RecordedMessage]:
         for number in itertools.count():
             kept.append(number)
             yield from (RecordedMessage(topic, "", b"", number, 0) for topic in topics)

@@ -19,10 +19,10 @@ from recorders.messages.message_types import JointState, Message
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
 from replay.golden.add import add_case
-from replay.golden.case import CASE_FILE, Tolerances, load_case
+from replay.golden.case import Tolerances, load_case
 from replay.golden.check import check_all, check_case, summary
 from replay.golden.finding import ElementDifference, Finding
-from replay.golden.folder import find_cases
+from replay.golden.folder import CASE_FILE, find_cases
 from replay.golden.log_tier import CASE_TOPICS, strip_topics
 from replay.golden.physics_tier import first_beyond
 from replay.golden.recipe import CaseSpec, EpochEnd, State, TickDigests

@@ -36,7 +36,7 @@ def ticks(tmp_path_factory: pytest.TempPathFactory) -> list[list[RecordedMessage
 def made(
     records: Sequence[RecordedMessage], *, numbered: bool = True, **options: object
 ) -> tuple[LiveStream, list[RecordedMessage]]:
-    live = LiveStream(check=range_check(ASIMO), **options)  # type: ignore[arg-type]
+    live = LiveStream(check=range_check(ASIMO), **options)
     stream = [out for record in records for out in live.feed(record, numbered=numbered)]
     live.finish()
     return live, stream
@@ -59,7 +59,7 @@ def parsed(record: RecordedMessage) -> Phase:
 
 def altered(record: RecordedMessage, **changes: object) -> RecordedMessage:
     message: Message = decode(record.type, record.data)
-    return record._replace(data=encode(replace(message, **changes)))  # type: ignore[type-var]
+    return record._replace(data=encode(replace(message, **changes)))
 
 
 def test_ticks_without_a_marker_are_for_learning(ticks: list[list[RecordedMessage]]) -> None:

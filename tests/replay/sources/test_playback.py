@@ -97,7 +97,7 @@ def log_of(path: Path, *times_ns: int, topic: str = "/t", chunk_size: int = 1024
 
 
 def played_times(log: Path, **config: int) -> list[int]:
-    return [record.log_time_ns for record in Playback([log], PlaybackConfig(**config)).stream()]  # type: ignore[arg-type]
+    return [record.log_time_ns for record in Playback([log], PlaybackConfig(**config)).stream()]
 
 
 @pytest.mark.parametrize("first_ns", TIMES_NS)
@@ -225,7 +225,7 @@ def test_the_offer_says_how_many_messages_where_that_is_known(log: Path) -> None
 )
 def test_numbers_out_of_range_are_refused(options: dict[str, int]) -> None:
     with pytest.raises(ConfigError, match="expected"):
-        PlaybackConfig(**options)  # type: ignore[arg-type]
+        PlaybackConfig(**options)
 
 
 def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(

@@ -115,7 +115,7 @@ def test_a_person_can_stop_step_and_go_on() -> None:
     thread.start()
     for expected in (1, 2):
         clock.step()
-        wait_until(lambda expected=expected: len(passed) == expected)  # had it not stood still, it would be more
+        wait_until(lambda expected=expected: len(passed) == expected)  # type: ignore[misc]  # had it not stood still, it would be more
     clock.toggle()
     thread.join(60.0)
     assert not thread.is_alive()

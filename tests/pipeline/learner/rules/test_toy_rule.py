@@ -20,7 +20,8 @@ from pipeline.learner.contract import LearningRuleContract
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import RULES, config_from_dict, rule_names
 from pipeline.samples.pairs import read_samples
-from pipeline.serving.served_controller import ServedController, ServingConfig
+from pipeline.serving.config import ServingConfig
+from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train_on
 from pipeline.views.learning import LearningView, ViewedTrainer
 from pipeline.views.live import LiveView
