@@ -6,7 +6,7 @@ BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 CORE := .venv-core-$(VERSION)
 
-.PHONY: demo test test-all test-core check examples bench docs lock clean
+.PHONY: demo test test-all test-core coverage check examples bench docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
@@ -23,6 +23,10 @@ test-core: $(CORE)/locked
 	$(CORE)/bin/reenact golden check data/golden
 	$(CORE)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
 		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py tests/recorders
+
+# Lines and branches that the tests run, in other processes too; the table is the last thing printed, out/coverage shows each line.
+coverage: .venv/dev
+	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign" --cov --cov-report=term --cov-report=html $(TESTS)
 
 check: .venv/dev
 	$(BIN)/ruff check .

@@ -54,7 +54,7 @@ def _arm(hand: str, side: float) -> list[str]:
     parents = ["column", *(f"{hand}_{name}_link" for name in _ARM), f"{hand}_palm"]
     origins, axes = (f"0 {side} 0.3", "0 0 0", "0.3 0 0"), ("0 0 1", "0 1 0", "0 1 0")
     links = [_link(link, 0.6) for link in parents[1:-1]] + [_link(parents[-1], 0.0)]
-    joints = [_joint(f"{hand}_{name}", *parents[k : k + 2], origins[k], axes[k]) for k, name in enumerate(_ARM)]
+    joints = [_joint(f"{hand}_{name}", parents[k], parents[k + 1], origins[k], axes[k]) for k, name in enumerate(_ARM)]
     palm = f'<joint name="{hand}_wrist" type="fixed"><origin xyz="0.3 0 0"/><parent link="{parents[3]}"/>'
     return [*links, *joints, f'{palm}<child link="{parents[4]}"/></joint>']
 
