@@ -62,7 +62,7 @@ def write_plain_episode(path: Path, *, samples: int = 10, measured: bool = False
             joints = JointState(stamp, robot.joints, robot.comfort + wave * 0.5)
             writer.write(SAMPLE_JOINTS, joints, log_time_ns=stamp)
             for at_ns in (stamp, stamp + PERIOD_NS // 2) if measured else ():
-                left, right = [0.25, 0.25 + wave * 0.75, 0.75], [0.25, -0.25, 0.75 - wave * 0.75]
+                left, right = np.array([[0.25, 0.25 + wave * 0.75, 0.75], [0.25, -0.25, 0.75 - wave * 0.75]])
                 writer.write(LEFT_MEASURED, PoseStamped(at_ns, left), log_time_ns=at_ns)
                 writer.write(RIGHT_MEASURED, PoseStamped(at_ns, right), log_time_ns=at_ns)
     return path
