@@ -3,7 +3,6 @@
 import logging
 import threading
 import time
-from collections import deque
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack, suppress
 from dataclasses import replace
@@ -26,10 +25,11 @@ from recorders.wire.frames import (
     pack,
 )
 from recorders.wire.session import publishing
-from recorders.wire.stream import WINDOW_BYTES, Offer, Progress, asking
+from recorders.wire.stream import Offer, Progress, asking
 from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status, matches
 from replay.transports.batches import batches
 from replay.transports.patience import Patience
+from replay.transports.send_window import Rewind, SendWindow, checked
 from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import StreamFrom
 
@@ -99,15 +99,8 @@ class ZenohTransport:
         return True
 
 
-class _Rewind(Exception):
-    """A consumer wants the stream from an index that is behind."""
-
-    def __init__(self, index: int) -> None:
-        self.index = index
-
-
 class _Delivery:
-    """One stream under way: what was sent, what was acknowledged."""
+    """One stream under way: `SendWindow` decides, step by step; this sends, asks and waits."""
 
     def __init__(
         self,
@@ -123,12 +116,8 @@ class _Delivery:
         self._on_progress = on_progress
         self._no_cdr = {(channel.topic, channel.type) for channel in channels if channel.encoding != "cdr"}
         self._changed = threading.Condition()
-        self._progress: dict[str, Progress] = {}  # of the consumers that acknowledge
+        self._window = SendWindow(offer.run, config.window)
         self._controllers = AwaitedControllers(session, config.namespace)
-        self._unacknowledged: deque[Frame] = deque()
-        self._unacknowledged_bytes = 0
-        self._sent = 0
-        self._furthest = 0  # what was ever sent
         self._ended = False
         self._leaving = threading.Event()
         self._publishers: dict[str, zenoh.Publisher] = {}
@@ -153,35 +142,33 @@ class _Delivery:
         try:
             for name in self._config.consumers:
                 self._greet(name)
-            index = min((progress.next for progress in self._progress.values()), default=0)
+            index = self._window.start()
             while not self._ended:
                 try:
                     self._send_from(index, stream_from)
-                except _Rewind as rewind:
+                except Rewind as rewind:
                     index = rewind.index
         except BaseException as error:
             self._abort(_why(error))
             raise
-        results = {name: progress.result or {} for name, progress in self._progress.items()}
-        for name in self._progress:
+        results = {name: progress.result or {} for name, progress in self._window.progress.items()}
+        for name in results:
             self._ask(name, "status", asking(self._offer, farewell=True))
         return results | self._controllers.results()
 
     def _send_from(self, index: int, stream_from: StreamFrom) -> None:
         """Send the stream from an index to its end, and wait for the results."""
-        self._unacknowledged.clear()
-        self._unacknowledged_bytes = 0
-        self._sent = index
+        self._window.begin(index)
         batched = self._config.batch_size > 1
         for messages in batches(stream_from(index), self._config.batch_size):
             self._await_room(len(messages), sum(len(message.data) for message in messages))
             self._send(self._frame(FrameType.BATCH if batched else FrameType.MESSAGE, tuple(messages)))
         self._send(self._frame(FrameType.END))
-        self._await(lambda: all(progress.result is not None for progress in self._progress.values()))
+        self._await(lambda: self._window.through)
         self._ended = True
 
     def _frame(self, kind: FrameType, messages: tuple[RecordedMessage, ...] = (), reason: str = "") -> Frame:
-        return Frame(kind, *self._offer.identity, self._sent, messages, reason)
+        return Frame(kind, *self._offer.identity, self._window.sent, messages, reason)
 
     def _abort(self, reason: str) -> None:
         """Inform the consumers that may have taken the offer, as well as the connection allows."""
@@ -192,7 +179,7 @@ class _Delivery:
         """Wait until a consumer answers, or a served controller of that name is ready."""
         answer = self._hello(name)
         if isinstance(answer, Progress):
-            self._progress[name] = answer
+            self._window.progress[name] = answer
             self._check_start(name, answer.next)
             return
         if self._config.batch_size > 1:
@@ -211,7 +198,7 @@ class _Delivery:
         while True:
             answer = self._ask(name, "hello", self._offer.to_json(), timeout_s=max(self._config.wait_s, _ANSWER_S))
             if answer is not None:
-                return _checked(name, answer)
+                return checked(name, answer)
             status = controller_status(self._session, name, namespace=self._config.namespace)
             if status is not None:
                 return status
@@ -235,10 +222,7 @@ class _Delivery:
         return None
 
     def _send(self, frame: Frame) -> None:
-        self._unacknowledged.append(frame)
-        self._unacknowledged_bytes += frame.size
-        self._sent = frame.end
-        self._furthest = max(self._furthest, self._sent)
+        self._window.add(frame)
         self._put(frame)
 
     def _put(self, frame: Frame) -> None:
@@ -264,38 +248,23 @@ class _Delivery:
             self._publishers[key] = self._stack.enter_context(publisher)
         return self._publishers[key]
 
-    def _consumed(self) -> int:
-        """Return the index up to which every consumer has consumed; everything, if nobody is awaited."""
-        return min((progress.next for progress in self._progress.values()), default=self._sent)
-
     def _await_room(self, count: int, size: int) -> None:
         """Wait until the window has room for more messages, of so many bytes together."""
         self._controllers.check()
-
-        def has_room() -> bool:
-            consumed = self._consumed()
-            if self._sent + count - consumed > max(self._config.window, count):
-                return False
-            if self._unacknowledged_bytes + size <= WINDOW_BYTES:  # what was consumed just now is among them
-                return True
-            under_way = sum(frame.size for frame in self._unacknowledged if frame.end > consumed)
-            return under_way + size <= max(WINDOW_BYTES, size)
-
-        self._await(has_room)
+        self._await(lambda: self._window.has_room(count, size))
 
     def _await(self, done: Callable[[], bool]) -> None:
         """Wait until the consumers' progress satisfies `done`; ask them when they are quiet."""
         watch = Patience(self._config.patience_s)
         while True:
             with self._changed:
-                advanced = self._changed.wait_for(lambda: self._failed() or done(), timeout=_POLL_S)
-            for name, progress in self._progress.items():
-                _checked(name, progress)
-            self._discard_consumed()
+                advanced = self._changed.wait_for(lambda: self._window.failed or done(), timeout=_POLL_S)
+            self._window.check()
+            self._on_progress(self._window.discard_consumed())
             if advanced:
                 return
-            for name in tuple(self._progress):
-                if self._progress[name].result is None:
+            for name in tuple(self._window.progress):
+                if self._window.progress[name].result is None:
                     self._poll(name, watch)
 
     def _poll(self, name: str, watch: Patience) -> None:
@@ -303,36 +272,13 @@ class _Delivery:
         answer = self._ask(name, "status", asking(self._offer))
         if answer is not None and answer.run != self._offer.run:
             self._greet(name)  # it was started anew
-            raise _Rewind(self._progress[name].next)
+            raise Rewind(self._window.progress[name].next)
         if answer is not None:
             self._note(name, answer)
-        # Once everything has arrived, a consumer may take its time; the end has arrived when there is a result.
-        lacking = answer is None or answer.received < self._sent or (self._sent_end() and answer.next == self._sent)
+        lacking = answer is None or self._window.lacks(answer)
         if watch.lacks(name, None if answer is None else answer.received, lacking=lacking) and answer is not None:
-            self._resend(name, answer)
-
-    def _sent_end(self) -> bool:
-        return bool(self._unacknowledged) and self._unacknowledged[-1].kind is FrameType.END
-
-    def _resend(self, name: str, answer: Progress) -> None:
-        """Send again what a consumer lacks; from the stream itself, if somebody else has acknowledged it."""
-        if self._unacknowledged and self._unacknowledged[0].first > answer.received:
-            self._progress[name] = answer
-            raise _Rewind(answer.received)
-        for frame in tuple(self._unacknowledged):
-            if frame.end > answer.received or frame.kind is FrameType.END:
+            for frame in self._window.missing(name, answer):
                 self._put(frame)
-
-    def _discard_consumed(self) -> None:
-        consumed = self._consumed()
-        while self._unacknowledged and self._unacknowledged[0].end <= consumed:
-            if self._unacknowledged[0].kind is FrameType.END:
-                break
-            self._unacknowledged_bytes -= self._unacknowledged.popleft().size
-        self._on_progress(consumed)
-
-    def _failed(self) -> bool:
-        return any(progress.error is not None for progress in self._progress.values())
 
     def _on_ack(self, name: str) -> Callable[[zenoh.Sample], None]:
         def note(sample: zenoh.Sample) -> None:
@@ -341,7 +287,7 @@ class _Delivery:
                 if progress.run == self._offer.run and progress.is_final:
                     confirmed = self._ask(name, "status", asking(self._offer))
                     progress = confirmed or replace(progress, result=None, error=None)
-                if progress.received <= self._furthest:
+                if self._window.can_be(progress):
                     self._note(name, progress)
 
         return note
@@ -349,18 +295,13 @@ class _Delivery:
     def _stay_alive(self) -> None:
         """Let the consumers that have taken the offer know that the sender lives, while the stream has a pause."""
         while not self._leaving.wait(_ALIVE_S):
-            for name in tuple(self._progress):
+            for name in tuple(self._window.progress):
                 with suppress(WireError, zenoh.ZError):
                     self._ask(name, "status", asking(self._offer), timeout_s=1.0)
 
     def _note(self, name: str, progress: Progress) -> None:
-        """Take over a consumer's progress, if it is of this run and more than what is known."""
-        if progress.run != self._offer.run:
-            return
         with self._changed:
-            known = self._progress.get(name)
-            if known is not None and progress.next >= known.next and not known.is_final:
-                self._progress[name] = progress
+            if self._window.note(name, progress):
                 self._changed.notify_all()
 
 
@@ -378,9 +319,3 @@ def _why(error: BaseException) -> str:
     if isinstance(error, KeyboardInterrupt):
         return "interrupted"
     return "terminated" if isinstance(error, SystemExit) else "it failed, and reports why itself"
-
-
-def _checked(name: str, progress: Progress) -> Progress:
-    if progress.error is not None:
-        raise WireError(f"{name}: {progress.error}")
-    return progress

@@ -67,18 +67,34 @@ def record(
     as_json: Json = False,
 ) -> None:
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
-    from pipeline.terminal.signals import until_stopped
     from recorders.nodes.metrics import check_metrics
-    from recorders.nodes.node import running_node
-    from recorders.recording.live_recorder import LiveRecorder
-    from recorders.wire.receiver import Receiver
-    from recorders.wire.session import open_session
     from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
     config = topics.config()
     if out is not None and config.split_bytes is None and config.split_ns is None:
         check_place(out, overwrite=overwrite)  # before anybody is waited for
+    recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
+    console.show(recording.to_dict(), as_json=as_json)
+    console.notice(_outcome(recording, f"{node.namespace}/**"))
+
+
+def _record(
+    out: Path | None,
+    name: str,
+    config: "RecordConfig",
+    node: ConnectingNode,
+    *,
+    overwrite: bool,
+    stop_at_stream_end: bool,
+) -> "RecordingStats":
+    """Record until it is over, and return what there is of it."""
+    from pipeline.terminal.signals import until_stopped
+    from recorders.nodes.node import running_node
+    from recorders.recording.live_recorder import LiveRecorder
+    from recorders.wire.receiver import Receiver
+    from recorders.wire.session import open_session
+
     receiving = _receiving(name, node.namespace, config)
     session = node.config()
     key = f"{node.namespace}/**"
@@ -104,8 +120,7 @@ def record(
     ):
         console.notice(f"{name} records {key} at {where} to {recorder.out}; Ctrl-C ends it")
         recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
-    console.show(recorder.recording.to_dict(), as_json=as_json)
-    console.notice(_outcome(recorder.recording, key))
+    return recorder.recording
 
 
 def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverConfig":

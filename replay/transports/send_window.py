@@ -1,0 +1,138 @@
+"""State of the stream that a sender has under way: a machine of pure steps, without Zenoh, threads or a clock."""
+
+from collections import deque
+
+from recorders.errors import WireError
+from recorders.wire.frames import Frame, FrameType
+from recorders.wire.stream import WINDOW_BYTES, Progress
+
+
+class Rewind(Exception):
+    """A consumer wants the stream from an index that is behind."""
+
+    def __init__(self, index: int) -> None:
+        self.index = index
+
+
+class SendWindow:
+    """Frames that are not acknowledged by every consumer yet, and how far each consumer is.
+
+    Whoever drives it sends what it adds, and what `missing` returns, and notes what the consumers answer.
+
+    Parameters
+    ----------
+    run : str
+        The run that is sent; progress of any other counts for nothing.
+    window : int
+        How many messages may be under way unacknowledged.
+
+    Attributes
+    ----------
+    progress : dict of str to Progress
+        What is known of the consumers that acknowledge, by name.
+    sent : int
+        Stream index up to which everything was sent.
+    """
+
+    def __init__(self, run: str, window: int) -> None:
+        self._run = run
+        self._window = window
+        self._frames: deque[Frame] = deque()
+        self._bytes = 0  # of them
+        self._furthest = 0  # what was ever sent
+        self.progress: dict[str, Progress] = {}
+        self.sent = 0
+
+    @property
+    def consumed(self) -> int:
+        """The index up to which every consumer has consumed; everything, if nobody is awaited."""
+        return min((progress.next for progress in self.progress.values()), default=self.sent)
+
+    @property
+    def through(self) -> bool:
+        """Whether every consumer has reported its result."""
+        return all(progress.result is not None for progress in self.progress.values())
+
+    @property
+    def failed(self) -> bool:
+        """Whether a consumer has reported that it stopped."""
+        return any(progress.error is not None for progress in self.progress.values())
+
+    def start(self) -> int:
+        """Return the index from which the consumers together want the stream."""
+        return min((progress.next for progress in self.progress.values()), default=0)
+
+    def begin(self, index: int) -> None:
+        """Begin, or begin again, at an index: nothing is under way."""
+        self._frames.clear()
+        self._bytes = 0
+        self.sent = index
+
+    def add(self, frame: Frame) -> None:
+        """Note a frame that is sent now."""
+        self._frames.append(frame)
+        self._bytes += frame.size
+        self.sent = frame.end
+        self._furthest = max(self._furthest, self.sent)
+
+    def has_room(self, count: int, size: int) -> bool:
+        """Whether so many more messages, of so many bytes together, may be under way."""
+        consumed = self.consumed
+        if self.sent + count - consumed > max(self._window, count):
+            return False
+        if self._bytes + size <= WINDOW_BYTES:  # what was consumed just now is among them
+            return True
+        under_way = sum(frame.size for frame in self._frames if frame.end > consumed)
+        return under_way + size <= max(WINDOW_BYTES, size)
+
+    def discard_consumed(self) -> int:
+        """Forget what every consumer has consumed, and return the index up to which that is."""
+        consumed = self.consumed
+        while self._frames and self._frames[0].end <= consumed and self._frames[0].kind is not FrameType.END:
+            self._bytes -= self._frames.popleft().size
+        return consumed
+
+    def note(self, name: str, progress: Progress) -> bool:
+        """Take over a consumer's progress; False if it is of another run, or no more than what is known."""
+        known = self.progress.get(name)
+        news = known is not None and progress.run == self._run and progress.next >= known.next and not known.is_final
+        if news:
+            self.progress[name] = progress
+        return news
+
+    def can_be(self, progress: Progress) -> bool:
+        """Whether a consumer can be that far: anyone may publish in its name."""
+        return progress.received <= self._furthest
+
+    def lacks(self, answer: Progress) -> bool:
+        """Whether a consumer lacks something that was sent.
+
+        Once everything has arrived, it may take its time; the end has arrived when there is a result.
+        """
+        sent_end = bool(self._frames) and self._frames[-1].kind is FrameType.END
+        return answer.received < self.sent or (sent_end and answer.next == self.sent)
+
+    def missing(self, name: str, answer: Progress) -> list[Frame]:
+        """Return the frames to send to a consumer again.
+
+        Raises
+        ------
+        Rewind
+            If they are not here any longer, as others have acknowledged them: they are to come from the stream itself.
+        """
+        if self._frames and self._frames[0].first > answer.received:
+            self.progress[name] = answer
+            raise Rewind(answer.received)
+        return [frame for frame in self._frames if frame.end > answer.received or frame.kind is FrameType.END]
+
+    def check(self) -> None:
+        """Check that no consumer has stopped; raises WireError with its reason."""
+        for name, progress in self.progress.items():
+            checked(name, progress)
+
+
+def checked(name: str, progress: Progress) -> Progress:
+    """Return a consumer's progress; raises WireError with its reason if it refuses, or stopped."""
+    if progress.error is not None:
+        raise WireError(f"{name}: {progress.error}")
+    return progress

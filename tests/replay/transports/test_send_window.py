@@ -1,0 +1,140 @@
+"""Both ends of a stream without a network: what is lost, late, repeated or asked twice, the stream arrives whole."""
+
+import random
+
+import pytest
+
+from recorders.errors import WireError
+from recorders.messages.record import RecordedMessage
+from recorders.wire.frames import Frame, FrameType
+from recorders.wire.received_stream import ReceivedStream
+from recorders.wire.stream import WINDOW_BYTES, Offer, Progress
+from replay.transports.send_window import Rewind, SendWindow
+
+COUNT = 60
+OFFER = Offer(run="ab" * 16, schedule={}, logs=[], sender="cd" * 16, window=8)
+
+
+def message(index: int) -> RecordedMessage:
+    return RecordedMessage("/count", "", index.to_bytes(4, "little"), index, index)
+
+
+def frame(index: int, size: int = 4) -> Frame:
+    return Frame(FrameType.MESSAGE, *OFFER.identity, index, (message(index)._replace(data=bytes(size)),))
+
+
+class Consumer:
+    """A consumer at the other end of a line that loses half of what is sent, and gives the rest in any order."""
+
+    def __init__(self, draw: random.Random) -> None:
+        self._draw = draw
+        self._line: list[Frame] = []
+        self._stream = ReceivedStream("learner", silence_s=1.0)
+        self.taken: list[RecordedMessage] = []
+        self._steps = 0
+        self.hello = self._stream.accept(OFFER, 0, 0.0)
+
+    def send(self, sent: Frame) -> None:
+        if self._draw.random() < 0.5:
+            self._line.append(sent)
+
+    def step(self) -> Progress:
+        """Take in what comes of the line, and acknowledge."""
+        self._steps += 1
+        assert self._steps < 10_000, "the stream does not come to its end"
+        self._draw.shuffle(self._line)
+        while self._line and self._draw.random() < 0.8:
+            new = self._stream.take(self._line.pop(), 0.0)
+            if new is not None:
+                self._stream.arrived(new)
+                self.taken += new.messages
+                self._stream.consume(new)
+                if new.kind is FrameType.END:
+                    self._stream.finish({"count": len(self.taken)}, 0.0)
+        return self._stream.progress
+
+
+def deliver(window: SendWindow, consumers: dict[str, Consumer], draw: random.Random) -> None:
+    """Drive both ends until every consumer has its result."""
+    index = window.start()
+    while not window.through:
+        try:
+            window.begin(index)
+            for sent in (*map(frame, range(index, COUNT)), Frame(FrameType.END, *OFFER.identity, COUNT)):
+                while not window.has_room(len(sent.messages), sent.size):
+                    ask(window, consumers, draw)
+                window.add(sent)
+                for consumer in consumers.values():
+                    consumer.send(sent)
+            while not window.through:
+                ask(window, consumers, draw)
+        except Rewind as rewind:
+            index = rewind.index
+
+
+def ask(window: SendWindow, consumers: dict[str, Consumer], draw: random.Random) -> None:
+    for name, consumer in consumers.items():
+        answer = consumer.step()
+        assert window.can_be(answer)
+        window.note(name, answer)
+        if window.lacks(answer) and draw.random() < 0.5:
+            for sent in window.missing(name, answer):
+                consumer.send(sent)
+    window.check()
+    window.discard_consumed()
+    assert window.sent - window.consumed <= OFFER.window
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_every_consumer_gets_the_whole_stream_over_a_line_that_loses_half(seed: int) -> None:
+    draw = random.Random(seed)
+    window, consumers = SendWindow(OFFER.run, OFFER.window), {name: Consumer(draw) for name in ("anna", "bob")}
+    window.progress = {name: consumer.hello for name, consumer in consumers.items()}
+    deliver(window, consumers, draw)
+    for consumer in consumers.values():
+        assert [record.sequence for record in consumer.taken] == list(range(COUNT))
+        assert [record.log_time_ns for record in consumer.taken] == list(range(COUNT))
+    assert [progress.result for progress in window.progress.values()] == [{"count": COUNT}] * 2
+
+
+def test_what_others_have_acknowledged_comes_from_the_stream_again() -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    for index in range(4):
+        window.add(frame(index))
+    window.note("anna", Progress(OFFER.run, next=3, received=4))
+    assert window.discard_consumed() == 3
+    assert [sent.first for sent in window.missing("anna", Progress(OFFER.run, next=3, received=3))] == [3]
+    with pytest.raises(Rewind) as rewind:
+        window.missing("anna", Progress(OFFER.run, next=1, received=2))
+    assert rewind.value.index == 2
+    assert window.progress["anna"].next == 1
+
+
+def test_progress_of_others_and_of_the_past_counts_for_nothing() -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run, next=2, received=2)}
+    for stranger in ("bob", "anna"):
+        assert not window.note(stranger, Progress("cd" * 16, next=5, received=5))
+    assert not window.note("bob", Progress(OFFER.run, next=5, received=5))
+    assert not window.note("anna", Progress(OFFER.run, next=1, received=5))
+    assert not window.can_be(Progress(OFFER.run, next=5, received=5))
+    assert window.consumed == 2
+    assert window.note("anna", Progress(OFFER.run, next=2, received=2, error="full"))
+    assert window.failed
+    assert not window.note("anna", Progress(OFFER.run, next=3, received=3))
+    with pytest.raises(WireError, match="anna: full"):
+        window.check()
+
+
+@pytest.mark.parametrize(
+    ("size", "room"), [(WINDOW_BYTES // 2, True), (WINDOW_BYTES // 2 + 1, False), (2 * WINDOW_BYTES, False)]
+)
+def test_no_more_than_so_many_bytes_are_under_way(size: int, room: bool) -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    assert window.has_room(1, size)  # a single one, however large
+    window.add(frame(0, WINDOW_BYTES // 2))
+    assert window.has_room(1, size) == room
+    window.note("anna", Progress(OFFER.run, next=1, received=1))
+    assert window.has_room(1, size)
