@@ -1,9 +1,8 @@
 """The house keeps its own rules: pages are true, lock files name no host, nothing large is committed."""
 
+import doctest
 import re
 import shutil
-import subprocess
-import sys
 import tomllib
 from pathlib import Path
 
@@ -64,15 +63,23 @@ def test_the_readme_names_commands_that_exist() -> None:
     assert {"demo", "test"} <= named <= targets
 
 
-def test_the_readmes_example_runs(tmp_path: Path, episode: Path) -> None:
+def test_the_readmes_example_runs(tmp_path: Path, episode: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (example,) = re.findall(r"```python\n(.*?)```", README, re.DOTALL)
     assert len(example.strip().splitlines()) <= 10
+    assert example.count(">>> from ") == 2
     demo = tmp_path / "out" / "demo"
     demo.mkdir(parents=True)
     for name in ("circles.mcap", "eight.mcap"):
         shutil.copy(episode, demo / name)
-    run = subprocess.run([sys.executable, "-c", example], cwd=tmp_path, capture_output=True, text=True, check=True)
-    assert re.fullmatch(r"[0-9a-f]{64}\nHandErrors\(.*samples=24\)\n", run.stdout)
+    monkeypatch.chdir(tmp_path)
+    tried = doctest.DocTestParser().get_doctest(example, {}, "README", "README.md", 0)
+    found: list[str] = []
+    assert doctest.DocTestRunner(optionflags=doctest.ELLIPSIS).run(tried, out=found.append, clear_globs=False) == (0, 5)
+    trainer, evaluate = tried.globs["trainer"], tried.globs["evaluate_motion"]
+    assert re.fullmatch(r"[0-9a-f]{64}", trainer.result()["digest"])
+    assert re.fullmatch(
+        r"HandErrors\(.*samples=24.*\)", repr(evaluate(trainer.controller(), demo / "eight.mcap").errors)
+    )
 
 
 @pytest.fixture

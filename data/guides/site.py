@@ -3,6 +3,7 @@
 `mkdocs.yml` names it as a hook; `make docs` runs it.
 """
 
+import ast
 from pathlib import Path
 
 from mkdocs.config.defaults import MkDocsConfig
@@ -40,12 +41,28 @@ def _page(room: str) -> str:
     return f"reference/{room}.md"
 
 
+def _public_names(package: str) -> str:
+    """Return the names that a package exports, in a table; each links to where it is documented."""
+    tree = ast.parse((_ROOT / package / "__init__.py").read_text(encoding="utf-8"))
+    homes: dict[str, tuple[str, ...]] = next(
+        ast.literal_eval(node.value)
+        for node in tree.body
+        if isinstance(node, ast.Assign) and ast.unparse(node.targets[0]) == "_HOMES"
+    )
+    rows = [
+        f"| [`{name}`]({home.rpartition('.')[0]}.md#{home}.{name}) | `{home}` |"
+        for name, home in sorted((name, home) for home, names in homes.items() for name in names)
+    ]
+    return "\n".join(["", "## Public names", "", f"| `from {package} import` | of |", "|---|---|", *rows, ""])
+
+
 def _reference(room: str) -> str:
     """Return a page with the modules that lie in a room itself; rooms within it have pages of their own."""
     modules = sorted(path.stem for path in _ROOT.joinpath(*room.split(".")).glob("[!_]*.py"))
     blocks = [f"::: {room}\n    options:\n      show_submodules: false\n      members: false\n"]
     blocks += [f"::: {room}.{module}\n    options:\n      heading_level: 2\n" for module in modules]
-    return f"---\ntitle: {room}\n---\n\n" + "\n".join(blocks)
+    names = _public_names(room) if room in _PACKAGES else ""
+    return f"---\ntitle: {room}\n---\n\n" + blocks[0] + names + "\n" + "\n".join(blocks[1:])
 
 
 def _project_page(name: str) -> str:

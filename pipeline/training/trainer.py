@@ -356,7 +356,7 @@ class Trainer:
 
 
 def train(
-    paths: Sequence[Path],
+    paths: Sequence[str | Path],
     *,
     schedule: Schedule,
     config: Settings,
@@ -369,7 +369,7 @@ def train(
 
     Parameters
     ----------
-    paths : sequence of Path
+    paths : sequence of str or Path
         Logs; a cycle presents them in this order.
     schedule : Schedule
         Epochs and phases.
@@ -390,7 +390,8 @@ def train(
         If a log, its robot or a message is not what it should be.
     """
     trainer = Trainer(config, robot=robot, pairs=pairs, on_cycle=on_cycle)
-    return train_on(Replay(paths, replace(schedule, topics=trainer.pairing.topics), renames=renames), trainer)
+    logs = [Path(path) for path in paths]
+    return train_on(Replay(logs, replace(schedule, topics=trainer.pairing.topics), renames=renames), trainer)
 
 
 def train_on(source: Source, trainer: Trainer) -> Trainer:

@@ -222,6 +222,7 @@ class Clock:
 
 
 Message: TypeAlias = JointState | PoseStamped | String | Float64MultiArray | TransformStamped | TFMessage | Clock
+"""A message of any of these types."""
 
 MESSAGE_TYPES: dict[str, type[Message]] = {
     cls.TYPE: cls for cls in (JointState, PoseStamped, String, Float64MultiArray, TransformStamped, TFMessage, Clock)

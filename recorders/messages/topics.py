@@ -85,6 +85,7 @@ _ROWS = (
 )
 
 TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}
+"""The table, by name."""
 
 COMMANDED_TICK = (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS)
 """Topics of a tick as commanded: targets of the hands, and joints."""
