@@ -21,7 +21,7 @@ from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.wire.stream import Offer
-from replay.golden.recipe import EpochEnd, TickDigests
+from replay.golden.recipe import EpochEnd, State, TickDigests
 
 
 class _ObservedLearner:
@@ -86,7 +86,10 @@ class ObservedRun:
                 f"{self._run.counts.ticks}"
             )
         if self._run.phase is not None:
-            yield EpochEnd(self._run.phase.epoch, self._learner.state())
+            yield self._epoch_end(self._run.phase.epoch, self._learner.state())
+
+    def _epoch_end(self, epoch: int, state: State) -> EpochEnd:
+        return EpochEnd(epoch, state, self._learner.config.element_name)
 
     @contextmanager
     def _naming_the_log(self) -> Iterator[None]:
@@ -111,7 +114,7 @@ class ObservedRun:
         self._run.begin_presentation(message)
         self._tick = 0
         if before is not None and self._run.phase is not None and before.epoch != self._run.phase.epoch:
-            yield EpochEnd(before.epoch, state)
+            yield self._epoch_end(before.epoch, state)
 
     def _feed(self, message: RecordedMessage) -> Iterator[TickDigests]:
         ticks = self._run.counts.ticks

@@ -24,7 +24,12 @@ from recorders.text.wording import value_text
 from replay.diff.fields import format_pair
 from replay.golden.recipe import CaseSpec
 
-_FOLLOWING = {"inputs": "the robot's hands", "outputs": "the robot's joints", "epochs": "--epochs, or the session"}
+_FOLLOWING = {
+    "inputs": "the robot's hands",
+    "outputs": "the robot's joints",
+    "body": "the robot",
+    "epochs": "--epochs, or the session",
+}
 """Settings that a learner takes from elsewhere, and where from."""
 
 PAIRS_KEY = "pairs"

@@ -179,7 +179,8 @@ def recipe(
     if old is None:
         if not logs or (config is None and rule is None):
             raise ConfigError("expected logs and --config for a new case")
-        old = CaseSpec(tuple(logs), {}, Schedule(epochs=_EPOCHS))
+        settings = config_from_dict(read_settings(config, rule=rule, pairs=pairs))
+        old = CaseSpec(tuple(logs), {}, settings.schedule(_EPOCHS))
     learner = old.learner
     if not (config is None and rule is None):
         before = pairs_of(learner) if learner and rule is None else None

@@ -8,6 +8,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.learner import npz
 from pipeline.learner.controller_diff import first_difference_of_arrays
+from pipeline.learner.rule import place_name
 from recorders.errors import ConfigError, ControllerError
 from replay.golden.recipe import EpochEnd, State
 
@@ -45,7 +46,8 @@ def unpack(data: bytes, epoch: int) -> dict[str, Floats]:
 def difference(packed: bytes, end: EpochEnd) -> tuple[str, str, str] | None:
     """Name the first element that differs from the packed state of that epoch: name, expected, found."""
     found = {name: np.asarray(values, dtype=np.float64) for name, values in end.state.items()}
-    first = first_difference_of_arrays(unpack(packed, end.epoch), found)
+    names = end.element_name or place_name
+    first = first_difference_of_arrays(unpack(packed, end.epoch), found, element_name=names)
     return None if first is None else (first.name, first.a, first.b)
 
 

@@ -1,6 +1,6 @@
 """The first difference between two controllers: which setting or which element, and what either holds."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from itertools import zip_longest
 from typing import Any
@@ -9,7 +9,12 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
+from pipeline.learner.rule import place_name
+from recorders.text.wording import value_text
 from replay.diff.fields import ABSENT, format_pair
+
+ElementName = Callable[[str, tuple[int, ...]], str]
+"""Names an element of an array, such as `a[17]`, by the array's name and the element's place."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -19,7 +24,7 @@ class ControllerDifference:
     Parameters
     ----------
     name : str
-        `config.seed`, `joints[3]`, `robot_urdf line 12`, `reservoir_output_weights[17]`.
+        `config.seed`, `joints[3]`, `robot_urdf line 12`, `reservoir_output_weights[17]`, or as the rule names it.
     a, b : str
         What either holds there; floats in full precision.
     differing, size : int
@@ -50,18 +55,22 @@ def first_difference(a: Controller, b: Controller) -> ControllerDifference | Non
         _of_lists("joints[{}]", a.joints, b.joints),
         _of_lists("robot_toml line {}", a.robot_toml.split("\n"), b.robot_toml.split("\n"), first=1),
         _of_lists("robot_urdf line {}", a.robot_urdf.split("\n"), b.robot_urdf.split("\n"), first=1),
-        first_difference_of_arrays({**a.state, "pending": a.pending}, {**b.state, "pending": b.pending}),
+        first_difference_of_arrays(
+            {**a.state, "pending": a.pending}, {**b.state, "pending": b.pending}, element_name=a.config.element_name
+        ),
     )
     return next((part for part in parts if part is not None), None)
 
 
-def first_difference_of_arrays(a: Mapping[str, Floats], b: Mapping[str, Floats]) -> ControllerDifference | None:
+def first_difference_of_arrays(
+    a: Mapping[str, Floats], b: Mapping[str, Floats], *, element_name: ElementName = place_name
+) -> ControllerDifference | None:
     """Return the first element, in the order of the names of `a`, whose bits differ in two sets of float64 arrays."""
     for name in {**a, **b}:
         if name not in a or name not in b:
             present = ["present" if name in arrays else ABSENT for arrays in (a, b)]
             return ControllerDifference(name, present[0], present[1])
-        difference = _of_arrays(name, np.asarray(a[name]), np.asarray(b[name]))
+        difference = _of_arrays(name, np.asarray(a[name]), np.asarray(b[name]), element_name)
         if difference is not None:
             return difference
     return None
@@ -71,7 +80,7 @@ def _constants(controller: Controller) -> dict[str, Floats]:
     return {name: getattr(controller, name) for name in ("input_centre", "output_centre")}
 
 
-def _of_arrays(name: str, a: Floats, b: Floats) -> ControllerDifference | None:
+def _of_arrays(name: str, a: Floats, b: Floats, element_name: ElementName) -> ControllerDifference | None:
     if a.shape != b.shape:
         return ControllerDifference(name, f"shape {a.shape}", f"shape {b.shape}")
     flat_a, flat_b = np.ravel(a), np.ravel(b)
@@ -79,24 +88,32 @@ def _of_arrays(name: str, a: Floats, b: Floats) -> ControllerDifference | None:
     if not len(differing):
         return None
     first = differing[0]
-    place = ", ".join(str(index) for index in np.unravel_index(first, a.shape))
+    place = element_name(name, tuple(map(int, np.unravel_index(first, a.shape))))
     values = format_pair(float(flat_a[first]), float(flat_b[first]))
-    return ControllerDifference(f"{name}[{place}]", *values, differing=len(differing), size=a.size)
+    return ControllerDifference(place, *values, differing=len(differing), size=a.size)
 
 
-def _of_settings(a: Mapping[str, Any], b: Mapping[str, Any]) -> ControllerDifference | None:
-    for name, value in a.items():
-        if value != b[name]:
-            return ControllerDifference(f"config.{name}", *format_pair(value, b[name]))
+def _of_settings(a: Mapping[str, Any], b: Mapping[str, Any], *, within: str = "config") -> ControllerDifference | None:
+    for name in {**a, **b}:
+        value, other, where = a.get(name), b.get(name), f"{within}.{name}"
+        if value == other:
+            continue
+        if isinstance(value, dict) and isinstance(other, dict):
+            return _of_settings(value, other, within=where)
+        if isinstance(value, list) and isinstance(other, list):
+            return _of_lists(where + "[{}]", value, other)
+        return ControllerDifference(where, *format_pair(_plain(value), _plain(other)))
     return None
 
 
-def _of_lists(
-    name: str, a: tuple[str, ...] | list[str], b: tuple[str, ...] | list[str], *, first: int = 0
-) -> ControllerDifference | None:
+def _plain(value: Any) -> int | float | str:
+    return value if isinstance(value, int | float | str) else value_text(value)
+
+
+def _of_lists(name: str, a: Sequence[Any], b: Sequence[Any], *, first: int = 0) -> ControllerDifference | None:
     for place, (x, y) in enumerate(zip_longest(a, b), first):
         if x != y:
-            values = format_pair(x or "", y or "")
+            values = format_pair("" if x is None else x, "" if y is None else y)
             shown = [ABSENT if item is None else text for item, text in zip((x, y), values, strict=True)]
             return ControllerDifference(name.format(place), shown[0], shown[1])
     return None

@@ -12,9 +12,11 @@ from typing import Any, ClassVar, Protocol, Self
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
+from pipeline.learner.body import Body
 from pipeline.learner.state import MAX_NUMBERS, state_numbers
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text, value_text
+from replay.sources.schedule import Schedule
 
 _OF_THE_TASK = ("inputs", "outputs", "epochs")  # settings that robot and schedule decide, not the user
 
@@ -23,6 +25,9 @@ DEFAULT = "reservoir"
 
 DEFAULT_PAIRS = "commanded"
 """The pairs of a rule or controller that names none."""
+
+BODY = "body"
+"""Setting in which a configuration keeps the robot, if its rule needs to know it."""
 
 
 @dataclass(frozen=True)
@@ -53,6 +58,13 @@ class Settings:
     A configuration has the fields `inputs`, `outputs`, `epochs` and `seed`, which are set for the robot and the stream,
     and defaults for all.
 
+    Attributes
+    ----------
+    rule : str
+        Name of the rule.
+    phases : tuple of (str, int)
+        Phases of an epoch with their numbers of cycles, in order, where logs are learned without more being said.
+
     Raises
     ------
     ConfigError
@@ -60,6 +72,7 @@ class Settings:
     """
 
     rule: ClassVar[str] = DEFAULT
+    phases: ClassVar[tuple[tuple[str, int], ...]] = Schedule.phases
     inputs: int
     outputs: int
     epochs: int
@@ -68,6 +81,8 @@ class Settings:
     def __post_init__(self) -> None:
         """Check types and ranges; a rule may know better."""
         for name, value in self.to_dict().items():
+            if name == BODY:
+                continue
             least = 1 if name in _OF_THE_TASK else 0
             whole = type(value) is int and least <= value < 2**63
             if not whole and not (name not in (*_OF_THE_TASK, "seed") and _is_finite(value)):
@@ -80,6 +95,22 @@ class Settings:
     def shown(self) -> Shown:
         """Return what a viewer shows of the state: by default, how far every array has moved."""
         return Shown(drift={name: name for name in self.state_shapes() if name != "epoch"})
+
+    def schedule(self, epochs: int | None = None, topics: tuple[str, ...] = Schedule.topics) -> Schedule:
+        """Return the schedule by which a learner of this rule learns logs, unless another is asked for."""
+        return Schedule(self.epochs if epochs is None else epochs, self.phases, topics)
+
+    def notes(self) -> tuple[str, ...]:
+        """Return a line on everything that is other than was asked for; by default none."""
+        return ()
+
+    def element_name(self, array: str, index: tuple[int, ...]) -> str:
+        """Name an element of an array of the state; by default by its place."""
+        return place_name(array, index)
+
+    def with_body(self, body: Body) -> Self:
+        """Return the same for a robot; by default it knows how many inputs and outputs there are."""
+        return self.fitted(inputs=body.inputs, outputs=body.inputs + len(body.joints))
 
     def check_size(self) -> None:
         """Check that a state is small enough for a file, which may come from anyone.
@@ -187,3 +218,8 @@ class Rule:
 
 def _is_finite(value: object) -> bool:
     return type(value) in (int, float) and abs(value) < float("inf")  # type: ignore[arg-type]  # nor is NaN
+
+
+def place_name(array: str, index: tuple[int, ...]) -> str:
+    """Return the name of an element of an array by its place, such as `a[17]` or `w[2, 0]`."""
+    return f"{array}[{', '.join(map(str, index))}]"

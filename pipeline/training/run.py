@@ -8,6 +8,7 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import check_errors, hand_errors
+from pipeline.learner.body import body_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import make_learner
 from pipeline.learner.rule import OnlineLearner, Settings
@@ -123,7 +124,7 @@ class LearningRun:
     ) -> None:
         self._pairing = pairing or find_pairing(COMMANDED)
         output_centre = np.concatenate([robot.input_centre, robot.comfort])
-        config = config.fitted(inputs=HANDS, outputs=len(output_centre))
+        config = config.with_body(body_of(robot))
         self.robot = robot
         self.learner: OnlineLearner = make_learner(config, input_centre=robot.input_centre, output_centre=output_centre)
         self.counts = _Counts()

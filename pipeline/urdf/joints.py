@@ -7,7 +7,7 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.urdf.description import named, shown
+from pipeline.urdf.description import end_link, named, shown
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
 
@@ -19,6 +19,17 @@ def moved_links(urdf: Element) -> set[str]:
     """Return the links that hang on a joint that moves."""
     joints = [joint for joint in urdf.iterfind("joint") if joint.get("type") != "fixed"]
     return {child.get("link", "") for joint in joints for child in joint.iterfind("child")}
+
+
+def moving_joints(urdf: Element, link: str) -> set[str]:
+    """Return the joints that move between the root of a checked URDF and a link."""
+    above = {end_link(joint, "child"): joint for joint in urdf.iterfind("joint")}
+    moving = set()
+    while (joint := above.get(link)) is not None:
+        if joint.get("type") != "fixed":
+            moving.add(joint.get("name", ""))
+        link = end_link(joint, "parent")
+    return moving
 
 
 def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:

@@ -1,6 +1,6 @@
 """Specification of a golden case: logs, a schedule and a learner's settings, and the protocol of its runner."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeAlias
@@ -109,10 +109,11 @@ class TickDigests(NamedTuple):
 
 
 class EpochEnd(NamedTuple):
-    """The state at the end of an epoch."""
+    """The state at the end of an epoch, and what names an element by its array and its place."""
 
     epoch: int
     state: State
+    element_name: Callable[[str, tuple[int, ...]], str] | None = None
 
 
 class Runner(Protocol):

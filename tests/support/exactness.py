@@ -37,12 +37,15 @@ def controls() -> dict[str, str]:
 
 def main() -> None:
     sys.path.insert(0, str(Path(__file__).parents[2]))
+    from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
     from pipeline.learner.rules.reservoir.config import LearnerConfig
     from pipeline.training.trainer import train
     from replay.sources.schedule import Schedule
 
-    result = train([Path(sys.argv[1])], schedule=Schedule(epochs=2), config=LearnerConfig(seed=0)).result()
-    print(json.dumps({"digests": [result["digest"], result["stream_digest"]], "controls": controls()}))
+    configs = LearnerConfig(seed=0), ForwardInverseConfig(), ForwardInverseConfig(degree=2, forgetting=0.99)
+    results = [train([Path(sys.argv[1])], schedule=Schedule(epochs=2), config=config).result() for config in configs]
+    digests = [result[name] for result in results for name in ("digest", "stream_digest")]
+    print(json.dumps({"digests": digests, "controls": controls()}))
 
 
 if __name__ == "__main__":

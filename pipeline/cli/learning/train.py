@@ -24,6 +24,7 @@ from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
     from pipeline.robot.config import RobotConfig
+    from replay.sources.schedule import Schedule
     from replay.transports.transport import Source
 
 
@@ -34,7 +35,10 @@ def train(
     rule: Rule = None,
     pairs: Pairs = None,
     epochs: Annotated[
-        int | None, typer.Option(help="Epochs of training; 150, or as recorded.", min=1, metavar="N")
+        int | None,
+        typer.Option(
+            help="Epochs of training; as many as the rule takes (reservoir: 150), or as recorded.", min=1, metavar="N"
+        ),
     ] = None,
     as_recorded: AsRecorded = False,
     as_live: AsLive = False,
@@ -61,7 +65,8 @@ def train(
     if as_live:
         source = _as_live(logs, config, epochs or 1, renames(map_), topics)
     else:
-        source = _from_logs(logs, epochs, renames(map_), topics, as_recorded=as_recorded)
+        schedule = None if as_recorded else learner.schedule(epochs, topics)
+        source = _from_logs(logs, epochs, renames(map_), topics, schedule=schedule)
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             learner,
@@ -71,7 +76,10 @@ def train(
         )
         train_on(source, trainer)
     trainer.check_learned()
-    trainer.controller().save(out)
+    controller = trainer.controller()
+    controller.save(out)
+    for line in controller.config.notes():
+        console.notice(line)
     console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
 
 
@@ -85,13 +93,18 @@ def _as_live(
 
 
 def _from_logs(
-    logs: list[Path], epochs: int | None, names: dict[str, str], topics: tuple[str, ...], *, as_recorded: bool
+    logs: list[Path],
+    epochs: int | None,
+    names: dict[str, str],
+    topics: tuple[str, ...],
+    *,
+    schedule: "Schedule | None",
 ) -> "Source":
+    """Return logs by a schedule, or without one a session as it was recorded."""
     from recorders.reading.parts import one_session, recordings
-    from replay.sources.schedule import Schedule
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
-    if as_recorded:
+    if schedule is None:
         return RecordedSession(one_session(logs), epochs=epochs, renames=names, topics=topics)
-    return Replay(recordings(logs), Schedule(epochs or 150, topics=topics), renames=names)
+    return Replay(recordings(logs), schedule, renames=names)

@@ -35,7 +35,16 @@ class ScheduleOptions:
     """Presentation of the logs to a learner."""
 
     epochs: Annotated[
-        int | None, typer.Option(help="Epochs to present the logs for: 150, or as recorded.", min=1, metavar="N")
+        int | None,
+        typer.Option(
+            help="Epochs to present the logs for: as many as the rule takes (reservoir: 150), or as recorded.",
+            min=1,
+            metavar="N",
+        ),
+    ] = None
+    rule: Annotated[
+        str | None,
+        typer.Option("--rule", help="Rule that is to learn them: reservoir if left out.", metavar="RULE"),
     ] = None
     as_recorded: AsRecorded = False
     pairs: Annotated[
@@ -149,8 +158,8 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
     from replay.sources.playback import Playback, PlaybackConfig
 
     names = renames(playing.map_)
-    if schedule.as_recorded or schedule.epochs is not None or schedule.pairs is not None:
-        raise ConfigError("--play: expected none of --as-recorded, --epochs and --pairs beside it")
+    if any((schedule.as_recorded, schedule.epochs, schedule.rule, schedule.pairs)):
+        raise ConfigError("--play: expected none of --as-recorded, --epochs, --rule and --pairs beside it")
     config = PlaybackConfig(
         frozenset(playing.topic or ()),
         renames=names,
@@ -162,9 +171,10 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
 
 
 def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
-    from pipeline.samples.pairing import COMMANDED, find_pairing
+    from pipeline.learner.registry import default_config
+    from pipeline.samples.pairing import find_pairing
+    from pipeline.training.trainer import pairing_of
     from recorders.reading.parts import one_session, recordings
-    from replay.sources.schedule import Schedule
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
@@ -174,5 +184,6 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if schedule.as_recorded:
         topics = None if schedule.pairs is None else find_pairing(schedule.pairs).topics
         return RecordedSession(one_session(logs), epochs=schedule.epochs, renames=names, topics=topics)
-    topics = find_pairing(schedule.pairs or COMMANDED).topics
-    return Replay(recordings(logs), Schedule(schedule.epochs or 150, topics=topics), renames=names)
+    learner = default_config(schedule.rule)
+    topics = pairing_of(learner, schedule.pairs).topics
+    return Replay(recordings(logs), learner.schedule(schedule.epochs, topics), renames=names)

@@ -94,7 +94,7 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
     ("options", "expected"),
     [
         (("--rate", 0.01), "rate: expected 0.1 to 1000"),
-        (("--play", "--epochs", 3), "--play: expected neither"),
+        (("--play", "--epochs", 3), "--play: expected none"),
         (("--loop", 2), "expected --play beside them"),
         (("--play", "--topic", "/nothing"), "no topic /nothing"),
         (("--play", "--map", f"{LEFT_TARGET}=/a//b*"), "topic: expected names with '/' between them"),

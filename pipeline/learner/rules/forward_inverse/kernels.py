@@ -1,0 +1,548 @@
+"""The rule's arithmetic, compiled: every floating-point operation in a fixed order, none of it from libm or BLAS.
+
+A sum runs over its terms one by one; what is vectorised runs across the elements of a row. Without fastmath the
+compiler may neither reorder nor fuse, so that every CPU gives the same bits; a square root is exact by IEEE 754.
+
+A model is linear in features of its scaled variables: `weights' f`. Its covariance P, in units of the noise's variance,
+is kept whole rather than as a triangle, for rows of one length are what a CPU adds up fastest; it is symmetric to the
+bit, since the update (k_i k_j) c does not depend on which of i and j comes first.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple, TypeVar, cast
+
+import numba
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.arrays import Floats
+
+IndexArray = NDArray[np.int64]
+_Function = TypeVar("_Function", bound=Callable[..., Any])
+
+OK, BAD_INPUT, BAD_TARGET, DIVERGED = 0, 1, 2, 4
+_HELD = 2.0
+"""Where old samples are forgotten, one counts as held if it brings less than this many times what is forgotten."""
+
+
+def _compiled(function: _Function) -> _Function:
+    """Compile, and keep the result for the next process where a folder can be written to."""
+    try:
+        return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
+    except RuntimeError:
+        return cast(_Function, numba.njit(error_model="numpy")(function))
+
+
+class Model(NamedTuple):
+    """Views of one model into the tables and the memory of a learner; v variables, n features, m outputs.
+
+    Feature 0 is 1; every other is an earlier one times a power of one variable. The first `lower` features are those
+    below the highest degree.
+    """
+
+    degree: int
+    variables: IndexArray  # (v,), which of the scaled inputs or joints
+    parents: IndexArray  # (n,), the feature that is multiplied
+    places: IndexArray  # (n,), by which of `powers`
+    raised: IndexArray  # (v, lower), each lower feature times each variable; empty for the inverse estimate
+    counts: IndexArray  # (v, lower), the power of that variable in it
+    weights: Floats  # (n, m)
+    covariance: Floats  # (n, n)
+    errors: Floats  # (m + 1,), squared errors from before each update, weighted, and the sum of their weights
+    powers: Floats  # (v, degree + 1), scratch
+    features: Floats  # (n,), scratch
+    gain: Floats  # (n,), scratch: P f
+    spare: Floats  # (n,), scratch: how much each feature forgets
+    found: Floats  # (m,), scratch: outputs, then the steps that correct them
+
+
+class Common(NamedTuple):
+    """Views of constants and scratch that all models share; i inputs, j joints."""
+
+    centre: Floats  # (i,), of the inputs [m]
+    reach: Floats  # (i,), one unit of the scaled inputs [m]
+    comfort: Floats  # (j,), centre of the joints [rad or m]
+    half: Floats  # (j,), one unit of the scaled joints [rad or m]
+    lower: Floats  # (j,), limits [rad or m]
+    upper: Floats  # (j,)
+    target: Floats  # (i,), scratch: scaled inputs
+    posture: Floats  # (j,), scratch: scaled joints
+    estimate: Floats  # (j,), scratch: the posture before the Newton step
+    hands: Floats  # (i,), scratch: scaled hands as the forward models have them
+    jacobian: Floats  # (i, j), scratch
+    square: Floats  # (i, i), scratch: J J' + mu I, then its Cholesky factor
+    solution: Floats  # (i,), scratch
+
+
+class Constants(NamedTuple):
+    """The settings that kernels take."""
+
+    prior: float
+    forgetting: float
+    damping: float
+
+
+MODEL_SIZES = 7
+"""Numbers of `sizes` for each model: variables, degree, features, lower, outputs, where its tables and memory begin."""
+
+
+def table_size(variables: int, features: int, raised: int) -> int:
+    """Whole numbers that one model takes of the tables; `raised` is the size of `Model.raised`."""
+    return variables + 2 * features + 2 * raised
+
+
+def model_size(variables: int, degree: int, features: int, outputs: int) -> int:
+    """Float64 numbers that one model takes of the memory."""
+    return features * outputs + features * features + 2 * outputs + 1 + variables * (degree + 1) + 3 * features
+
+
+def common_size(inputs: int, joints: int) -> int:
+    """Float64 numbers that the constants and the scratch of all models take of the memory."""
+    return 5 * inputs + 6 * joints + inputs * joints + inputs * inputs
+
+
+@_compiled
+def model_views(sizes: IndexArray, tables: IndexArray, memory: Floats, place: int) -> Model:
+    """Return the views of a model: 0 is the inverse estimate, the others are the forward models, hand by hand."""
+    first = 3 + place * 7
+    v, degree, n, lower, m, t, at = sizes[first : first + 7]
+    raised = v * lower
+    weights = at + n * m
+    covariance = weights + n * n
+    errors = covariance + m + 1
+    powers = errors + v * (degree + 1)
+    return Model(
+        degree,
+        tables[t : t + v],
+        tables[t + v : t + v + n],
+        tables[t + v + n : t + v + 2 * n],
+        tables[t + v + 2 * n : t + v + 2 * n + raised].reshape(v, lower),
+        tables[t + v + 2 * n + raised : t + v + 2 * n + 2 * raised].reshape(v, lower),
+        memory[at:weights].reshape(n, m),
+        memory[weights:covariance].reshape(n, n),
+        memory[covariance:errors],
+        memory[errors:powers].reshape(v, degree + 1),
+        memory[powers : powers + n],
+        memory[powers + n : powers + 2 * n],
+        memory[powers + 2 * n : powers + 3 * n],
+        memory[powers + 3 * n : powers + 3 * n + m],
+    )
+
+
+@_compiled
+def common_views(sizes: IndexArray, memory: Floats) -> Common:
+    """Return the views that all models share, at the beginning of the memory."""
+    i, j = sizes[0], sizes[1]
+    joints = 2 * i
+    target = joints + 4 * j
+    hands = target + i + 2 * j
+    jacobian = hands + i
+    square = jacobian + i * j
+    solution = square + i * i
+    return Common(
+        memory[:i],
+        memory[i:joints],
+        memory[joints : joints + j],
+        memory[joints + j : joints + 2 * j],
+        memory[joints + 2 * j : joints + 3 * j],
+        memory[joints + 3 * j : target],
+        memory[target : target + i],
+        memory[target + i : target + i + j],
+        memory[target + i + j : hands],
+        memory[hands:jacobian],
+        memory[jacobian:square].reshape(i, j),
+        memory[square:solution].reshape(i, i),
+        memory[solution : solution + i],
+    )
+
+
+@_compiled
+def all_finite(values: Floats) -> bool:
+    """Return whether there is neither NaN nor infinity."""
+    wrong = 0
+    flat = values.reshape(-1)
+    for i in range(flat.size):
+        wrong |= 0 if flat[i] - flat[i] == 0.0 else 1
+    return wrong == 0
+
+
+@_compiled
+def fill_features(part: Model, scaled: Floats, legendre: bool) -> None:
+    """Fill the features of scaled variables: products of Legendre polynomials of each, or of its powers.
+
+    (k + 1) P_{k+1}(x) = (2 k + 1) x P_k(x) - k P_{k-1}(x), Bonnet's recursion.
+    """
+    powers, features = part.powers, part.features
+    for v in range(part.variables.size):
+        x = scaled[part.variables[v]]
+        powers[v, 0] = 1.0
+        for k in range(part.degree):
+            if legendre and k > 0:
+                powers[v, k + 1] = ((2.0 * k + 1.0) * (x * powers[v, k]) - k * powers[v, k - 1]) / (k + 1.0)
+            else:
+                powers[v, k + 1] = x * powers[v, k]
+    flat = powers.reshape(-1)
+    features[0] = 1.0
+    for f in range(1, features.size):
+        features[f] = features[part.parents[f]] * flat[part.places[f]]
+
+
+@_compiled
+def fill_outputs(part: Model, outputs: Floats) -> None:
+    """Fill the outputs of a model whose features are filled, all of them feature by feature."""
+    for m in range(outputs.size):
+        outputs[m] = 0.0
+    for f in range(part.features.size):
+        value = part.features[f]
+        for m in range(outputs.size):
+            outputs[m] += part.weights[f, m] * value
+
+
+@_compiled
+def fill_hand(part: Model, hand: Floats) -> None:
+    """Fill the outputs of a forward model as `fill_outputs` does, to the bit; three at a time stay in registers."""
+    features, weights = part.features, part.weights
+    for m in range(0, hand.size, 3):
+        x = y = z = 0.0
+        for f in range(features.size):
+            value = features[f]
+            x += weights[f, m] * value
+            y += weights[f, m + 1] * value
+            z += weights[f, m + 2] * value
+        hand[m], hand[m + 1], hand[m + 2] = x, y, z
+
+
+@_compiled
+def fill_jacobian(part: Model, jacobian: Floats) -> None:
+    """Fill the rows of a hand in J = dF/dq, in scaled units, where the features are filled."""
+    features, weights, raised, counts = part.features, part.weights, part.raised, part.counts
+    for row in range(jacobian.shape[0]):
+        for column in range(jacobian.shape[1]):
+            jacobian[row, column] = 0.0
+    for v in range(part.variables.size):
+        column = part.variables[v]
+        for row in range(0, jacobian.shape[0], 3):
+            x = y = z = 0.0
+            for f in range(raised.shape[1]):
+                slope = counts[v, f] * features[f]
+                x += weights[raised[v, f], row] * slope
+                y += weights[raised[v, f], row + 1] * slope
+                z += weights[raised[v, f], row + 2] * slope
+            jacobian[row, column], jacobian[row + 1, column], jacobian[row + 2, column] = x, y, z
+
+
+@_compiled
+def fill_gain(part: Model) -> float:
+    """Fill the gain with P f, four rows at a time, and return f' P f, the variance that the weights bring."""
+    covariance, features, gain = part.covariance, part.features, part.gain
+    n = features.size
+    whole = n - n % 4
+    for j in range(n):
+        gain[j] = 0.0
+    for i in range(0, whole, 4):
+        a, b, c, d = features[i], features[i + 1], features[i + 2], features[i + 3]
+        for j in range(n):
+            low = (gain[j] + covariance[i, j] * a) + covariance[i + 1, j] * b
+            gain[j] = (low + covariance[i + 2, j] * c) + covariance[i + 3, j] * d
+    for i in range(whole, n):
+        for j in range(n):
+            gain[j] += covariance[i, j] * features[i]
+    variance = 0.0
+    for i in range(n):
+        variance += gain[i] * features[i]
+    return variance
+
+
+@_compiled
+def shrink(part: Model, factor: float) -> None:
+    """P -= (P f) (P f)' factor, symmetric to the bit."""
+    covariance, gain = part.covariance, part.gain
+    for i in range(gain.size):
+        value = gain[i]
+        for j in range(gain.size):
+            covariance[i, j] -= (value * gain[j]) * factor
+
+
+@_compiled
+def forget(part: Model, constants: Constants) -> None:
+    """Let P grow by 1 / forgetting, each feature no further than to its prior: what is not seen winds nothing up."""
+    covariance, spare = part.covariance, part.spare
+    most, limit = np.sqrt(1.0 / constants.forgetting), 1.0 / constants.prior
+    for i in range(spare.size):
+        spare[i] = most
+        if covariance[i, i] * (most * most) > limit:
+            spare[i] = np.sqrt(limit / covariance[i, i])
+    for i in range(spare.size):
+        value = spare[i]
+        for j in range(spare.size):
+            covariance[i, j] *= value * spare[j]
+
+
+@_compiled
+def learn(part: Model, desired: Floats, constants: Constants) -> None:
+    """Recursive least squares on one sample whose features are filled.
+
+    Where forgetting is below 1, a sample that brings nothing new is passed over.
+
+    Parameters
+    ----------
+    part : Model
+        The model.
+    desired : ndarray, shape (m,)
+        What its outputs should have been, scaled.
+    constants : Constants
+        Prior and forgetting.
+
+    Notes
+    -----
+    L. Ljung and T. Söderström, "Theory and Practice of Recursive Identification", MIT Press 1983, section 2.2. A target
+    that is held brings f' P f towards 1 - forgetting, one that varies to as many times this as there are features.
+    """
+    weights, errors, last = part.weights, part.errors, desired.size
+    variance = fill_gain(part)
+    forgetting = constants.forgetting
+    if not variance > 0.0 or variance < _HELD * (1.0 - forgetting):
+        return
+    share = 1.0 / (1.0 + variance)
+    fill_outputs(part, part.found)
+    for m in range(last):
+        error = desired[m] - part.found[m]
+        errors[m] = errors[m] * forgetting + (error * error) * (share * share)
+        part.found[m] = error / (forgetting + variance)
+    for f in range(part.gain.size):
+        gain = part.gain[f]
+        for m in range(last):
+            weights[f, m] += gain * part.found[m]
+    errors[last] = errors[last] * forgetting + share
+    shrink(part, 1.0 / (forgetting + variance))
+    if forgetting < 1.0:
+        forget(part, constants)
+
+
+@_compiled
+def factorise(square: Floats) -> bool:
+    """Replace a symmetric matrix by its Cholesky factor, below the diagonal; False if it is not positive definite."""
+    for j in range(square.shape[0]):
+        for i in range(j, square.shape[0]):
+            total = square[i, j]
+            for k in range(j):
+                total -= square[i, k] * square[j, k]
+            if i > j:
+                square[i, j] = total / square[j, j]
+            elif total > 0.0:
+                square[j, j] = np.sqrt(total)
+            else:
+                return False
+    return True
+
+
+@_compiled
+def solve(factor: Floats, values: Floats) -> None:
+    """Replace `values` by the solution of L L' x = values."""
+    n = values.size
+    for i in range(n):
+        for k in range(i):
+            values[i] -= factor[i, k] * values[k]
+        values[i] /= factor[i, i]
+    for i in range(n - 1, -1, -1):
+        for k in range(i + 1, n):
+            values[i] -= factor[k, i] * values[k]
+        values[i] /= factor[i, i]
+
+
+@_compiled
+def keep_within(common: Common, posture: Floats) -> None:
+    """Keep a scaled posture within the limits of the joints."""
+    for j in range(posture.size):
+        value = common.comfort[j] + common.half[j] * posture[j]
+        limit = min(max(value, common.lower[j]), common.upper[j])
+        if limit != value:
+            posture[j] = (limit - common.comfort[j]) / common.half[j]
+
+
+@_compiled
+def move_towards_target(common: Common, damping: float) -> None:
+    """One Newton step on the forward models, posture = estimate + J' (J J' + mu I)^-1 (target - hands); all scaled.
+
+    mu is `damping` times the mean of the diagonal of J J'. Where J says nothing, the estimate stays.
+    """
+    jacobian, square, solution = common.jacobian, common.square, common.solution
+    inputs, joints = jacobian.shape
+    trace = 0.0
+    for a in range(inputs):
+        for b in range(a + 1):
+            total = 0.0
+            for j in range(joints):
+                total += jacobian[a, j] * jacobian[b, j]
+            square[a, b] = total
+        trace += square[a, a]
+        solution[a] = common.target[a] - common.hands[a]
+    for a in range(inputs):
+        square[a, a] += damping * (trace / inputs)
+    for j in range(joints):
+        common.posture[j] = common.estimate[j]
+    if not factorise(square):
+        return
+    solve(square, solution)
+    for j in range(joints):
+        for a in range(inputs):
+            common.posture[j] += jacobian[a, j] * solution[a]
+    keep_within(common, common.posture)
+    for a in range(inputs):
+        for j in range(joints):
+            common.hands[a] += jacobian[a, j] * (common.posture[j] - common.estimate[j])
+
+
+@_compiled
+def command_posture(u: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats, damping: float) -> None:
+    """Fill estimate and posture for one target [m], and the hands that are expected there, to first order."""
+    common = common_views(sizes, memory)
+    for i in range(u.size):
+        common.target[i] = (u[i] - common.centre[i]) / common.reach[i]
+    inverse = model_views(sizes, tables, memory, 0)
+    fill_features(inverse, common.target, True)
+    fill_outputs(inverse, common.estimate)
+    keep_within(common, common.estimate)
+    first = 0
+    for hand in range(sizes[2]):
+        forward = model_views(sizes, tables, memory, 1 + hand)
+        last = first + forward.weights.shape[1]
+        fill_features(forward, common.estimate, False)
+        fill_hand(forward, common.hands[first:last])
+        fill_jacobian(forward, common.jacobian[first:last])
+        first = last
+    move_towards_target(common, damping)
+
+
+@_compiled
+def write_outputs(common: Common, outputs: Floats) -> None:
+    """Write the hands that are expected [m], then joints [rad or m] within their limits."""
+    inputs = common.hands.size
+    for i in range(inputs):
+        outputs[i] = common.centre[i] + common.reach[i] * common.hands[i]
+    for j in range(common.posture.size):
+        value = common.comfort[j] + common.half[j] * common.posture[j]
+        outputs[inputs + j] = min(max(value, common.lower[j]), common.upper[j])
+
+
+@_compiled
+def learn_sample(d: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats, constants: Constants) -> None:
+    """Learn from the target that `command_posture` had, and from the joints in d, all of them measured."""
+    common = common_views(sizes, memory)
+    for j in range(common.posture.size):
+        common.posture[j] = (d[common.hands.size + j] - common.comfort[j]) / common.half[j]
+    first = last = 0
+    for place in range(1 + sizes[2]):
+        part = model_views(sizes, tables, memory, place)
+        desired = common.posture
+        if place > 0:
+            first, last = last, last + part.weights.shape[1]
+            desired = common.target[first:last]
+            fill_features(part, common.posture, False)
+        learn(part, desired, constants)
+
+
+@_compiled
+def is_finite(sizes: IndexArray, tables: IndexArray, memory: Floats) -> bool:
+    """Return whether weights and variances are free of NaN and infinity; no covariance is larger than two variances."""
+    finite = True
+    for place in range(1 + sizes[2]):
+        part = model_views(sizes, tables, memory, place)
+        finite = finite and all_finite(part.weights) and all_finite(part.errors)
+        for i in range(part.gain.size):
+            finite = finite and part.covariance[i, i] - part.covariance[i, i] == 0.0
+    return finite
+
+
+@_compiled
+def run(
+    u: Floats,
+    d: Floats,
+    learning: bool,
+    sizes: IndexArray,
+    tables: IndexArray,
+    memory: Floats,
+    settings: Floats,
+    predicted: Floats,
+) -> int:
+    """Take complete steps: command, then learn; a sequence may be cut into calls anywhere.
+
+    Parameters
+    ----------
+    u : ndarray, shape (steps, inputs)
+        Hand targets, or hands as reached [m].
+    d : ndarray, shape (steps, inputs + joints) or (0, inputs + joints)
+        What was measured with them; the joints count [rad or m].
+    learning : bool
+        Whether to learn; needs d.
+    sizes, tables : ndarray of int64
+        Sizes and indices, as `model_views` reads them.
+    memory : ndarray
+        Constants, models and scratch.
+    settings : ndarray, shape (3,)
+        The values of `Constants`.
+    predicted : ndarray, shape (steps, inputs + joints)
+        Filled with the outputs of each step, before its update.
+
+    Returns
+    -------
+    int
+        `OK`, `BAD_INPUT` or `BAD_TARGET` (not finite: nothing was done), or `DIVERGED` (the state is not finite).
+    """
+    if not all_finite(u):
+        return BAD_INPUT
+    if not all_finite(d):
+        return BAD_TARGET
+    constants = Constants(settings[0], settings[1], settings[2])
+    common = common_views(sizes, memory)
+    for k in range(u.shape[0]):
+        command_posture(u[k], sizes, tables, memory, constants.damping)
+        write_outputs(common, predicted[k])
+        if learning:
+            learn_sample(d[k], sizes, tables, memory, constants)
+    if learning and not is_finite(sizes, tables, memory):
+        return DIVERGED
+    return OK if all_finite(predicted) else DIVERGED
+
+
+@_compiled
+def expect(
+    joints: Floats,
+    sizes: IndexArray,
+    tables: IndexArray,
+    memory: Floats,
+    hands: Floats,
+    deviations: Floats,
+) -> None:
+    """Fill where the forward models expect the hands, and how far from there they may be.
+
+    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's outputs of the squared errors from before each update,
+    each of them weighted by 1 / (1 + f' P f); it is infinite before anything was learned.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (n, joints)
+        Joints [rad or m].
+    sizes, tables, memory : ndarray
+        As `run` takes them; only scratch is written to.
+    hands : ndarray, shape (n, inputs)
+        Filled with the hands [m].
+    deviations : ndarray, shape (n, hands)
+        Filled with the standard deviation of each hand's distance [m].
+    """
+    common = common_views(sizes, memory)
+    for hand in range(sizes[2]):
+        forward = model_views(sizes, tables, memory, 1 + hand)
+        size = forward.weights.shape[1]
+        first, weight, squares = hand * size, forward.errors[size], 0.0
+        for m in range(size):
+            squares += forward.errors[m] * (common.reach[first + m] * common.reach[first + m])
+        for k in range(joints.shape[0]):
+            for j in range(joints.shape[1]):
+                common.posture[j] = (joints[k, j] - common.comfort[j]) / common.half[j]
+            fill_features(forward, common.posture, False)
+            fill_hand(forward, common.hands[first : first + size])
+            for m in range(first, first + size):
+                hands[k, m] = common.centre[m] + common.reach[m] * common.hands[m]
+            variance = max(fill_gain(forward), 0.0)
+            deviations[k, hand] = np.sqrt(squares / weight * (1.0 + variance)) if weight > 0.0 else np.inf

@@ -1,0 +1,304 @@
+"""The learner: an inverse estimate of the joints, and one Newton step on learned forward models of the hands.
+
+Both are polynomials that learn by recursive least squares, one sample at a time, from hands and joints that were
+measured at one instant.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.arrays import Floats
+from pipeline.learner.rows import centre_of, finite_rows, not_finite, pairs_of, rows_of
+from pipeline.learner.rules.forward_inverse import kernels
+from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
+from pipeline.learner.rules.forward_inverse.features import Features, make_features
+from pipeline.learner.rules.forward_inverse.kernels import Constants, IndexArray, Model
+from pipeline.learner.state import check_state, state_digest
+from recorders.errors import ConfigError, ControllerError, ReenactError
+
+
+class Explained(NamedTuple):
+    """How a command came about.
+
+    Attributes
+    ----------
+    estimate, joints : ndarray, shape (n, joints)
+        Joints [rad or m] as the inverse estimate has them, and after the Newton step.
+    hands : ndarray, shape (n, inputs)
+        Where the forward models expect the hands at these joints [m].
+    deviations : ndarray, shape (n, hands)
+        Standard deviation of where each hand will be [m]; infinite before anything was learned.
+    """
+
+    estimate: Floats
+    joints: Floats
+    hands: Floats
+    deviations: Floats
+
+
+class ForwardInverseLearner:
+    """Commands joints to hand targets: q0 = g(u), then q = q0 + J' (J J' + mu I)^-1 (u - F(q0)), J = dF/dq at q0.
+
+    Inputs and joints are scaled: the ones by the reach about their centre, the others by half their range about the
+    comfort posture, so that the shortest step is the one that is small beside the ranges. g are products of Legendre
+    polynomials of the target, F of each hand are monomials of the joints that move it. Limits are kept.
+
+    A command depends on its target and on what was learned, on no target before it: there is no washout. What is
+    learned of a sample are its hands u and the joints in d; the first numbers of d, the next target, count for nothing.
+    Outputs are the hands that are expected at the command, to first order about q0, then the joints.
+
+    Parameters
+    ----------
+    config : ForwardInverseConfig
+        Settings, and the robot's body.
+    input_centre : array_like, shape (inputs,)
+        Middle of the targets [m].
+    output_centre : array_like, shape (outputs,)
+        The same, then the comfort posture [rad or m].
+
+    Raises
+    ------
+    ConfigError
+        If a centre has the wrong shape, is not finite, or the comfort posture is beyond the limits.
+
+    Examples
+    --------
+    >>> config = ForwardInverseConfig(inputs=3, outputs=5, degree=1)
+    >>> learner = ForwardInverseLearner(config, input_centre=[0.0] * 3, output_centre=[0.0] * 5)
+    >>> learner.step([[0.1] * 3], [[0.1, 0.1, 0.1, 0.2, 0.3]], learning=True).shape
+    (1, 5)
+    """
+
+    def __init__(self, config: ForwardInverseConfig, *, input_centre: ArrayLike, output_centre: ArrayLike) -> None:
+        self.config = config
+        self.input_centre = centre_of("input_centre", input_centre, config.inputs)
+        self.output_centre = centre_of("output_centre", output_centre, config.outputs)
+        self._sizes, self._tables, self._memory = _lay_out(config)
+        self._settings = np.array(Constants(config.prior, config.forgetting, config.damping), dtype=np.float64)
+        self._common = kernels.common_views(self._sizes, self._memory)
+        self._models = {
+            model.name: kernels.model_views(self._sizes, self._tables, self._memory, place)
+            for place, model in enumerate(config.models)
+        }
+        self._no_sample = np.empty((0, config.outputs))
+        self._set_constants()
+        for model in self._models.values():
+            np.fill_diagonal(model.covariance, 1.0 / config.prior)
+
+    def begin_epoch(self, epoch: int) -> None:
+        """Go on as before: nothing depends on the epoch.
+
+        Raises
+        ------
+        ConfigError
+            If the epoch is negative.
+        """
+        if epoch < 0:
+            raise ConfigError(f"expected an epoch of at least 0, found {epoch}")
+
+    def step(self, u: ArrayLike, d: ArrayLike, *, learning: bool) -> Floats:
+        """Take steps, with or without learning, and return the outputs from before each update.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, inputs)
+            Hands [m].
+        d : array_like, shape (n, outputs)
+            What belongs to them: inputs that count for nothing [m], then joints [rad or m].
+        learning : bool
+            Whether to learn.
+
+        Returns
+        -------
+        ndarray, shape (n, outputs)
+
+        Raises
+        ------
+        MessageError
+            If u or d has the wrong shape, NaN or infinity; the state is then as it was.
+        ConfigError
+            If the state is no longer finite: the numbers are too large.
+        """
+        u, d = rows_of("u", u, self.config.inputs), rows_of("d", d, self.config.outputs)
+        pairs_of(u, d)
+        return self._run(u, d, bool(learning))
+
+    def predict(self, u: ArrayLike) -> Floats:
+        """Return the outputs (n, outputs) to targets u (n, inputs) [m]; the state stays as it is.
+
+        Raises
+        ------
+        MessageError
+            If u has the wrong shape, NaN or infinity.
+        ConfigError
+            If the outputs are not finite.
+        """
+        return self._run(rows_of("u", u, self.config.inputs), self._no_sample, False)
+
+    def deviations(self, u: ArrayLike) -> Floats:
+        """Return the standard deviation [m] of where each hand will be after the command to a target.
+
+        It is s sqrt(1 + f' P f) of the forward model at the command, s from the errors before each update; infinite
+        before anything was learned.
+
+        Parameters
+        ----------
+        u : array_like, shape (n, inputs)
+            Targets [m].
+
+        Returns
+        -------
+        ndarray, shape (n, hands)
+
+        Raises
+        ------
+        MessageError
+            If u has the wrong shape, NaN or infinity.
+        """
+        return self._expect(self.predict(u)[:, self.config.inputs :])[1]
+
+    def explain(self, u: ArrayLike) -> Explained:
+        """Return how the commands to targets u (n, inputs) [m] come about.
+
+        Raises
+        ------
+        MessageError
+            If u has the wrong shape, NaN or infinity.
+        """
+        rows, common, centre = (
+            rows_of("u", u, self.config.inputs),
+            self._common,
+            self.output_centre[self.config.inputs :],
+        )
+        joints = self.predict(rows)[:, self.config.inputs :]
+        estimate = np.empty(joints.shape)
+        for row, target in enumerate(rows):
+            self.predict(target[np.newaxis])
+            estimate[row] = centre + common.half * common.estimate
+        return Explained(estimate, joints, *self._expect(joints))
+
+    def model_errors(self) -> dict[str, Floats]:
+        """Return the deviation of every model's outputs from what was measured, from before each update.
+
+        By the model's name: joints [rad or m] of the inverse estimate, x, y and z [m] of the forward models; infinite
+        before anything was learned.
+        """
+        scales = [self._common.half, *np.split(self._common.reach, len(self._models) - 1)]
+        return {
+            name: _root_mean(model.errors) * scale
+            for (name, model), scale in zip(self._models.items(), scales, strict=True)
+        }
+
+    def washout(self, u0: ArrayLike, *, steps: int) -> None:
+        """Check u0 [m], shape (inputs,); there is nothing to forget.
+
+        Raises
+        ------
+        MessageError
+            If u0 has the wrong shape, NaN or infinity.
+        """
+        finite_rows("u0", np.asarray(u0, dtype=np.float64)[np.newaxis], self.config.inputs)
+
+    def state(self) -> dict[str, Floats]:
+        """Copy the state; names and shapes are those of `ForwardInverseConfig.state_shapes`."""
+        state: dict[str, Floats] = {}
+        for name, model in self._models.items():
+            state[f"{name}_weights"] = model.weights.copy()
+            state[f"{name}_covariance"] = model.covariance[np.triu_indices(len(model.covariance))]
+            state[f"{name}_errors"] = model.errors.copy()
+        return state
+
+    def load_state(self, state: Mapping[str, Floats]) -> None:
+        """Go on from a state of a learner with the same configuration.
+
+        Raises
+        ------
+        ControllerError
+            If names, shapes or values are not those of such a state; the learner is then as it was.
+        """
+        check_state(self.config.state_shapes(), state)
+        for name, model in self._models.items():
+            _check_signs(name, model, state)
+        for name, model in self._models.items():
+            model.weights[:] = state[f"{name}_weights"]
+            rows, columns = np.triu_indices(len(model.covariance))
+            model.covariance[rows, columns] = state[f"{name}_covariance"]
+            model.covariance[columns, rows] = state[f"{name}_covariance"]
+            model.errors[:] = state[f"{name}_errors"]
+
+    def connections_digest(self) -> str:
+        """SHA-256 of nothing: no part of this learner is drawn."""
+        return state_digest({})
+
+    def _run(self, u: Floats, d: Floats, learning: bool) -> Floats:
+        outputs = np.empty((len(u), self.config.outputs))
+        arrays = self._sizes, self._tables, self._memory, self._settings
+        self._check(kernels.run(u, d, learning, *arrays, outputs))
+        return outputs
+
+    def _expect(self, joints: Floats) -> tuple[Floats, Floats]:
+        """Return the hands [m] that are expected at joints (n, joints), and their deviations [m]."""
+        hands, deviations = np.empty((len(joints), self.config.inputs)), np.empty((len(joints), len(self._models) - 1))
+        kernels.expect(np.ascontiguousarray(joints), self._sizes, self._tables, self._memory, hands, deviations)
+        return hands, deviations
+
+    def _check(self, status: int) -> None:
+        if status != kernels.OK:
+            raise _failure(status)
+
+    def _set_constants(self) -> None:
+        body, common, inputs = self.config.known_body, self._common, self.config.inputs
+        common.centre[:], common.reach[:] = self.input_centre, body.reach
+        common.lower[:], common.upper[:] = body.lower, body.upper
+        common.comfort[:] = self.output_centre[inputs:]
+        common.half[:] = (common.upper - common.lower) / 2.0
+        if not (np.all(common.lower <= common.comfort) and np.all(common.comfort <= common.upper)):
+            raise ConfigError(f"expected joints of output_centre within their limits, found {self.output_centre!r}")
+
+
+def _lay_out(config: ForwardInverseConfig) -> tuple[IndexArray, IndexArray, Floats]:
+    """Return sizes, tables and memory of a learner, as kernels take them."""
+    joints = config.outputs - config.inputs
+    sizes, tables = [config.inputs, joints, len(config.models) - 1], list[IndexArray]()
+    at, filled = kernels.common_size(config.inputs, joints), 0
+    for model in config.models:
+        features = make_features(len(model.variables), model.degree)
+        parts = _tables_of(model.variables, features, forward=model is not config.models[0])
+        lower = parts[3].size // len(model.variables)
+        sizes += [len(model.variables), model.degree, model.features, lower, model.outputs, filled, at]
+        at += kernels.model_size(len(model.variables), model.degree, model.features, model.outputs)
+        filled += sum(part.size for part in parts)
+        tables += parts
+    return np.array(sizes, dtype=np.int64), np.concatenate(tables), np.zeros(at)
+
+
+def _tables_of(variables: Iterable[int], features: Features, *, forward: bool) -> list[IndexArray]:
+    raised = [features.raised, features.counts] if forward else [np.empty(0, dtype=np.int64)] * 2
+    first = np.array(list(variables), dtype=np.int64)
+    return [first, features.parents, features.places, *(part.reshape(-1) for part in raised)]
+
+
+def _check_signs(name: str, model: Model, state: Mapping[str, Floats]) -> None:
+    """Check that what is a variance or a sum of squares is not below zero."""
+    size = len(model.covariance)
+    firsts = np.concatenate([[0], np.cumsum(np.arange(size, 1, -1))])
+    for array, values in (("covariance", state[f"{name}_covariance"][firsts]), ("errors", state[f"{name}_errors"])):
+        if (values < 0.0).any():
+            raise ControllerError(f"expected variances of at least 0 in state {name}_{array}, found {values.min():g}")
+
+
+def _root_mean(errors: Floats) -> Floats:
+    """Root of the weighted mean of squares, whose sums these are, with the sum of the weights at their end."""
+    if errors[-1] == 0.0:
+        return np.full(len(errors) - 1, np.inf)
+    roots: Floats = np.sqrt(errors[:-1] / errors[-1])
+    return roots
+
+
+def _failure(status: int) -> ReenactError:
+    if status == kernels.DIVERGED:
+        return ConfigError("learning diverged: the state is no longer finite; the numbers are too large")
+    return not_finite("u" if status == kernels.BAD_INPUT else "d")
