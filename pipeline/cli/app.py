@@ -36,6 +36,7 @@ app = Verbs(
     name="reenact",
     cls=_Program,
     help="Record a robot, replay the recording, learn from it, deploy what was learned, and prove it still works.",
+    epilog="Example: reenact demo --out out/demo\n\nMore of a verb, such as train: reenact train --help",
     context_settings={"help_option_names": ["-h", "--help"]},
     pretty_exceptions_enable=False,
     rich_markup_mode=None,

@@ -5,8 +5,6 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from recorders.writing.part_file import part_of
-
 _SIGNALS = {
     128 + signal.SIGINT: "interrupted",
     128 + signal.SIGTERM: "terminated",
@@ -36,6 +34,8 @@ def note_on_interrupt(note: Callable[[], str | None]) -> Iterator[None]:
 @contextmanager
 def note_partial_log(out: Path) -> Iterator[None]:
     """Add to the last line where the unfinished log is, if the block began one and is cut short."""
+    from recorders.writing.part_file import part_of
+
     part = part_of(out)
     before = _identity(part)
 

@@ -21,12 +21,6 @@ Await = Annotated[
     list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.", metavar="NAME")
 ]
 Wait = Annotated[float, typer.Option(help="How long to wait for the other end to appear.", min=0, metavar="SECONDS")]
-Connect = Annotated[
-    list[str] | None,
-    typer.Option(
-        help="Endpoint to connect to; tcp/127.0.0.1:7447 unless --listen is given. May be repeated.", metavar="ENDPOINT"
-    ),
-]
 _Prometheus = Annotated[
     int | None,
     typer.Option(help="Port on 127.0.0.1 at which Prometheus may read the status.", min=1, max=65535, metavar="PORT"),
@@ -76,7 +70,13 @@ class ConnectingNode:
         list[str] | None,
         typer.Option(help="Endpoint to listen on, in place of connecting; may be repeated.", metavar="ENDPOINT"),
     ] = None
-    connect: Connect = None
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Endpoint to connect to; tcp/127.0.0.1:7447 unless --listen is given. May be repeated.",
+            metavar="ENDPOINT",
+        ),
+    ] = None
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
     prometheus: _Prometheus = None

@@ -14,7 +14,12 @@ from pipeline.resources import data_path
 from pipeline.terminal import console
 from recorders.errors import CheckFailed, ConfigError
 
-app = Verbs(name="golden", help="Golden-log regression: make cases, check them.", rich_markup_mode=None)
+app = Verbs(
+    name="golden",
+    help="Golden-log regression: make cases, check them.",
+    epilog="Example: reenact golden check golden",
+    rich_markup_mode=None,
+)
 
 
 @app.callback(invoke_without_command=True)

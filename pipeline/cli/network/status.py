@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.options import Json
-from pipeline.cli.sessions import NAMESPACE, Connect, Namespace, Wait, ZenohConfig, session_config
+from pipeline.cli.sessions import NAMESPACE, Namespace, Wait, ZenohConfig, session_config
 from pipeline.terminal import console
 
 if TYPE_CHECKING:
@@ -23,7 +23,12 @@ _EVERY_S = 1.0
 def status(
     watch: Annotated[bool, typer.Option("--watch", help="Keep it up to date, until Ctrl-C.")] = False,
     wait: Wait = _WAIT_S,
-    connect: Connect = None,
+    connect: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Endpoint to connect to; tcp/127.0.0.1:7447 if left out. May be repeated.", metavar="ENDPOINT"
+        ),
+    ] = None,
     zenoh_config: ZenohConfig = None,
     namespace: Namespace = NAMESPACE,
     as_json: Json = False,

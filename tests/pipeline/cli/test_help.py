@@ -56,6 +56,13 @@ def test_no_line_is_cut(line: str, capsys: pytest.CaptureFixture[str]) -> None:
     assert "..." not in printed(line, capsys).replace("[ARGS]...", "")
 
 
+@pytest.mark.parametrize("verb", ["", "golden", *VERBS])
+def test_every_help_fits_80_columns_and_has_an_example(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
+    lines = printed(f"{verb} --help", capsys).splitlines()
+    assert [line for line in lines if len(line) > 80] == []
+    assert any(line.startswith("  Example: reenact ") for line in lines)
+
+
 @pytest.mark.parametrize("verb", VERBS)
 def test_the_first_example_is_of_the_verb_itself(verb: str, capsys: pytest.CaptureFixture[str]) -> None:
     shown = " ".join(printed(f"{verb} --help", capsys).split())
