@@ -18,7 +18,7 @@ from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.urdf.description import canonical_urdf
 from recorders.errors import ConfigError
 from recorders.files.regular_file import require_regular_file
-from recorders.mcap_format.file_kind import mixed_up_kind
+from recorders.reading.file_kind import mixed_up_kind
 from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
 from replay.diff.fields import format_pair

@@ -25,7 +25,7 @@ from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError
 from recorders.files.anonymous_file import AnonymousFile, write_whole
 from recorders.files.regular_file import begins_with, require_regular_file
-from recorders.mcap_format.file_kind import LOG_KIND, ZIP_MAGIC, mixed_up_kind
+from recorders.reading.file_kind import LOG_KIND, ZIP_MAGIC, mixed_up_kind
 from recorders.text.wording import json_fault_text, kind_text, names_text, value_text
 
 FORMAT = "reenact-controller"

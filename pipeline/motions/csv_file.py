@@ -15,7 +15,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from recorders.errors import MotionError
 from recorders.files.regular_file import require_regular_file
-from recorders.mcap_format.file_kind import mixed_up_kind
+from recorders.reading.file_kind import mixed_up_kind
 
 MAX_COORDINATE_M = 100.0  # of any robot's hand: what lies beyond is in another unit, or no number at all
 MAX_TIME_S = 1e6  # eleven days: a float64 still separates their nanoseconds

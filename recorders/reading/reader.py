@@ -13,11 +13,11 @@ from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.crc_coverage import is_protected
 from recorders.mcap_format.errors import DamagedLog
-from recorders.mcap_format.file_kind import no_log_text
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
 from recorders.mcap_format.records import MAGIC, RawRecord
 from recorders.mcap_format.summary import ChannelTable, Contents, read_attachment, read_contents, read_metadata
 from recorders.messages.record import RecordedMessage
+from recorders.reading.file_kind import no_log_text
 from recorders.reading.log_order import LogOrder, find_order
 from recorders.reading.raw_messages import FOREVER_NS, WRONG_TIMES, MessageScanner
 from recorders.reading.scan import LogScan

@@ -12,8 +12,8 @@ from typing import BinaryIO
 
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
-from recorders.mcap_format.file_kind import no_log_text
 from recorders.mcap_format.records import CRC, MAGIC, check_summary
+from recorders.reading.file_kind import no_log_text
 from recorders.recovery.salvage import Damage, LogSurvey, opened
 from recorders.recovery.summary_section import read_verified_summary
 from recorders.recovery.walk import NOT_WHOLE, ResilientScan
