@@ -4,26 +4,26 @@ import struct
 from typing import TypeVar, cast
 
 from recorders.cdr.layouts import read_message, write_message
+from recorders.cdr.message_format import FORMATS
 from recorders.cdr.stream import CdrReader
 from recorders.cdr.templates import decode_known, encode_joints, encode_pose, learn_layout
-from recorders.errors import MessageError
-from recorders.messages.message_types import JointState, Message, PoseStamped, TransformStamped
+from recorders.messages.message_types import JointState, Message, PoseStamped, TypedMessage
 
-AnyMessage = TypeVar("AnyMessage", bound=Message)
+AnyMessage = TypeVar("AnyMessage", bound=TypedMessage)
 
-_STAMPED_TYPES = frozenset(cls.TYPE for cls in (JointState, PoseStamped, TransformStamped))
+_USUAL_STAMPED_TYPES = frozenset((JointState.TYPE, PoseStamped.TYPE))
 _LITTLE_ENDIAN = b"\x00\x01"
 _STAMP = struct.Struct("<4xiI")  # after the encapsulation: s and ns
 _SECOND = 10**9
 
 
-def encode(message: Message) -> bytes:
+def encode(message: TypedMessage) -> bytes:
     """Return a message as little-endian CDR, byte-identical to what ROS 2 writes.
 
     Raises
     ------
     MessageError
-        If it is not one of `recorders.messages.message_types`.
+        If it is of no registered type.
 
     Examples
     --------
@@ -36,8 +36,6 @@ def encode(message: Message) -> bytes:
         return encode_joints(message)  # type: ignore[arg-type]  # mypy does not narrow on a stored type
     if message_class is PoseStamped:
         return encode_pose(message)  # type: ignore[arg-type]
-    if not isinstance(message, Message):
-        raise MessageError(f"expected a message of recorders.messages.message_types, found {message_class.__name__}")
     return write_message(message).payload()
 
 
@@ -54,7 +52,7 @@ def decode(type_name: str, data: bytes) -> Message:
     Raises
     ------
     MessageError
-        If the type is not one of `recorders.messages.message_types` or the bytes are not a message of it.
+        If the type is not registered, or the bytes are not a message of it.
     """
     known = decode_known(type_name, data)
     if known is not None:
@@ -78,7 +76,7 @@ def stamp_ns(type_name: str, data: bytes) -> int | None:
     MessageError
         If the type has a header and the bytes do not begin with one.
     """
-    if type_name not in _STAMPED_TYPES:
+    if type_name not in _USUAL_STAMPED_TYPES and not _is_stamped(type_name):
         return None
     if data.startswith(_LITTLE_ENDIAN) and len(data) >= _STAMP.size:
         seconds, nanoseconds = _STAMP.unpack_from(data)
@@ -86,3 +84,8 @@ def stamp_ns(type_name: str, data: bytes) -> int | None:
             stamp: int = seconds * _SECOND + nanoseconds
             return stamp
     return CdrReader(data).time_ns()
+
+
+def _is_stamped(type_name: str) -> bool:
+    known = FORMATS.get(type_name)
+    return known is not None and known.stamped

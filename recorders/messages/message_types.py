@@ -1,7 +1,7 @@
 """The messages of the log: frozen dataclasses for the standard ROS 2 types in use, with copied, read-only arrays."""
 
 from dataclasses import KW_ONLY, dataclass, field
-from typing import Any, ClassVar, NamedTuple, TypeAlias
+from typing import Any, ClassVar, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -219,6 +219,12 @@ class Clock:
     def __post_init__(self) -> None:
         """Check the range of the time."""
         store(self, "clock_ns", stamp(self, "clock_ns", self.clock_ns))
+
+
+class TypedMessage(Protocol):
+    """Message of any registered type: of one of these, or of others' (see `recorders.cdr.message_format`)."""
+
+    TYPE: ClassVar[str]
 
 
 Message: TypeAlias = JointState | PoseStamped | String | Float64MultiArray | TransformStamped | TFMessage | Clock

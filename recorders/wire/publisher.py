@@ -8,7 +8,7 @@ from typing import Self
 import zenoh
 
 from recorders.cdr.codec import encode
-from recorders.messages.message_types import Message
+from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
 from recorders.wire.session import publishing
@@ -49,7 +49,7 @@ class TopicPublisher:
     ) -> None:
         self._stack.close()
 
-    def publish(self, topic: str, message: Message, *, log_time_ns: int) -> RecordedMessage:
+    def publish(self, topic: str, message: TypedMessage, *, log_time_ns: int) -> RecordedMessage:
         """Publish one message and return it as it went out.
 
         Parameters

@@ -20,7 +20,7 @@ from recorders.mcap_format.manifest import (
     stated_counts,
     to_metadata,
 )
-from recorders.messages.message_types import Message
+from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.text.wording import names_text
@@ -113,7 +113,7 @@ class LogWriter:
     def write(
         self,
         topic: str,
-        message: Message | bytes,
+        message: TypedMessage | bytes,
         *,
         log_time_ns: int,
         sequence: int | None = None,

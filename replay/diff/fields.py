@@ -1,25 +1,13 @@
 """Difference of two messages: the first field whose bits are not the same, with both values as text."""
 
 import struct
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable, Mapping, Sequence
+from typing import NamedTuple
 
 from recorders.cdr.codec import decode
+from recorders.cdr.message_format import FORMATS, Value
 from recorders.errors import MessageError
-from recorders.messages.message_types import (
-    Clock,
-    Float64MultiArray,
-    JointState,
-    Message,
-    PoseStamped,
-    String,
-    TFMessage,
-    TransformStamped,
-)
 from recorders.messages.record import RecordedMessage
-from recorders.messages.validation import FloatArray
-
-Value: TypeAlias = int | float | str
 
 ABSENT = "absent"
 _BITS = struct.Struct(">d")
@@ -46,10 +34,16 @@ def differing_field(a: RecordedMessage, b: RecordedMessage) -> FieldDifference:
     if a.sequence != b.sequence:
         return FieldDifference("sequence", *format_pair(a.sequence, b.sequence))
     try:
-        difference = differing_value(dict(fields(decode(a.type, a.data))), dict(fields(decode(b.type, b.data))))
+        difference = differing_value(fields_of(a), fields_of(b))
     except MessageError:
         difference = None
     return difference or differing_byte(a.data, b.data)
+
+
+def fields_of(record: RecordedMessage) -> dict[str, Value]:
+    """Return the fields of a message by the names that ROS gives them, in their order; raises as `decode` does."""
+    message = decode(record.type, record.data)
+    return dict(FORMATS.find(record.type).fields(message))
 
 
 def format_pair(a: Value, b: Value) -> tuple[str, str]:
@@ -106,60 +100,3 @@ def _excerpts(a: str, b: str) -> tuple[str, str]:
 def _excerpt(text: str, start: int) -> str:
     end = start + _LONGEST
     return ("…" if start else "") + repr(text[start:end]) + ("…" if end < len(text) else "")
-
-
-def fields(message: Message) -> Iterator[tuple[str, Value]]:
-    """Yield the fields of a message, by the names that ROS gives them, in their order."""
-    match message:
-        case JointState():
-            yield from _joints(message)
-        case PoseStamped():
-            yield from _header(message)
-            yield from _components("pose.position", "xyz", message.position)
-            yield from _components("pose.orientation", "xyzw", message.orientation)
-        case String():
-            yield "data", message.data
-        case Float64MultiArray():
-            yield from _multi_array(message)
-        case TransformStamped():
-            yield from _transform("", message)
-        case TFMessage():
-            for place, transform in enumerate(message.transforms):
-                yield from _transform(f"transforms[{place}].", transform)
-        case Clock():
-            yield "clock", message.clock_ns
-
-
-def _header(message: JointState | PoseStamped | TransformStamped, prefix: str = "") -> Iterator[tuple[str, Value]]:
-    yield f"{prefix}header.stamp", message.stamp_ns
-    yield f"{prefix}header.frame_id", message.frame_id
-
-
-def _joints(message: JointState) -> Iterator[tuple[str, Value]]:
-    yield from _header(message)
-    for place, name in enumerate(message.name):
-        yield f"name[{place}]", name
-    for part in ("position", "velocity", "effort"):
-        values: list[float] = getattr(message, part).tolist()
-        for place, (value, name) in enumerate(zip(values, message.name, strict=False)):  # a part may be empty
-            yield f"{part}[{place}] ({name})", value
-
-
-def _multi_array(message: Float64MultiArray) -> Iterator[tuple[str, Value]]:
-    for place, dimension in enumerate(message.dims):
-        for part, value in dimension._asdict().items():
-            yield f"layout.dim[{place}].{part}", value
-    yield "layout.data_offset", message.data_offset
-    for place, number in enumerate(message.data.tolist()):
-        yield f"data[{place}]", number
-
-
-def _transform(prefix: str, message: TransformStamped) -> Iterator[tuple[str, Value]]:
-    yield from _header(message, prefix)
-    yield f"{prefix}child_frame_id", message.child_frame_id
-    yield from _components(f"{prefix}transform.translation", "xyz", message.translation)
-    yield from _components(f"{prefix}transform.rotation", "xyzw", message.rotation)
-
-
-def _components(name: str, axes: Iterable[str], values: FloatArray) -> Iterator[tuple[str, Value]]:
-    return ((f"{name}.{axis}", value) for axis, value in zip(axes, values.tolist(), strict=True))

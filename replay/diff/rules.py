@@ -4,34 +4,28 @@ import re
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
 
-from recorders.cdr.codec import decode
+from recorders.cdr.message_format import FORMATS, Value
 from recorders.errors import ConfigError, MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from replay.diff.fields import (
     FieldDifference,
-    Value,
     differing_byte,
     differing_field,
     differing_value,
-    fields,
+    fields_of,
     format_pair,
 )
 
 SEQUENCE, TYPE, LOG_TIME = "sequence", "type", "log_time"
 
-_HEADER = ("header.stamp", "header.frame_id")
-_TRANSFORM = (*_HEADER, "child_frame_id", "transform.translation", "transform.rotation")
-FIELDS = (
-    *(SEQUENCE, TYPE, LOG_TIME),
-    *(*_HEADER, "name", "position", "velocity", "effort"),
-    *("pose.position", "pose.orientation", "data", "clock"),
-    *("layout.dim.label", "layout.dim.size", "layout.dim.stride", "layout.data_offset"),
-    *(f"transforms.{name}" for name in _TRANSFORM),
-)
-"""The fields that can be left out, by their names without places: those of messages, and what goes with them."""
-
 _PLACE = re.compile(r"\[[^]]*\]| \(.*\)")  # of an element, and the joint that it belongs to
+
+
+def known_fields() -> tuple[str, ...]:
+    """Return the fields that can be left out, without places: those of messages, and what goes with them."""
+    parts = (part for name in FORMATS.names() for part in FORMATS.find(name).parts)
+    return tuple(dict.fromkeys((SEQUENCE, TYPE, LOG_TIME, *parts)))
 
 
 @dataclass(frozen=True)
@@ -57,9 +51,10 @@ class Rules:
 
     def __post_init__(self) -> None:
         """Check names and range."""
+        known = known_fields() if self.ignored else ()
         for name in self.ignored:
-            if not any(_names(name, field) or _names(field, _plain(name)) for field in FIELDS):
-                raise ConfigError(f"--ignore: expected a topic or one of {', '.join(FIELDS)}, found {name[:80]!r}")
+            if not any(_names(name, field) or _names(field, _plain(name)) for field in known):
+                raise ConfigError(f"--ignore: expected a topic or one of {', '.join(known)}, found {name[:80]!r}")
         if self.tolerance is not None and not 0.0 <= self.tolerance < float("inf"):
             raise ConfigError(f"--tolerance: expected a number from 0 up, found {self.tolerance}")
 
@@ -88,7 +83,7 @@ class Rules:
         if a.sequence != b.sequence and self.numbered:
             return FieldDifference(SEQUENCE, *format_pair(a.sequence, b.sequence))
         try:
-            values = [dict(fields(decode(record.type or type_of(record.topic), record.data))) for record in (a, b)]
+            values = [fields_of(record._replace(type=record.type or type_of(record.topic))) for record in (a, b)]
         except MessageError:
             return differing_byte(a.data, b.data) if a.data != b.data else None
         left, right = ({name: value for name, value in each.items() if not self._ignores(name)} for each in values)

@@ -432,8 +432,9 @@ def test_a_tick_that_lacks_its_joints_is_as_if_it_had_not_been(controller: Contr
 
 
 def stamp_of(record: RecordedMessage) -> int:
-    kind = JointState if record.topic == SAMPLE_JOINTS else PoseStamped
-    return decode_as(kind, record.data).stamp_ns
+    if record.topic == SAMPLE_JOINTS:
+        return decode_as(JointState, record.data).stamp_ns
+    return decode_as(PoseStamped, record.data).stamp_ns
 
 
 def test_joints_that_cannot_be_learned_from_are_refused(controller: Controller) -> None:
