@@ -90,7 +90,7 @@ class SelfDistance:
 
     def _pairs(self, robot: RobotConfig) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         """Indices of the shapes of each checked pair, shape (pairs,) both."""
-        arms = _outer_joints(self._model, [robot.left_hand, robot.right_hand])
+        arms = _outer_joints(self._model, [hand.link for hand in robot.hands])
         placements = self._placements(robot.comfort)
         pairs = [
             (first, second)

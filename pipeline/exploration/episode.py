@@ -7,6 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.exploration.joint_noise import joint_noise
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
@@ -29,17 +30,26 @@ class ExplorationConfig:
         one unrecorded cycle, for the last part of which, this long, a robot that can be placed takes part.
     start_spread : float
         The start posture is drawn this far about the comfort posture, in parts of each joint's range.
+    joint_noise : float
+        Standard deviation of the noise that is added to commands, in parts of each joint's range.
     """
 
     state_period_ns: int = 20_000_000
     settle_ns: int = 2_000_000_000
     start_spread: float = 0.05
+    joint_noise: float = 0.0
 
     def __post_init__(self) -> None:
         if self.state_period_ns <= 0 or self.settle_ns < 0:
             raise ConfigError("exploration: expected state_period_ns above 0 and settle_ns at least 0")
         if not 0.0 <= self.start_spread <= 0.5:
             raise ConfigError(f"exploration start_spread: expected 0 to 0.5, found {self.start_spread}")
+        if not 0.0 <= self.joint_noise <= 0.1:
+            raise ConfigError(f"exploration joint_noise: expected 0 to 0.1, found {self.joint_noise}")
+
+    def noise(self, robot: RobotConfig, *, seed: int, period_ns: int) -> Iterator[Floats] | None:
+        """Return the noise of the commands of an exploration, if there is any."""
+        return joint_noise(robot, seed=seed, period_ns=period_ns, share=self.joint_noise) if self.joint_noise else None
 
 
 class TargetHold(NamedTuple):
@@ -118,6 +128,8 @@ class TeacherRun:
         Leads it.
     start : array, shape (n,)
         The posture from which the teacher begins [rad or m].
+    noise : iterator of array, optional
+        Offsets of the commands of a cycle (n,), see `joint_noise`; commands stay within the joints' limits.
     on_hold : callable
         Called with the robot's time [ns] after every hold.
     """
@@ -128,11 +140,13 @@ class TeacherRun:
         teacher: Teacher,
         *,
         start: Floats,
+        noise: Iterator[Floats] | None = None,
         on_hold: Callable[[int], None] = lambda time_ns: None,
     ) -> None:
         self._backend = backend
         self._teacher = teacher
         self._command = start
+        self._noise = noise
         self._on_hold = on_hold
         self._errors_m: list[float] = []
 
@@ -176,15 +190,17 @@ class TeacherRun:
         """Yield one presentation: a tick at the start of every hold and one at the end, T + 1 in all, and commands."""
         for hold in plan.holds:
             yield from tick_messages(self._backend, hold.target)
-            yield from self._drive(hold)
+            yield from self._drive(hold, self._noise)
             self._errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
         yield from tick_messages(self._backend, plan.closing)
 
-    def _drive(self, hold: TargetHold) -> Iterator[TopicMessage]:
+    def _drive(self, hold: TargetHold, noise: Iterator[Floats] | None = None) -> Iterator[TopicMessage]:
         """Drive the robot towards a target while it is held, and yield each command before it takes effect."""
+        robot = self._backend.robot
         period_ns = self._teacher.config.period_ns
         for _ in range(hold.duration_ns // period_ns):
             self._command = self._teacher.step(self._command, hold.target)
-            yield command_message(self._backend, self._command)
-            self._backend.advance(self._command, period_ns)
+            sent = self._command if noise is None else np.clip(self._command + next(noise), robot.lower, robot.upper)
+            yield command_message(self._backend, sent)
+            self._backend.advance(sent, period_ns)
         self._on_hold(self._backend.time_ns)

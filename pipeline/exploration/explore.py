@@ -13,6 +13,7 @@ from types import MappingProxyType
 from typing import Any
 
 from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
+from pipeline.exploration.motion_limits import MotionLimits
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
@@ -43,12 +44,20 @@ class ExplorationResult:
         Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
     content_sha256 : str
         The log's content hash.
+    limit_margin, limit_joint, joint_speed, speed_joint, self_distance_cm, nearest_links : optional
+        How near the robot came to its limits while it was recorded, see `LimitsReached`.
     """
 
     path: Path
     ticks: int
     teacher_error_cm: float
     content_sha256: str
+    limit_margin: float
+    limit_joint: str
+    joint_speed: float
+    speed_joint: str
+    self_distance_cm: float | None
+    nearest_links: tuple[str, str] | None
 
 
 def explore(
@@ -62,6 +71,7 @@ def explore(
     config: ExplorationConfig = _EXPLORATION,
     notes: Mapping[str, Any] = _NOTHING,
     must_reach: bool = True,
+    keep_clear: bool = False,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
     on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
@@ -82,6 +92,8 @@ def explore(
         More entries of the manifest, such as the source of the motion.
     must_reach : bool
         Whether a motion that leaves the robot's reach is refused.
+    keep_clear : bool
+        Whether an episode in which hands or forearms come nearer to the robot than `CLEARANCE_M` is refused.
     progress, on_message : callable
         Called with the fraction done, 0 to 1; with every message written, its topic and time [ns].
 
@@ -101,11 +113,23 @@ def explore(
     manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **settings}
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
         total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
-        episode = TeacherRun(backend, guide, start=start, on_hold=lambda time_ns: progress(time_ns / total_ns))
+        episode = TeacherRun(
+            backend,
+            guide,
+            start=start,
+            noise=config.noise(robot, seed=seed, period_ns=teacher.period_ns),
+            on_hold=lambda time_ns: progress(time_ns / total_ns),
+        )
         episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record
-        _Record(writer, backend, config.state_period_ns, on_message).write(episode.cycle(motion_plan))
+        limits = MotionLimits(robot)
+        _Record(writer, backend, config.state_period_ns, on_message, limits).write(episode.cycle(motion_plan))
+        if keep_clear:
+            limits.check_clearance()
+        writer.note({"limits": limits.reached._asdict()})
     digest = str(LogReader(out).manifest["content_sha256"])
-    return ExplorationResult(Path(out), len(motion) + 1, episode.teacher_error_cm, digest)
+    return ExplorationResult(
+        Path(out), len(motion) + 1, episode.teacher_error_cm, digest, **limits.reached._asdict()
+    )
 
 
 def _description(robot: RobotConfig, motion: Motion, seed: int, start: list[float]) -> dict[str, Any]:
@@ -131,7 +155,9 @@ class _Record:
         backend: LinkPoseSource,
         state_period_ns: int,
         on_message: Callable[[str, Message, int], None],
+        limits: MotionLimits,
     ) -> None:
+        self._limits = limits
         self._writer = writer
         self._backend = backend
         self._period_ns = state_period_ns
@@ -145,6 +171,7 @@ class _Record:
             if topic == JOINT_COMMANDS:
                 if self._backend.time_ns < due_ns:
                     continue
+                self._limits.update(self._backend.positions, self._backend.velocities)
                 self._write_all(state_messages(self._backend))
                 due_ns += self._period_ns
             self._write(topic, message)

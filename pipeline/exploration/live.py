@@ -52,6 +52,8 @@ class LiveSession:
         Epochs and phases.
     teacher, config : TeacherConfig, ExplorationConfig
         Parameters.
+    must_reach : bool
+        Whether a motion that leaves the robot's reach is refused.
     progress : callable
         Called with the fraction done, 0 to 1.
 
@@ -70,6 +72,7 @@ class LiveSession:
         schedule: Schedule,
         teacher: TeacherConfig = _TEACHER,
         config: ExplorationConfig = _EXPLORATION,
+        must_reach: bool = True,
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> None:
         self._backend = backend
@@ -78,11 +81,16 @@ class LiveSession:
         self._parameters = {"seed": seed, "teacher": asdict(teacher), "exploration": asdict(config)}
         guide = Teacher(Kinematics(backend.robot), teacher)
         self._plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
-        check_reach(guide, motion)
+        if must_reach:
+            check_reach(guide, motion)
         self._start = start_posture(backend.robot, seed=seed, spread=config.start_spread)
         total_ns = self._duration_ns()
         self._episode = TeacherRun(
-            backend, guide, start=self._start, on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns))
+            backend,
+            guide,
+            start=self._start,
+            noise=config.noise(backend.robot, seed=seed, period_ns=teacher.period_ns),
+            on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns)),
         )
         self._numbered: Counter[str] = Counter()
 

@@ -59,7 +59,8 @@ def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     motion_plan = _plan(log, settings, ticks=ticks)
     backend = Simulation(robot, settings.simulation)
     start = start_posture(robot, seed=settings.seed, spread=settings.config.start_spread)
-    episode = TeacherRun(backend, Teacher(Kinematics(robot), settings.teacher), start=start)
+    noise = settings.config.noise(robot, seed=settings.seed, period_ns=settings.teacher.period_ns)
+    episode = TeacherRun(backend, Teacher(Kinematics(robot), settings.teacher), start=start, noise=noise)
     episode.settle_placed(motion_plan, backend, driven_ns=settings.config.settle_ns)
     for topic, message in episode.cycle(motion_plan):
         if topic != JOINT_COMMANDS:

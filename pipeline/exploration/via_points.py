@@ -13,6 +13,8 @@ from pipeline.seeding import uniforms
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach
 from recorders.errors import MotionError
 
+VOLUME = "volume"
+"""Name of the motion."""
 MOVE_NS = 500_000_000
 """Time from one via point to the next [ns]."""
 RATES_HZ = (5, 50)
@@ -61,7 +63,7 @@ def volume(
     """
     robot = teacher.kinematics.robot
     distances = SelfDistance(robot)
-    centres, boxes = robot.centres, robot.boxes
+    centres, boxes = robot.centres, np.array([hand.box for hand in robot.hands])
     state = _State(centres, approach(teacher, robot.comfort, centres)[0])
     samples: list[Floats] = []
     moves = -(-duration_ns // MOVE_NS)
@@ -81,7 +83,9 @@ def volume(
         samples += [_between(state.point, goal, (tick * tick_ns - move * MOVE_NS) / MOVE_NS) for tick in range(first, last)]
         state = after
         progress((move + 1) / moves)
-    ...
+    targets = np.array(samples)
+    times_s = np.round(tick_ns * 1e-9 * np.arange(len(targets)), 9)
+    return Motion(VOLUME, times_s, targets[:, 0], targets[:, 1], closed=False)
 
 
 def _between(start: Floats, goal: Floats, part: float) -> Floats:

@@ -60,6 +60,13 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
     return np.array([lower for lower, _ in limits]), np.array([upper for _, upper in limits])
 
 
+def speed_limits(urdf: Element, joints: Sequence[str]) -> Floats:
+    """Speed limits [rad/s or m/s] of `joints`, shape (n,); infinite where the URDF states 0 or none."""
+    limits = {name: joint.find("limit") for name, joint in named(urdf, "joint").items()}
+    speeds = [0.0 if (limit := limits[name]) is None else float(limit.get("velocity", "0")) for name in joints]
+    return np.array([speed or np.inf for speed in speeds])
+
+
 def _check_motors(urdf: Element, joints: Sequence[str]) -> None:
     motors = Counter(element.get("name", "") for element in urdf.iterfind("transmission/joint"))
     if unmoved := [name for name in joints if name not in motors]:
