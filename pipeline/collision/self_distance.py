@@ -89,7 +89,7 @@ class SelfDistance:
         return best
 
     def _pairs(self, robot: RobotConfig) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
-        """Indices of the shapes of each checked pair, shape (pairs,) both."""
+        """Return the indices of the shapes of each checked pair, shape (pairs,) both."""
         arms = _outer_joints(self._model, [hand.link for hand in robot.hands])
         placements = self._placements(robot.comfort)
         pairs = [
@@ -151,7 +151,7 @@ class _Shape(NamedTuple):
         geometry = shape.geometry
         geometry.computeLocalAABB()
         centre = shape.placement.act(np.asarray(geometry.aabb_center))
-        link = str(model.frames[shape.parentFrame].name)
+        link = str(model.frames[shape.parentFrame].name).removeprefix("link ")
         return cls(geometry, int(shape.parentJoint), link, shape.placement, centre, float(geometry.aabb_radius))
 
 
@@ -160,7 +160,7 @@ def _pose(placement: Any) -> tuple[Any, Any]:
 
 
 def _outer_joints(model: Any, hands: list[str]) -> set[int]:
-    """Indices of the outer half of the joints that move one hand and no other; with a single hand, of all its joints."""
+    """Return the indices of the outer half of the joints that move one hand and no other."""
     chains = [[j for j in model.supports[model.frames[link_frame(model, hand)].parentJoint] if j] for hand in hands]
     arms = [[joint for joint in chain if sum(joint in other for other in chains) == 1] for chain in chains]
     return {joint for arm in arms for joint in arm[(len(arm) + 1) // 2 :]}

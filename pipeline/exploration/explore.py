@@ -127,9 +127,7 @@ def explore(
             limits.check_clearance()
         writer.note({"limits": limits.reached._asdict()})
     digest = str(LogReader(out).manifest["content_sha256"])
-    return ExplorationResult(
-        Path(out), len(motion) + 1, episode.teacher_error_cm, digest, **limits.reached._asdict()
-    )
+    return ExplorationResult(Path(out), len(motion) + 1, episode.teacher_error_cm, digest, **limits.reached._asdict())
 
 
 def _description(robot: RobotConfig, motion: Motion, seed: int, start: list[float]) -> dict[str, Any]:

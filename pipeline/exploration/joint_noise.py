@@ -7,7 +7,7 @@ from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
 
-NOISE_TIME_S = 0.2
+NOISE_TIME_S = 1.0
 """Time [s] after which the noise has forgotten where it was."""
 
 _BLOCK = 4096  # steps drawn at a time

@@ -9,7 +9,8 @@ from itertools import count
 from typing import Any
 
 from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
-from pipeline.motions.motion import Motion, load_motion
+from pipeline.exploration.source import Source
+from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.telemetry import TopicMessage
@@ -198,14 +199,12 @@ class LiveExploration:
 
 
 def explore_live(
-    motion: str,
+    source: Source,
     *,
     seed: int,
     schedule: Schedule,
     session: SessionConfig,
     sender: SenderConfig,
-    teacher: TeacherConfig = _TEACHER,
-    config: ExplorationConfig = _EXPLORATION,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> LiveExploration:
     """Let the teacher drive a robot node through a motion, and stream the session to the consumers that are awaited.
@@ -214,16 +213,14 @@ def explore_live(
 
     Parameters
     ----------
-    motion : str
-        Name of a pattern or drawing, or path of a CSV file.
+    source : Source
+        Motion and settings.
     seed : int
-        Seed of the start posture.
+        Seed of the start posture, and of what the source draws.
     schedule : Schedule
         Epochs and phases.
     session, sender : SessionConfig, SenderConfig
         Where, and to whom; each message travels on the key of its own topic, whatever `sender.batch_size` is.
-    teacher, config : TeacherConfig, ExplorationConfig
-        Parameters.
     progress : callable
         Called with the fraction done, 0 to 1.
 
@@ -236,9 +233,16 @@ def explore_live(
     """
     with open_session(session) as opened:
         robot = RemoteRobot(opened, namespace=sender.namespace, wait_s=sender.wait_s)
-        presented = load_motion(motion, robot.robot)
+        presented = source.motion(robot.robot, seed=seed)
         live = LiveSession(
-            robot, presented, seed=seed, schedule=schedule, teacher=teacher, config=config, progress=progress
+            robot,
+            presented,
+            seed=seed,
+            schedule=schedule,
+            teacher=source.teacher,
+            config=source.config,
+            must_reach=not source.drawn,
+            progress=progress,
         )
         live.settle()
         robot.wait()

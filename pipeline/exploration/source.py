@@ -30,8 +30,8 @@ class Pace:
     tick_rate_hz: int = 5
 
     def __post_init__(self) -> None:
-        if not 1.0 <= self.duration_s <= 86_400.0:
-            raise ConfigError(f"duration of an exploration: expected 1 to 86400 s, found {self.duration_s:g} s")
+        if not 1.0 <= self.duration_s <= 14_400.0:
+            raise ConfigError(f"duration of an exploration: expected 1 to 14400 s, found {self.duration_s:g} s")
         if not 5 <= self.tick_rate_hz <= 50 or _SECOND_NS % self.tick_rate_hz:
             raise ConfigError(
                 f"rate of an exploration's ticks: expected a whole part of a second, 5 to 50 Hz (5, 8, 10, 20, 25, 40, "
@@ -81,7 +81,15 @@ class Source:
         if self.drawn:
             teacher = Teacher(Kinematics(robot), self.teacher)
             duration_ns = round(self.pace.duration_s * _SECOND_NS)
-            return volume(teacher, seed=seed, duration_ns=duration_ns, tick_ns=self.pace.tick_ns, progress=progress)
+            noise = self.config.noise(robot, seed=seed, period_ns=self.teacher.period_ns)
+            return volume(
+                teacher,
+                seed=seed,
+                duration_ns=duration_ns,
+                tick_ns=self.pace.tick_ns,
+                noise=noise,
+                progress=progress,
+            )
         return load_motion(self.name, robot)
 
 
@@ -100,8 +108,10 @@ def source(
     if wanted and name != VOLUME:
         raise ConfigError(f"motion '{name}' has its own duration and tick rate; only '{VOLUME}' is made to measure")
     teacher, config = TeacherConfig(), ExplorationConfig()
-    if name == VOLUME:  # the least lag in the null space, and joints that vary on their own: what a model is learned from
-        teacher, config = replace(teacher, comfort_gain=20.0), replace(config, joint_noise=0.01)
+    if (
+        name == VOLUME
+    ):  # the least lag in the null space, and joints that vary on their own: what a model is learned from
+        teacher, config = replace(teacher, comfort_gain=20.0, speed_share=0.8), replace(config, joint_noise=0.01)
     if comfort_gain is not None:
         teacher = replace(teacher, comfort_gain=comfort_gain)
     return Source(name, Pace(**wanted), teacher, config)  # type: ignore[arg-type]

@@ -1,14 +1,14 @@
 """Random via points in the hands' boxes: a motion that explores the whole volume, with the hands clear of the robot."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from itertools import repeat
 from typing import NamedTuple
 
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.collision.self_distance import CLEARANCE_M, NOTHING_NEAR, Nearest, SelfDistance
+from pipeline.collision.self_distance import CLEARANCE_M, Nearest, SelfDistance
 from pipeline.motions.motion import Motion
-from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach
 from recorders.errors import MotionError
@@ -17,12 +17,10 @@ VOLUME = "volume"
 """Name of the motion."""
 MOVE_NS = 500_000_000
 """Time from one via point to the next [ns]."""
-RATES_HZ = (5, 50)
-"""Lowest and highest rate of an exploration's ticks [Hz]."""
 
-_PLANNED_CLEARANCE_M = CLEARANCE_M + 0.02  # what noise and the servos' lag take away stays below
+_PLANNED = Nearest(CLEARANCE_M + 0.008, "", "")  # what the servos' lag takes away stays below the difference
 _STEP_NS = 20_000_000  # of the planned posture
-_ATTEMPTS = 200
+_DRAWS = 40  # of a via point, before the one before is drawn anew; on average, of each
 
 
 class _State(NamedTuple):
@@ -38,6 +36,7 @@ def volume(
     seed: int,
     duration_ns: int,
     tick_ns: int,
+    noise: Iterator[Floats] | None = None,
     progress: Callable[[float], None] = lambda fraction: None,
 ) -> Motion:
     """Make a motion of minimum-jerk moves between random via points, each hand's drawn in its own box.
@@ -53,6 +52,8 @@ def volume(
         Names the draws.
     duration_ns, tick_ns : int
         Length of the motion and time between its samples [ns].
+    noise : iterator of array, optional
+        Offsets that will be added to the commands, period by period of the teacher, (n,).
     progress : callable
         Called with the fraction done, 0 to 1.
 
@@ -61,30 +62,12 @@ def volume(
     MotionError
         No free way is found from one of the via points.
     """
-    robot = teacher.kinematics.robot
-    distances = SelfDistance(robot)
-    centres, boxes = robot.centres, np.array([hand.box for hand in robot.hands])
-    state = _State(centres, approach(teacher, robot.comfort, centres)[0])
-    samples: list[Floats] = []
     moves = -(-duration_ns // MOVE_NS)
-    for move in range(moves):
-        for attempt in range(_ATTEMPTS):
-            drawn = uniforms(seed, "via point", move, attempt, count=centres.size).reshape(centres.shape)
-            goal = centres + boxes * (2.0 * drawn - 1.0)
-            if (after := _follow(teacher, distances, state, goal)) is not None:
-                break
-        else:
-            raise MotionError(
-                f"robot '{robot.name}': no way found that keeps its hands {100 * CLEARANCE_M:g} cm from its body, after "
-                f"{move} of {moves} moves: make the hands' boxes smaller"
-            )
-        first = -(-move * MOVE_NS // tick_ns)
-        last = -(-min((move + 1) * MOVE_NS, duration_ns) // tick_ns)
-        samples += [_between(state.point, goal, (tick * tick_ns - move * MOVE_NS) / MOVE_NS) for tick in range(first, last)]
-        state = after
-        progress((move + 1) / moves)
-    targets = np.array(samples)
-    times_s = np.round(tick_ns * 1e-9 * np.arange(len(targets)), 9)
+    points = _Planner(teacher, seed, noise).via_points(moves, progress)
+    ticks = range(0, duration_ns, tick_ns)
+    parts = [divmod(tick, MOVE_NS) for tick in ticks]
+    targets = np.array([_between(points[move], points[move + 1], since / MOVE_NS) for move, since in parts])
+    times_s = np.round(np.array(ticks) * 1e-9, 9)
     return Motion(VOLUME, times_s, targets[:, 0], targets[:, 1], closed=False)
 
 
@@ -97,14 +80,63 @@ def _between(start: Floats, goal: Floats, part: float) -> Floats:
     return np.round(start + (goal - start) * blend, 9)
 
 
-def _follow(teacher: Teacher, distances: SelfDistance, state: _State, goal: Floats) -> _State | None:
-    """Let the teacher go from a via point to the next; return where it then is, or None if the way is not free."""
-    posture = state.posture
-    limit = Nearest(_PLANNED_CLEARANCE_M, "", "")
-    for step in range(1, MOVE_NS // _STEP_NS + 1):
-        posture = teacher.step_for(posture, _between(state.point, goal, step * _STEP_NS / MOVE_NS), _STEP_NS * 1e-9)
-        if distances.nearest(posture, below=limit) is not limit:
-            return None
-    settled, short_m = approach(teacher, posture, goal)
-    free = distances.nearest(settled, below=limit) is limit
-    return _State(goal, posture) if free and short_m.max() <= REACH_BOUND_M else None
+class _Planner:
+    """Draws via points, and follows them as the teacher and the noise will, without the robot."""
+
+    def __init__(self, teacher: Teacher, seed: int, noise: Iterator[Floats] | None) -> None:
+        self._teacher = teacher
+        self._seed = seed
+        self._robot = teacher.kinematics.robot
+        self._boxes = np.array([hand.box for hand in self._robot.hands])
+        self._distances = SelfDistance(self._robot)
+        self._noise = repeat(np.zeros(len(self._robot.joints))) if noise is None else noise
+        self._offsets: list[Floats] = []  # of the commands, by step
+
+    def via_points(self, moves: int, progress: Callable[[float], None]) -> list[Floats]:
+        """Return the centres of the boxes and as many via points as there are moves [m], each (hands, 3)."""
+        centres = self._robot.centres
+        way = [_State(centres, approach(self._teacher, self._robot.comfort, centres)[0])]
+        drawn = [0]  # how many points, by move
+        for _ in range(_DRAWS * (moves + 1)):
+            if len(way) > moves:
+                return [state.point for state in way]
+            after = self._follow(way[-1], self._draw(len(way), drawn[-1]), move=len(way) - 1)
+            drawn[-1] += 1
+            if after is not None:
+                way.append(after)
+                drawn.append(0)
+                progress(len(way) / (moves + 1))
+            elif drawn[-1] == _DRAWS and len(way) > 1:  # no way on from here: draw the point before anew
+                way.pop()
+                drawn.pop()
+        raise MotionError(
+            f"robot '{self._robot.name}': found no way for hands that keep {100 * CLEARANCE_M:g} cm from its body, "
+            f"after {len(way) - 1} of {moves} moves: make the hands' boxes smaller"
+        )
+
+    def _draw(self, number: int, attempt: int) -> Floats:
+        drawn = uniforms(self._seed, "via point", number, attempt, count=self._boxes.size).reshape(self._boxes.shape)
+        return self._robot.centres + self._boxes * (2.0 * drawn - 1.0)
+
+    def _follow(self, state: _State, goal: Floats, *, move: int) -> _State | None:
+        """Go from a via point to the next; return where that ends, or None if the way is not free."""
+        posture, steps = state.posture, MOVE_NS // _STEP_NS
+        for step in range(1, steps + 1):
+            target = _between(state.point, goal, step / steps)
+            posture = self._teacher.step_for(posture, target, _STEP_NS * 1e-9)
+            if not self._is_free(posture + self._offset(move * steps + step)):
+                return None
+        settled, short_m = approach(self._teacher, posture, goal)
+        reached = short_m.max() <= REACH_BOUND_M and self._is_free(settled)
+        return _State(goal, posture) if reached else None
+
+    def _is_free(self, posture: Floats) -> bool:
+        return self._distances.nearest(posture, below=_PLANNED) is _PLANNED
+
+    def _offset(self, step: int) -> Floats:
+        """Noise of the command at a step of the plan."""
+        while len(self._offsets) <= step:
+            self._offsets.append(next(self._noise))
+            for _ in range(_STEP_NS // self._teacher.config.period_ns - 1):
+                next(self._noise)
+        return self._offsets[step]

@@ -9,6 +9,8 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.kinematics import Kinematics
+from pipeline.urdf.description import parse_urdf
+from pipeline.urdf.joints import speed_limits
 from recorders.errors import ConfigError, MotionError
 
 REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
@@ -35,6 +37,8 @@ class TeacherConfig:
         Weight of the log barrier at the joint limits, relative to the comfort term.
     margin : float
         Smallest distance kept from a limit, as a part of the joint's range.
+    speed_share : float
+        Largest speed of a joint, as a part of the limit in the URDF; 0 for no limit.
     """
 
     period_ns: int = 5_000_000
@@ -43,12 +47,13 @@ class TeacherConfig:
     comfort_gain: float = 5.0
     barrier: float = 0.01
     margin: float = 1e-3
+    speed_share: float = 0.0
 
     def __post_init__(self) -> None:
         for name in ("period_ns", "gain", "damping"):
             if not 0 < getattr(self, name) < math.inf:
                 raise ConfigError(f"teacher {name}: expected above 0, found {getattr(self, name)}")
-        for name in ("comfort_gain", "barrier"):
+        for name in ("comfort_gain", "barrier", "speed_share"):
             if not 0 <= getattr(self, name) < math.inf:
                 raise ConfigError(f"teacher {name}: expected at least 0, found {getattr(self, name)}")
         if not 0 < self.margin < 0.5:
@@ -78,6 +83,8 @@ class Teacher:
         self._stiffness = robot.weights / span**2  # (n,)
         self._lower = robot.lower + config.margin * span
         self._upper = robot.upper - config.margin * span
+        speeds = speed_limits(parse_urdf(robot.urdf_text), robot.joints)
+        self._speeds = config.speed_share * speeds if config.speed_share else np.full(len(speeds), np.inf)
         self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
         self._gaze = None if robot.gaze is None else robot.joints.index(robot.gaze.joint)
 
@@ -94,7 +101,7 @@ class Teacher:
         xd = self.config.gain * (goal - hands).ravel()
         weighted = jacobian / hessian  # J W^-1, (3 hands, n)
         qd = z + np.linalg.solve(weighted @ jacobian.T + self._damping, xd - jacobian @ z) @ weighted
-        return self._within(posture + period_s * qd)
+        return self._within(posture + period_s * np.clip(qd, -self._speeds, self._speeds))
 
     def _within(self, q: Floats) -> Floats:
         within: Floats = np.minimum(np.maximum(q, self._lower), self._upper)

@@ -61,10 +61,10 @@ def run_exploration(
     consumers: list[str],
     wait_s: float = 30.0,
 ) -> None:
-    from dataclasses import asdict
+    from dataclasses import asdict, replace
 
-    from pipeline.exploration.episode import ExplorationConfig
     from pipeline.exploration.live import explore_live
+    from pipeline.exploration.source import source
     from recorders.wire.session import SessionConfig
     from replay.sources.schedule import Schedule
     from replay.transports.sender_config import SenderConfig
@@ -72,8 +72,9 @@ def run_exploration(
     schedule = Schedule.from_dict({"epochs": 1, "phases": phases})
     sender = SenderConfig(consumers=tuple(consumers), wait_s=wait_s)
     session = SessionConfig(connect=(connect,))
-    config = ExplorationConfig(settle_ns=settle_ns)
-    result = explore_live(motion, seed=seed, schedule=schedule, session=session, sender=sender, config=config)
+    followed = source(motion)
+    followed = replace(followed, config=replace(followed.config, settle_ns=settle_ns))
+    result = explore_live(followed, seed=seed, schedule=schedule, session=session, sender=sender)
     print(json.dumps(asdict(result)))
 
 

@@ -2,7 +2,7 @@
 
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -13,6 +13,9 @@ from pipeline.cli.sessions import NAMESPACE, Await, Namespace, Wait, ZenohConfig
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
 from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.exploration.source import Source
 
 _ROBOT, _WAIT_S = "asimo", 10.0
 
@@ -42,17 +45,46 @@ class DriveOptions:
         return bool(self.awaited) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
 
 
-@grouped
-def explore(
-    *,
+@dataclass(frozen=True)
+class SourceOptions:
+    """What the robot is to follow, and how."""
+
     motion: Annotated[
         str,
         typer.Option(
-            help=f"One of {MOTIONS}, or a CSV file with t,lx,ly,lz,rx,ry,rz [s, m].",
+            help=f"One of {MOTIONS}, a CSV file with t,lx,ly,lz,rx,ry,rz [s, m], or volume: random points in the "
+            "hands' boxes.",
             metavar="MOTION",
             autocompletion=complete_motion,
         ),
-    ],
+    ]
+    duration: Annotated[
+        float | None, typer.Option(help="With volume: how long [s]; 120 unless given.", metavar="SECONDS")
+    ] = None
+    tick_rate: Annotated[
+        int | None, typer.Option(help="With volume: ticks in a second, 5 to 50; 5 unless given.", metavar="HZ")
+    ] = None
+    comfort_gain: Annotated[
+        float | None,
+        typer.Option(
+            help="The teacher's approach to the comfort posture [1/s]: 20 with volume, 5 else, unless given.",
+            metavar="GAIN",
+        ),
+    ] = None
+
+    def source(self) -> "Source":
+        """Return the source of the exploration; raises ConfigError if the options do not fit together."""
+        from pipeline.exploration.source import source
+
+        return source(
+            self.motion, duration_s=self.duration, tick_rate_hz=self.tick_rate, comfort_gain=self.comfort_gain
+        )
+
+
+@grouped
+def explore(
+    *,
+    wanted: SourceOptions,
     out: Annotated[
         Path | None, typer.Option(help="Log to write, unless a running robot is driven.", metavar="LOG.mcap")
     ] = None,
@@ -74,25 +106,27 @@ def explore(
             raise ConfigError("--out: a live session is recorded with `reenact record`; leave --out away")
         if robot != _ROBOT or overwrite:
             raise ConfigError("--robot and --overwrite: expected --out beside them, and no robot that runs already")
-        result = _drive(motion, seed, drive)
+        result = _drive(wanted.source(), seed, drive)
     else:
         if out is None:
             raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
         if drive.has_more:
             raise ConfigError("--await, --epochs, --wait and --namespace: expected --connect beside them")
-        result = _simulate(motion, robot, seed, out, viewer, overwrite=overwrite)
+        result = _simulate(wanted.source(), robot, seed, out, viewer, overwrite=overwrite)
     console.show(result, as_json=as_json)
 
 
-def _simulate(motion: str, robot: str, seed: int, out: Path, viewer: ViewOptions, *, overwrite: bool) -> dict[str, Any]:
+def _simulate(
+    source: "Source", robot: str, seed: int, out: Path, viewer: ViewOptions, *, overwrite: bool
+) -> dict[str, Any]:
     from pipeline.exploration.explore import explore as run
-    from pipeline.motions.motion import load_motion
     from pipeline.robot.config import load_robot
     from recorders.writing.part_file import check_place
 
     check_place(out, overwrite=overwrite)
     config = load_robot(robot)
-    title = f"explore {Path(motion).stem}"
+    title = f"explore {Path(source.name).stem}"
+    motion = source.motion(config, seed=seed)
     with (
         note_partial_log(out),
         console.progress(title) as advance,
@@ -100,9 +134,13 @@ def _simulate(motion: str, robot: str, seed: int, out: Path, viewer: ViewOptions
     ):
         summary = run(
             config,
-            load_motion(motion, config),
+            motion,
             seed=seed,
             out=out,
+            teacher=source.teacher,
+            config=source.config,
+            must_reach=not source.drawn,
+            keep_clear=source.drawn,
             overwrite=overwrite,
             progress=advance,
             on_message=on_message,
@@ -110,7 +148,7 @@ def _simulate(motion: str, robot: str, seed: int, out: Path, viewer: ViewOptions
     return asdict(summary) | {"path": str(summary.path)}
 
 
-def _drive(motion: str, seed: int, drive: DriveOptions) -> dict[str, Any]:
+def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
     from pipeline.exploration.live import explore_live
     from replay.sources.schedule import Schedule
     from replay.transports.sender_config import SenderConfig
@@ -118,9 +156,9 @@ def _drive(motion: str, seed: int, drive: DriveOptions) -> dict[str, Any]:
     sender = SenderConfig(
         consumers=tuple(drive.awaited or ()), namespace=drive.namespace, batch_size=1, wait_s=drive.wait
     )
-    with console.progress(f"explore {Path(motion).stem}") as advance:
+    with console.progress(f"explore {Path(source.name).stem}") as advance:
         live = explore_live(
-            motion,
+            source,
             seed=seed,
             schedule=Schedule(epochs=drive.epochs),
             session=session_config(None, drive.connect, drive.zenoh_config, listens=False, wait_s=drive.wait),
