@@ -17,6 +17,9 @@ from pipeline.urdf.description import canonical
 CLEARANCE_M = 0.03
 """Distance that an exploration keeps between a robot's parts."""
 
+NEIGHBOURS_M = 0.05
+"""What is nearer than this in the comfort posture is built so."""
+
 _CAPSULE_RADIUS_M = 0.03  # of a link without shapes
 _SHORTEST_M = 0.01  # bones below this have no capsule
 
@@ -44,9 +47,10 @@ NOTHING_NEAR = Nearest(math.inf, "", "")
 class SelfDistance:
     """Distances of a robot's hands and forearms from everything else of it, as functions of the posture.
 
-    Those are the parts that the outer half of an arm's joints move; an arm's joints move one hand and no other. Pairs
-    that are nearer than `CLEARANCE_M` in the comfort posture are neighbours, and left out. A link without a shape is
-    taken as a capsule from its joint to the next.
+    Those are the parts that the outer half of an arm's joints move; an arm's joints move one hand and no other. They
+    are not compared with their own arm, which its joints' limits see to, unless the robot is a single arm. Parts that
+    are nearer than `NEIGHBOURS_M` in the comfort posture are neighbours, and left out as well. A joint without a shape
+    is taken as a capsule to the next.
 
     Parameters
     ----------
@@ -90,14 +94,17 @@ class SelfDistance:
 
     def _pairs(self, robot: RobotConfig) -> tuple[np.ndarray[Any, Any], np.ndarray[Any, Any]]:
         """Return the indices of the shapes of each checked pair, shape (pairs,) both."""
-        arms = _outer_joints(self._model, [hand.link for hand in robot.hands])
+        arms = _arms(self._model, [hand.link for hand in robot.hands])
+        outer = {joint for arm in arms for joint in arm[(len(arm) + 1) // 2 :]}
+        own = [set(arm) if len(arms) > 1 else outer for arm in arms]
         placements = self._placements(robot.comfort)
         pairs = [
             (first, second)
             for first, second in combinations(range(len(self._shapes)), 2)
-            if not self._adjacent(first, second)
-            and (self._joints[first] in arms or self._joints[second] in arms)
-            and self._distance(placements, first, second) >= CLEARANCE_M
+            if (joints := {int(self._joints[first]), int(self._joints[second])}) & outer
+            and not any(joints <= arm for arm in own)
+            and not self._adjacent(first, second)
+            and self._distance(placements, first, second) >= NEIGHBOURS_M
         ]
         found = np.array(pairs, dtype=np.intp).reshape(-1, 2)
         return found[:, 0], found[:, 1]
@@ -159,11 +166,10 @@ def _pose(placement: Any) -> tuple[Any, Any]:
     return placement.rotation, placement.translation
 
 
-def _outer_joints(model: Any, hands: list[str]) -> set[int]:
-    """Return the indices of the outer half of the joints that move one hand and no other."""
+def _arms(model: Any, hands: list[str]) -> list[list[int]]:
+    """Return the joints that move each hand and no other, from the body outwards; with a single hand, all of them."""
     chains = [[j for j in model.supports[model.frames[link_frame(model, hand)].parentJoint] if j] for hand in hands]
-    arms = [[joint for joint in chain if sum(joint in other for other in chains) == 1] for chain in chains]
-    return {joint for arm in arms for joint in arm[(len(arm) + 1) // 2 :]}
+    return [[joint for joint in chain if sum(joint in other for other in chains) == 1] for chain in chains]
 
 
 def _add_capsules(model: Any, shapes: Any) -> None:

@@ -3,9 +3,13 @@
 import math
 from collections.abc import Iterator
 
+import numpy as np
+
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
+from pipeline.urdf.description import parse_urdf
+from pipeline.urdf.joints import speed_limits
 
 NOISE_TIME_S = 1.0
 """Time [s] after which the noise has forgotten where it was."""
@@ -28,11 +32,13 @@ def joint_noise(robot: RobotConfig, *, seed: int, period_ns: int, share: float) 
     period_ns : int
         Period of the steps [ns].
     share : float
-        Standard deviation of each joint's offset, as a part of its range.
+        Standard deviation of each joint's offset, as a part of its range, or of what it may move in a second if that is
+        less.
     """
     joints = len(robot.joints)
     decay = period_ns * 1e-9 / NOISE_TIME_S
-    step = math.sqrt(3.0) * math.sqrt(decay * (2.0 - decay)) * share * (robot.upper - robot.lower)
+    span = np.minimum(robot.upper - robot.lower, speed_limits(parse_urdf(robot.urdf_text), robot.joints))
+    step = math.sqrt(3.0) * math.sqrt(decay * (2.0 - decay)) * share * span
     offset = 0.0 * step
     block = 0
     while True:

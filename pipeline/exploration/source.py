@@ -111,7 +111,7 @@ def source(
     if (
         name == VOLUME
     ):  # the least lag in the null space, and joints that vary on their own: what a model is learned from
-        teacher, config = replace(teacher, comfort_gain=20.0, speed_share=0.8), replace(config, joint_noise=0.01)
+        teacher, config = replace(teacher, comfort_gain=20.0, speed_share=0.7), replace(config, joint_noise=0.01)
     if comfort_gain is not None:
         teacher = replace(teacher, comfort_gain=comfort_gain)
     return Source(name, Pace(**wanted), teacher, config)  # type: ignore[arg-type]

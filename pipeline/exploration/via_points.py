@@ -68,7 +68,7 @@ def volume(
     parts = [divmod(tick, MOVE_NS) for tick in ticks]
     targets = np.array([_between(points[move], points[move + 1], since / MOVE_NS) for move, since in parts])
     times_s = np.round(np.array(ticks) * 1e-9, 9)
-    return Motion(VOLUME, times_s, targets[:, 0], targets[:, 1], closed=False)
+    return Motion(VOLUME, times_s, targets, closed=False)
 
 
 def _between(start: Floats, goal: Floats, part: float) -> Floats:
