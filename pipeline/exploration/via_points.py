@@ -18,7 +18,7 @@ VOLUME = "volume"
 MOVE_NS = 500_000_000
 """Time from one via point to the next [ns]."""
 
-_PLANNED = Nearest(CLEARANCE_M + 0.008, "", "")  # what the servos' lag takes away stays below the difference
+_PLANNED = Nearest(CLEARANCE_M + 0.005, "", "")  # what the servos' lag takes away stays below the difference
 _STEP_NS = 20_000_000  # of the planned posture
 _DRAWS = 40  # of a via point, before the one before is drawn anew; on average, of each
 
