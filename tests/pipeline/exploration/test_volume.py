@@ -23,7 +23,7 @@ SECONDS = 6.0
 
 
 def volume(**settings: float) -> Source:
-    return source("volume", **{"duration_s": SECONDS, **settings})  # type: ignore[arg-type]
+    return source("volume", **{"duration_s": SECONDS, **settings})
 
 
 def motion(seed: int, **settings: float) -> Motion:
@@ -116,7 +116,7 @@ def test_noise_begins_at_rest_and_is_named_by_its_seed() -> None:
 )
 def test_what_cannot_be_is_refused_in_a_line(name: str, settings: dict[str, float], words: str) -> None:
     with pytest.raises(ConfigError, match=words):
-        source(name, **settings)  # type: ignore[arg-type]
+        source(name, **settings)
 
 
 def test_the_comfort_gain_is_of_any_motion() -> None:
