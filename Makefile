@@ -5,6 +5,8 @@ SUPPORTED = $(if $(filter 3.11 3.12 3.13,$(VERSION)),,$(error expected CPython 3
 BIN := .venv/bin
 PIP := $(BIN)/python -m pip --disable-pip-version-check
 CORE := .venv-core-$(VERSION)
+CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipeline/terminal \
+	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
 
 .PHONY: demo test test-all test-core coverage check examples bench docs lock clean
 
@@ -17,12 +19,13 @@ test: check examples
 test-all: check examples
 	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
 
-# With the core alone, in an environment of its own: the golden cases and the tests of the recorders. `make test-core PYTHON=python3.13`
+# With the core alone, in an environment of its own: the golden cases, the tests of the recorders and some that need no extra either.
+# `make test-core PYTHON=python3.13`
 test-core: $(CORE)/locked
 	$(CORE)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(CORE)/bin/reenact golden check data/golden
 	$(CORE)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
-		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py tests/recorders
+		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py $(CORE_TESTS)
 
 # Lines and branches that the tests run, in other processes too; the table is the last thing printed, out/coverage shows each line.
 coverage: .venv/dev

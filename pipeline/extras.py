@@ -2,7 +2,7 @@
 
 from recorders.errors import MissingExtra
 
-_EXTRAS = {
+EXTRAS = {
     "pydrake": "sim",
     "rerun": "view",
     "matplotlib": "view",
@@ -14,5 +14,5 @@ _EXTRAS = {
 def missing_extra(error: ModuleNotFoundError) -> MissingExtra | None:
     """Return the error that names the extra for a module that was not found; None if no extra installs it."""
     package = (error.name or "").partition(".")[0]
-    extra = _EXTRAS.get(package)
+    extra = EXTRAS.get(package)
     return None if extra is None else MissingExtra(package, extra)

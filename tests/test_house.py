@@ -10,7 +10,7 @@ import pytest
 
 import pipeline
 from pipeline.cli import app as cli
-from pipeline.extras import _EXTRAS
+from pipeline.extras import EXTRAS
 from recorders.errors import DISTRIBUTION
 
 ROOT = Path(pipeline.__file__).parent.parent
@@ -119,7 +119,7 @@ def test_the_core_is_locked_without_its_extras() -> None:
 def test_each_extra_that_an_error_names_can_be_installed() -> None:
     extras = PROJECT["optional-dependencies"]
     assert PROJECT["name"] == DISTRIBUTION
-    assert set(_EXTRAS.values()) <= set(extras)
+    assert set(EXTRAS.values()) <= set(extras)
     assert extras["all"] == [f"{DISTRIBUTION}[{','.join(name for name in extras if name != 'all')}]"]
 
 

@@ -12,12 +12,13 @@ _PACKAGES = ("pipeline", "replay", "recorders")
 class _LineHandler(logging.Handler):
     """Prints the message of a record and nothing else.
 
-    It has no lock, as the console has one: a signal that ends the main thread while it prints must block no other.
+    It takes no lock, as the console has one: a signal that ends the main thread while it prints must block no other.
     """
 
-    def createLock(self) -> None:  # noqa: N802  # the name is of logging
-        """Create none."""
-        self.lock = None
+    def handle(self, record: logging.LogRecord) -> bool:
+        """Print a record, whoever else prints."""
+        self.emit(record)
+        return True
 
     def emit(self, record: logging.LogRecord) -> None:
         """Print a record as one line."""

@@ -1,4 +1,4 @@
-"""Without Drake, Rerun and matplotlib: what needs them says which extra has them, and the rest works."""
+"""Without the packages of the extras: what needs one names the extra that has it, and the rest works."""
 
 import json
 import subprocess
@@ -12,7 +12,8 @@ from pipeline.resources import data_path
 
 _PROGRAM = """
 import json, sys
-sys.modules.update(dict.fromkeys(("pydrake", "rerun", "matplotlib")))
+from pipeline.extras import EXTRAS
+sys.modules.update(dict.fromkeys(EXTRAS))
 from pipeline.cli.app import main
 for number, line in enumerate(json.loads(sys.argv[1])):
     try:
@@ -21,6 +22,22 @@ for number, line in enumerate(json.loads(sys.argv[1])):
         sys.stdout.flush()
         print(f"--- {number} {end.code}", flush=True)
         print(f"--- {number} {end.code}", file=sys.stderr, flush=True)
+"""
+
+_IMPORTING = """
+import importlib, json, pkgutil, sys
+from pipeline.extras import EXTRAS
+sys.modules.update(dict.fromkeys(EXTRAS))
+import pipeline, recorders, replay
+lacking = {}
+for package in (pipeline, recorders, replay):
+    for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+        try:
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+        except ModuleNotFoundError as error:
+            lacking[module.name] = EXTRAS[error.name.partition(".")[0]]
+print(json.dumps(lacking))
 """
 
 
@@ -66,6 +83,23 @@ def run(folder: Path) -> Run:
             ["golden", "check", case, "--physics"],
         ]
     )
+
+
+def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> None:
+    done = subprocess.run([sys.executable, "-c", _IMPORTING], capture_output=True, text=True, check=True, timeout=240)
+    lacking = json.loads(done.stdout)
+    rooms = {".".join(module.split(".")[:2]): extra for module, extra in lacking.items()}
+    assert rooms == {
+        "pipeline.demo": "sim",
+        "pipeline.exploration": "sim",
+        "pipeline.paper": "sim",
+        "pipeline.robot_node": "sim",
+        "pipeline.simulation": "sim",
+        "pipeline.training": "dask",
+        "pipeline.views": "view",
+        "recorders.rerun_scene": "view",
+    }
+    assert [module for module in lacking if module.startswith("pipeline.training")] == ["pipeline.training.dask"]
 
 
 def test_a_log_trains_and_its_controller_is_evaluated(run: Run) -> None:
