@@ -15,7 +15,9 @@ MOTIONS = ", ".join(motion_names())
 
 def complete_motion(incomplete: str) -> list[str]:
     """Return the motions whose names begin so, for the shell."""
-    return [name for name in motion_names() if name.startswith(incomplete)]
+    from pipeline.motions.motion import MOTIONS as REGISTERED
+
+    return [name for name in dict.fromkeys((*motion_names(), *REGISTERED.names())) if name.startswith(incomplete)]
 
 
 def complete_robot(incomplete: str) -> list[str]:

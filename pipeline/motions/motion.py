@@ -1,27 +1,25 @@
 """Motions: what the hands are asked to do, from the two patterns of the paper or from a CSV file."""
 
 import hashlib
-import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.motions import patterns
 from pipeline.motions.csv_file import MAX_COORDINATE_M, MAX_TIME_S, read_table
-from pipeline.motions.names import PATTERNS, drawings, motion_names
+from pipeline.motions.names import drawings
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.range_check import range_check
 from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
+from recorders.registry import Registry
 from recorders.text.wording import names_text
 
 _SHORT = {"left": "l", "right": "r"}
-
-RADIUS_M = 0.10
-PATTERN_PERIOD_S = 0.2  # the paper's 5 Hz
 
 
 @dataclass(frozen=True, eq=False)
@@ -81,45 +79,45 @@ class Motion:
         return hashlib.sha256(bytes([self.closed]) + content).hexdigest()
 
 
-def circles(robot: RobotConfig) -> Motion:
-    """Pattern 1 (T = 256): circles of both hands that combine all their positions evenly.
+@dataclass(frozen=True)
+class NamedMotion:
+    """Motion that is made for a robot, and known by a name wherever one is asked for.
 
-    In the first half the left hand turns 6 times one way and the right hand 7 times the other; in the second half
-    they exchange speeds and directions. The sum of both angles thus drifts through one slow turn in each half, and each
-    of the 16 combinations of quadrants (left hand top/down and left/right, right hand the same) gets 16 samples.
-    A third hand goes as the first and a fourth as the second, and so on, each from an angle of its own.
+    A motion is a module with `MOTION`: here in `pipeline.motions.patterns`, named as the motion is, or in a
+    distribution of others, under an entry point of the group `reenact.motions`. `pipeline.motions.contract` has tests
+    for it.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    make : callable
+        Makes the motion of a robot.
     """
-    turns = ((6, -7), (-7, 6))
-    angles = [_angles(turns[hand % 2], samples=256, start=0.3 + 0.8 * hand) for hand in range(len(robot.hands))]
-    return _pattern("circles", robot, [(np.cos(angle), np.sin(angle)) for angle in angles])
+
+    name: str
+    make: Callable[[RobotConfig], Motion]
 
 
-def eight(robot: RobotConfig) -> Motion:
-    """Pattern 2 (T = 64): twice a lying eight with the left hand, twice a circle with the right.
-
-    The left/right coordinate of both hands is exactly the same: they never both point to the middle or both outwards.
-    A third hand goes as the first, a fourth as the second, and so on.
-    """
-    angle = _angles((2,), samples=64, start=0.0)
-    paths = ((np.sin(angle), np.sin(2.0 * angle)), (np.sin(angle), np.cos(angle)))
-    return _pattern("eight", robot, [paths[hand % 2] for hand in range(len(robot.hands))])
+MOTIONS = Registry("motion", NamedMotion, room=patterns, constant="MOTION", group="reenact.motions")
 
 
 def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
-    """Load a pattern by name, a drawing that comes with the program by name, or a CSV file by path.
+    """Load a motion by name, a drawing that comes with the program by name, or a CSV file by path.
 
     Raises
     ------
+    ConfigError
+        What is installed under this name is no motion.
     MotionError
         The motion is unknown, or its file is malformed or holds what cannot be a target of the robot.
     """
-    patterns = dict(zip(PATTERNS, (circles, eight), strict=True))
-    if str(name_or_path) in patterns:
-        return patterns[str(name_or_path)](robot)
+    if (named := MOTIONS.get(str(name_or_path))) is not None:
+        return named.make(robot)
     path = drawings().get(str(name_or_path), Path(name_or_path))
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
-        known = names_text(motion_names())
+        known = names_text([*MOTIONS.names(), *drawings()])
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
     motion = read_motion_csv(path, robot.hand_names)
     check_targets(motion, robot)
@@ -139,7 +137,8 @@ def check_targets(motion: Motion, robot: RobotConfig) -> None:
 
 def is_recorded(name_or_path: str | Path) -> bool:
     """Return whether a motion is given as a recording: a log or the parts of a session, and no name of a motion."""
-    return str(name_or_path) not in motion_names() and is_log(Path(name_or_path))
+    known = (*MOTIONS.names(), *drawings())
+    return str(name_or_path) not in known and is_log(Path(name_or_path))
 
 
 def read_motion_csv(path: str | Path, hands: Sequence[str]) -> Motion:
@@ -180,20 +179,3 @@ def csv_columns(hands: Sequence[str]) -> tuple[str, ...]:
 def hand_columns(hand: str) -> list[str]:
     """Return the columns of a hand's positions: lx,ly,lz of the left, rx,ry,rz of the right, NAME_x and so on else."""
     return [f"{_SHORT.get(hand, f'{hand}_')}{axis}" for axis in "xyz"]
-
-
-def _angles(turns: Sequence[int], *, samples: int, start: float) -> Floats:
-    """Angles [rad] that make each number of `turns` in an equal part of the samples, shape (samples,)."""
-    part = samples // len(turns)
-    steps = np.repeat(2.0 * math.pi * np.array(turns, dtype=np.float64) / part, part)
-    return start + np.concatenate([[0.0], np.cumsum(steps)[:-1]])
-
-
-def _pattern(name: str, robot: RobotConfig, paths: Sequence[tuple[Floats, Floats]]) -> Motion:
-    """Make a closed motion from each hand's (lateral, up) coordinates in radii, in the robot's plane."""
-    plane = np.stack([robot.lateral, robot.up])  # (2, 3)
-    offsets = [RADIUS_M * np.stack(hand, axis=1) @ plane for hand in paths]
-    # To the nanometre: the same targets, to the bit, whichever library computed the sines.
-    hands = [np.round(centre + offset, 9) for centre, offset in zip(robot.centres, offsets, strict=True)]
-    times_s = np.round(PATTERN_PERIOD_S * np.arange(len(hands[0])), 9)
-    return Motion(name, times_s, np.stack(hands, axis=1), closed=True)

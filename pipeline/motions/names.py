@@ -1,10 +1,13 @@
-"""Names of the motions that come with the program: the paper's patterns, and the drawings in `data/motions`."""
+"""Names of the motions that come with the program: patterns, and the drawings in `data/motions`."""
 
+import pkgutil
 from pathlib import Path
 
+from pipeline.motions import patterns
 from pipeline.resources import data_path
 
 PATTERNS = ("circles", "eight")
+"""The paper's."""
 
 
 def drawings() -> dict[str, Path]:
@@ -14,4 +17,5 @@ def drawings() -> dict[str, Path]:
 
 def motion_names() -> list[str]:
     """Return the names that stand for a motion wherever one is asked for: patterns, then drawings."""
-    return [*PATTERNS, *drawings()]
+    others = {module.name.replace("_", "-") for module in pkgutil.iter_modules(patterns.__path__)} - set(PATTERNS)
+    return [*PATTERNS, *sorted(others), *drawings()]

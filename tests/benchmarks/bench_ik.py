@@ -35,7 +35,7 @@ from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.exploration.explore import explore
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.motions.motion import circles
+from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher

@@ -27,7 +27,7 @@ import zenoh
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.learner import Learner
-from pipeline.motions.motion import circles
+from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode, stamp_ns
 from recorders.messages.message_types import JointState, PoseStamped

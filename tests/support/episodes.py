@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from pipeline.motions.motion import circles
+from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher

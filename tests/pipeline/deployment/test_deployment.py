@@ -16,7 +16,8 @@ from pipeline.deployment.processes import served_robot
 from pipeline.evaluation.errors import HandErrors, hand_errors, predicted_joints
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.motions.motion import Motion, eight
+from pipeline.motions.motion import Motion
+from pipeline.motions.patterns.eight import eight
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_node.client import RemoteRobot

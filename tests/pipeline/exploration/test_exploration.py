@@ -12,7 +12,9 @@ import pytest
 
 from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
 from pipeline.exploration.explore import ExplorationResult, explore
-from pipeline.motions.motion import Motion, circles, eight, read_motion_csv
+from pipeline.motions.motion import Motion, read_motion_csv
+from pipeline.motions.patterns.circles import circles
+from pipeline.motions.patterns.eight import eight
 from pipeline.robot.config import load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.telemetry import TopicMessage

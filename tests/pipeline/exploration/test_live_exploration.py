@@ -20,7 +20,8 @@ from visitor import await_ready, refusal, visitor
 from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.live import LiveSession
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.motions.motion import Motion, eight, read_motion_csv
+from pipeline.motions.motion import Motion, read_motion_csv
+from pipeline.motions.patterns.eight import eight
 from pipeline.robot.config import load_robot
 from pipeline.robot_node.client import RemoteRobot
 from pipeline.simulation.simulation import Simulation

@@ -15,7 +15,8 @@ from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.explore import explore
 from pipeline.golden.runner import GoldenRunner
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.motions.motion import Motion, circles
+from pipeline.motions.motion import Motion
+from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import load_robot
 from replay.golden.add import add_case
 from replay.golden.recipe import CaseSpec

@@ -13,7 +13,9 @@ from peak_memory import peak_memory_mb
 
 from pipeline.motions import csv_file
 from pipeline.motions.drawings import EXTENT_M, scribble, write_motion_csv
-from pipeline.motions.motion import Motion, circles, eight, load_motion, read_motion_csv
+from pipeline.motions.motion import Motion, load_motion, read_motion_csv
+from pipeline.motions.patterns.circles import circles
+from pipeline.motions.patterns.eight import eight
 from pipeline.resources import data_path
 from pipeline.robot.config import RobotConfig, load_robot
 from recorders.errors import MotionError

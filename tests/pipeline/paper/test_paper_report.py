@@ -14,7 +14,7 @@ from matplotlib.text import Text
 from small_paper import DRAWINGS, SEEDS, small_paper
 
 from pipeline.evaluation.trials import Trial
-from pipeline.motions.motion import circles
+from pipeline.motions.patterns.circles import circles
 from pipeline.paper import figures
 from pipeline.paper.error_analysis import ALIKE, APART, UPRIGHT, depths, directions, turning_point
 from pipeline.paper.figures import draw_figures

@@ -13,7 +13,7 @@ from episodes import write_episode
 
 from pipeline.cli import app
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.motions.motion import circles
+from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import load_robot, robot_names
 from pipeline.robot.range_check import OutOfRange, range_check
 from pipeline.serving.config import ServingConfig

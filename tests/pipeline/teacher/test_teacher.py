@@ -5,7 +5,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from pipeline.motions.motion import Motion, circles, eight, load_motion
+from pipeline.motions.motion import Motion, load_motion
+from pipeline.motions.patterns.circles import circles
+from pipeline.motions.patterns.eight import eight
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher, TeacherConfig, check_reach, find_unreachable
