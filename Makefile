@@ -7,6 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 CORE := .venv-core-$(VERSION)
 CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipeline/terminal \
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
+EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
 .PHONY: demo test test-all test-core coverage check examples bench docs lock clean
 
@@ -24,6 +25,7 @@ test-all: check examples
 test-core: $(CORE)/locked
 	$(CORE)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(CORE)/bin/reenact golden check data/golden
+	$(CORE)/bin/python -m pytest -q --doctest-modules $(EXAMPLES)
 	$(CORE)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
 		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py $(CORE_TESTS)
 
@@ -39,7 +41,7 @@ check: .venv/dev
 
 # Every example in a docstring.
 examples: .venv/dev
-	$(BIN)/python -m pytest -q --doctest-modules --durations=0 $$(grep -rl --include='*.py' '>>> ' pipeline replay recorders)
+	$(BIN)/python -m pytest -q --doctest-modules --durations=0 $(EXAMPLES)
 
 bench: .venv/dev
 	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
