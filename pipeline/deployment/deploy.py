@@ -154,7 +154,7 @@ def deploy(
     done = _Progress(progress, total=2 * (len(targets) + config.settle_steps))
     with served_robot(controller, wait_s=config.wait_s) as (session, robot):
         learned = drive_learned(session, robot, targets, config=config, on_hold=done.step)
-        taught = drive_taught(robot, targets, config=config, on_hold=done.step)
+        taught = drive_with_teacher(robot, targets, config=config, on_hold=done.step)
         kinematics = Kinematics(robot.robot)
     flat = targets.reshape(len(targets), -1)
     runs = [
@@ -217,7 +217,7 @@ def drive_learned(
     return np.array(joints[config.settle_steps :])
 
 
-def drive_taught(
+def drive_with_teacher(
     robot: RemoteRobot, targets: Floats, *, config: DeploymentConfig, on_hold: Callable[[], None] = lambda: None
 ) -> Floats:
     """Let the teacher lead the robot along the same targets at the same pace; as `drive_learned`."""

@@ -18,6 +18,7 @@ from numpy.lib import format as npy
 from numpy.typing import NDArray
 
 from recorders.errors import ControllerError
+from recorders.text.wording import line_text, value_text
 
 MAX_BYTES = 12 * 2**20  # of a file, and of everything in it unpacked
 MAX_MEMBERS = 128
@@ -98,7 +99,7 @@ class Npz:
         """
         entry = self._entries[name]
         if entry.file_size > most:
-            raise ControllerError(f"expected member {_shown(entry)} of at most {most} bytes, found {entry.file_size}")
+            raise ControllerError(f"expected member {_name(entry)} of at most {most} bytes, found {entry.file_size}")
         with _one_line():
             return _unpack_member(entry, self._archive)
 
@@ -121,7 +122,7 @@ def _one_line() -> Iterator[None]:
     try:
         yield
     except _ZIP_ERRORS as error:
-        raise ControllerError(f"expected an undamaged .npz: {' '.join(str(error).split())}") from error
+        raise ControllerError(f"expected an undamaged .npz: {line_text(str(error))}") from error
 
 
 def _check_directory(data: bytes) -> None:
@@ -155,12 +156,12 @@ def _pack_member(member: Member) -> bytes:
     return buffer.getvalue()
 
 
-def _shown(entry: zipfile.ZipInfo) -> str:
-    return f"{entry.filename!r:.80}"
+def _name(entry: zipfile.ZipInfo) -> str:
+    return value_text(entry.filename)
 
 
 def _unpack_member(entry: zipfile.ZipInfo, archive: zipfile.ZipFile) -> Member:
-    name = _shown(entry)
+    name = _name(entry)
     if entry.compress_type not in _PACKINGS:
         raise ControllerError(f"expected member {name} stored or deflated, found packing {entry.compress_type}")
     with archive.open(entry) as member:

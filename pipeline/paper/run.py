@@ -21,7 +21,7 @@ from pipeline.samples.pairs import read_samples
 from pipeline.simulation.simulation import SimulationConfig
 from pipeline.teacher.teacher import TeacherConfig
 from pipeline.terminal import console
-from pipeline.training.batch import Executors, Outcome, Run, RunsError, as_they_end, compute, compute_all
+from pipeline.training.batch import Executors, Outcome, Run, RunsError, as_completed, compute, compute_all
 from pipeline.training.executors import local_processes
 from recorders.errors import CheckFailed, ConfigError
 from recorders.files.anonymous_file import write_json
@@ -150,7 +150,7 @@ def _explore_all(logs: Mapping[str, Path], config: PaperConfig) -> None:
     try:
         with console.progress("explore the other motions") as advance, local_processes() as pool:
             explored = [pool.submit(_explore, name, log, config) for name, log in logs.items()]
-            for done, future in enumerate(as_they_end(explored), 1):
+            for done, future in enumerate(as_completed(explored), 1):
                 future.result()
                 advance(done / len(explored))
     except BrokenProcessPool as error:

@@ -18,10 +18,10 @@ from pipeline.robot.importing.urdf_import import import_urdf
 from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
 from pipeline.robot.upgrade import upgraded
 from pipeline.urdf.bodies import check_bodies
-from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link, shown
+from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link
 from pipeline.urdf.joints import joint_limits, moved_links
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import names_text, value_text
 
 URDF_FILE = "robot.urdf"
 TOML_FILE = "robot.toml"
@@ -227,7 +227,7 @@ def _frames(hands: Sequence[Hand], gaze: Gaze | None) -> tuple[str, ...]:
 
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     if not isinstance(value, list) or not value:
-        raise RobotError(f"joints of the robot config: expected a list of tables, found {shown(value)}")
+        raise RobotError(f"joints of the robot config: expected a list of tables, found {value_text(value)}")
     rows = [as_table(row, _JOINT_KEYS, f"joint {index}") for index, row in enumerate(value)]
     names = tuple(as_name(row["name"], f"name of joint {index}") for index, row in enumerate(rows))
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):

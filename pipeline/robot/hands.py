@@ -5,10 +5,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pipeline.robot.toml_values import Vector, as_list, as_name, as_point, as_table
-from pipeline.urdf.description import shown
 from recorders.errors import RobotError
 from recorders.messages.topics import HAND_NAME
-from recorders.text.wording import names_text
+from recorders.text.wording import names_text, value_text
 
 MAX_CENTRE_M = 10.0
 """No hand's centre lies farther than this from the world's origin, along each axis [m]: beyond it are other units."""
@@ -67,9 +66,9 @@ def _hand(table: Mapping[str, object], index: int) -> Hand:
     name = as_name(table["name"], f"name of hand {index}")
     if not HAND_NAME.fullmatch(name):
         expected = "expected small letters, digits and '_', a letter first"
-        raise RobotError(f"name of hand {index} of the robot config: {expected}, found {shown(name)}")
+        raise RobotError(f"name of hand {index} of the robot config: {expected}, found {value_text(name)}")
     if table["controls"] != POSITION:
-        found = shown(table["controls"])
+        found = value_text(table["controls"])
         raise RobotError(
             f'controls of hand {name} of the robot config: expected "{POSITION}", found {found}; poses come later'
         )
@@ -79,5 +78,5 @@ def _hand(table: Mapping[str, object], index: int) -> Hand:
         raise RobotError(f"centre of hand {name} of the robot config: {expected}, found {farthest:g}")
     if not all(0.0 < extent <= MAX_CENTRE_M for extent in box):
         expected = f"expected half extents above 0 and at most {MAX_CENTRE_M:g} m"
-        raise RobotError(f"box of hand {name} of the robot config: {expected}, found {shown(list(box))}")
+        raise RobotError(f"box of hand {name} of the robot config: {expected}, found {value_text(list(box))}")
     return Hand(name, as_name(table["link"], f"link of hand {name}"), POSITION, centre, box)

@@ -5,9 +5,9 @@ from xml.etree.ElementTree import Element, tostring
 
 import pinocchio
 
-from pipeline.urdf.description import one_line
 from pipeline.urdf.model_names import for_libraries, joint_name, link_name
 from recorders.errors import RobotError
+from recorders.text.wording import line_text
 
 _LINK = pinocchio.FrameType.BODY
 
@@ -23,7 +23,7 @@ def build_model(urdf: Element) -> Any:
     try:
         return pinocchio.buildModelFromXML(_text(urdf))
     except (RuntimeError, ValueError) as error:
-        raise RobotError(f"the URDF does not build: {one_line(str(error))}") from error
+        raise RobotError(f"the URDF does not build: {line_text(str(error), limit=1000)}") from error
 
 
 def build_shapes(model: Any, urdf: Element) -> Any:

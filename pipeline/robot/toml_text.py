@@ -8,6 +8,7 @@ import tomllib
 from typing import Any
 
 from recorders.errors import ReenactError
+from recorders.text.wording import line_text
 
 MAX_BYTES = 32 * 2**10  # 15 joints take two thousand; the time that TOML takes can grow with the square
 MAX_DEPTH = 16  # brackets within brackets, and names in a dotted key
@@ -59,7 +60,7 @@ def parse_toml(text: str, what: str, *, error: type[ReenactError]) -> dict[str, 
     try:
         return tomllib.loads(text)
     except tomllib.TOMLDecodeError as wrong:
-        raise error(f"{what}: expected TOML: {' '.join(str(wrong).split()):.1000}") from wrong
+        raise error(f"{what}: expected TOML: {line_text(str(wrong), limit=1000)}") from wrong
     except ValueError as wrong:  # of Python's own, which reads no integer of thousands of digits
         raise error(f"{what}: expected TOML, found an integer of too many digits") from wrong
 

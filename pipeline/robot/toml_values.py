@@ -8,9 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.robot import toml_text
-from pipeline.urdf.description import check_name, shown
+from pipeline.urdf.description import check_name
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import names_text, value_text
 
 Vector: TypeAlias = tuple[float, float, float]
 
@@ -50,7 +50,7 @@ def as_table(
 ) -> Mapping[str, Any]:
     """Return `value` if it is a table of these keys; raises RobotError otherwise."""
     if not isinstance(value, dict):
-        raise RobotError(f"{where} of the robot config: expected a table, found {shown(value)}")
+        raise RobotError(f"{where} of the robot config: expected a table, found {value_text(value)}")
     check_keys(value, expected, where, or_not=or_not)
     return value
 
@@ -58,7 +58,7 @@ def as_table(
 def as_list(value: object, where: str) -> list[Any]:
     """Return `value` if it is a list; raises RobotError otherwise."""
     if not isinstance(value, list):
-        raise RobotError(f"{where} of the robot config: expected a list, found {shown(value)}")
+        raise RobotError(f"{where} of the robot config: expected a list, found {value_text(value)}")
     return value
 
 
@@ -74,14 +74,14 @@ def as_number(value: object, where: str) -> float:
     except OverflowError:
         number = math.inf
     if not math.isfinite(number):
-        raise RobotError(f"{where} of the robot config: expected a finite number, found {shown(value)}")
+        raise RobotError(f"{where} of the robot config: expected a finite number, found {value_text(value)}")
     return number
 
 
 def as_vector(value: object, where: str) -> NDArray[np.float64]:
     """Return `value`, three finite numbers, as an array (3,); raises RobotError otherwise."""
     if not isinstance(value, list) or len(value) != 3:
-        raise RobotError(f"{where} of the robot config: expected three numbers, found {shown(value)}")
+        raise RobotError(f"{where} of the robot config: expected three numbers, found {value_text(value)}")
     return np.array([as_number(entry, where) for entry in value])
 
 

@@ -16,10 +16,10 @@ from pydrake.systems.primitives import Adder, LogVectorOutput, MatrixGain
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
-from pipeline.urdf.description import WORLD, canonical, one_line, root_link
+from pipeline.urdf.description import WORLD, canonical, root_link
 from pipeline.urdf.model_names import for_libraries, joint_name, link_name
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import line_text, names_text
 
 
 class Gains(NamedTuple):
@@ -88,7 +88,9 @@ class DrakePlant:
             with _no_substitutes():
                 (self.model,) = Parser(self.plant).AddModelsFromString(text, "urdf")
         except (RuntimeError, ValueError) as error:
-            raise RobotError(f"robot '{robot.name}': the URDF does not build: {one_line(str(error))}") from error
+            raise RobotError(
+                f"robot '{robot.name}': the URDF does not build: {line_text(str(error), limit=1000)}"
+            ) from error
         if (root := root_link(urdf)) != WORLD:
             self.plant.WeldFrames(self.plant.world_frame(), self.body(root).body_frame())
         found = {

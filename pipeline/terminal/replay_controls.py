@@ -22,7 +22,7 @@ from replay.transports.transport import Source
 _POLL_S = 0.1  # how often the keyboard is asked whether the replay is over
 
 
-class Guarded:
+class VerifiedSource:
     """A stream that stops at the first message in which it parts from a recorded run.
 
     Parameters

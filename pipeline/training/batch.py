@@ -113,11 +113,11 @@ def _computed(executor: Executor, runs: Sequence[Run], known: dict[int, Outcome]
     for index, run in enumerate(runs):
         if index not in known:
             waiting[executor.submit(compute, run)] = index
-    for future in as_they_end(waiting):
+    for future in as_completed(waiting):
         yield waiting[future], future.result()
 
 
-def as_they_end(futures: Iterable[Future[_Result]]) -> Iterator[Future[_Result]]:
+def as_completed(futures: Iterable[Future[_Result]]) -> Iterator[Future[_Result]]:
     """Yield futures as they end. It never waits for long: a signal that comes just before a wait does not end it."""
     waiting = set(futures)
     while waiting:

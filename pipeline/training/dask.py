@@ -65,7 +65,7 @@ def await_worker(client: Any, wait_s: float) -> bool:
 
 
 @contextmanager
-def ended_without_workers(client: Any, pool: Executor, wait_s: float) -> Iterator[threading.Event]:
+def cancel_without_workers(client: Any, pool: Executor, wait_s: float) -> Iterator[threading.Event]:
     """Cancel the work of `pool` when the cluster has had no worker for `wait_s`; yields what is set then."""
     given_up, is_over = threading.Event(), threading.Event()
 

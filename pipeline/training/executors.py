@@ -66,7 +66,7 @@ def dask_cluster(address: str, *, worker_wait_s: float = 30.0) -> Iterator[Execu
     try:
         from distributed import KilledWorker  # noqa: PLC0415  # an extra
 
-        from pipeline.training.dask import await_worker, connected, ended_without_workers  # noqa: PLC0415
+        from pipeline.training.dask import await_worker, cancel_without_workers, connected  # noqa: PLC0415
     except ImportError:
         raise ConfigError("a cluster needs Dask: install reenact with the extra `dask`") from None
     no_worker = WireError(
@@ -78,7 +78,7 @@ def dask_cluster(address: str, *, worker_wait_s: float = 30.0) -> Iterator[Execu
         if not await_worker(client, worker_wait_s):
             raise no_worker
         pool = client.get_executor(pure=False, retries=_RETRIES)
-        with ended_without_workers(client, pool, worker_wait_s) as given_up:
+        with cancel_without_workers(client, pool, worker_wait_s) as given_up:
             try:
                 yield pool
             except CancelledError:

@@ -71,18 +71,8 @@ def check_text(text: str, what: str, *, most: int) -> None:
 def check_name(value: object, where: str) -> str:
     """Return `value` if it can stand as a name in one line of text; raises RobotError otherwise."""
     if not isinstance(value, str) or not value or not value.isprintable() or len(value) > _MAX_NAME:
-        raise RobotError(f"{where}: expected a name, found {shown(value)}")
+        raise RobotError(f"{where}: expected a name, found {value_text(value)}")
     return value
-
-
-def shown(value: object) -> str:
-    """Show a value of any size or kind within a message, in at most 80 characters."""
-    return value_text(value)
-
-
-def one_line(text: str) -> str:
-    """Bring text of others into one line of at most 1000 characters, for a message."""
-    return f"{' '.join(text.split()):.1000}"
 
 
 def parse_urdf(urdf_text: str) -> ElementTree.Element:
@@ -102,7 +92,9 @@ def parse_urdf(urdf_text: str) -> ElementTree.Element:
     except ElementTree.ParseError as error:
         raise RobotError(f"robot description is not XML: {error}") from error
     if root.tag != "robot":
-        raise RobotError(f"robot description is not URDF: expected the root element 'robot', found {shown(root.tag)}")
+        raise RobotError(
+            f"robot description is not URDF: expected the root element 'robot', found {value_text(root.tag)}"
+        )
     check_name(root.get("name"), "name of the URDF")
     links, joints = named(root, "link"), named(root, "joint")
     if len(joints) > MAX_JOINTS:
@@ -228,11 +220,13 @@ class _Builder(ElementTree.TreeBuilder):
 def _check_joint(joint: ElementTree.Element, links: Mapping[str, ElementTree.Element]) -> None:
     where = f"joint {joint.get('name')} of the URDF"
     if joint.get("type") not in _JOINT_TYPES:
-        raise RobotError(f"{where}: expected a type of {names_text(_JOINT_TYPES)}, found {shown(joint.get('type'))}")
+        raise RobotError(
+            f"{where}: expected a type of {names_text(_JOINT_TYPES)}, found {value_text(joint.get('type'))}"
+        )
     for end in ("parent", "child"):
         link = _attribute(joint, end, "link")
         if link not in links:
-            raise RobotError(f"{where}: expected the {end} to be a link of the URDF, found {shown(link)}")
+            raise RobotError(f"{where}: expected the {end} to be a link of the URDF, found {value_text(link)}")
 
 
 def _check_tree(links: Iterable[str], joints: Mapping[str, ElementTree.Element]) -> None:
@@ -257,7 +251,7 @@ def _check_tree(links: Iterable[str], joints: Mapping[str, ElementTree.Element])
 
 
 def _check_numbers(part: ElementTree.Element) -> None:
-    where = f"{part.tag} {shown(part.get('name', ''))} of the URDF"
+    where = f"{part.tag} {value_text(part.get('name', ''))} of the URDF"
     for element in part.iter():
         optional, required = (table.get(element.tag, {}) for table in (_OPTIONAL, _REQUIRED))
         if missing := sorted(required.keys() - element.keys()):
@@ -265,11 +259,11 @@ def _check_numbers(part: ElementTree.Element) -> None:
         for attribute, count in (optional | required).items():
             text = element.get(attribute)
             if text is not None and not _holds_numbers(text, count):
-                found = f"{count} finite number{'s' * (count > 1)}, found {shown(text)}"
+                found = f"{count} finite number{'s' * (count > 1)}, found {value_text(text)}"
                 raise RobotError(f"{where}: expected <{element.tag} {attribute}=...> to hold {found}")
             low, high = _BETWEEN.get(attribute, (-math.inf, math.inf))
             if text is not None and not all(low <= float(number) <= high for number in text.split()):
-                expected = f"numbers from {low:g} to {high:g}, found {shown(text)}"
+                expected = f"numbers from {low:g} to {high:g}, found {value_text(text)}"
                 raise RobotError(f"{where}: expected <{element.tag} {attribute}=...> to hold {expected}")
 
 

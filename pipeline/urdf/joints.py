@@ -7,9 +7,9 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.urdf.description import end_link, named, shown
+from pipeline.urdf.description import end_link, named
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import names_text, value_text
 
 MIN_RANGE = 1e-6  # [rad or m], between the limits of a joint: what moves less does not move
 MAX_POSITION = 25.0  # [rad or m], of a limit: four turns; beyond it are no limits, or another unit
@@ -44,7 +44,7 @@ def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
     movable = {name: joint for name, joint in named(urdf, "joint").items() if joint.get("type") != "fixed"}
     for name, joint in movable.items():
         if (mimic := joint.find("mimic")) is not None:
-            leader = shown(mimic.get("joint", ""))
+            leader = value_text(mimic.get("joint", ""))
             raise RobotError(
                 f"joint {name} of the URDF is to mimic {leader}: expected one that moves by itself; make it a fixed one"
             )

@@ -10,6 +10,7 @@ import rerun.blueprint as rrb
 from recorders.errors import ReenactError
 from recorders.rerun_scene.recording import Destination, open_recording
 from recorders.rerun_scene.viewer import check_url, open_viewer
+from recorders.text.wording import line_text
 
 logger = logging.getLogger(__name__)
 
@@ -61,7 +62,7 @@ class LiveView:
             action()
         except Exception as error:
             self._failed = True
-            logger.warning(f"--view: the viewer shows no more: {' '.join(str(error).split()) or type(error).__name__}")
+            logger.warning(f"--view: the viewer shows no more: {line_text(str(error)) or type(error).__name__}")
 
     def open(self, *, title: str, blueprint: rrb.Blueprint, kind: str) -> rr.RecordingStream:
         """Begin the recording; it is complete at `close`."""

@@ -162,7 +162,7 @@ def endpoint_of(connect: Sequence[str], destination: str) -> str | None:
     return found[0] if len(found) == 1 else destination if found else None
 
 
-def read_as_it_comes() -> None:
+def use_single_network_thread() -> None:
     """Have the thread that notices a message read it and call its handler, in this process, for good.
 
     By default Zenoh notices it on one thread and wakes another to read it. To be called before the first session opens,

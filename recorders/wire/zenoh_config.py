@@ -10,6 +10,7 @@ import zenoh
 
 from recorders.errors import WireError
 from recorders.files.regular_file import require_regular_file
+from recorders.text.wording import line_text
 
 _FILES = (
     "transport/auth/usrpwd/dictionary_file",
@@ -72,7 +73,7 @@ def reason(error: Exception) -> str:
     if syntax := _SYNTAX_ERROR.search(text):
         line, column, expected = syntax.groups()
         return f"line {line}, column {column}: {expected.strip()}"
-    return " ".join(text.split()) or type(error).__name__
+    return line_text(text) or type(error).__name__
 
 
 def _look_up(config: zenoh.Config, name: str, path: Path) -> None:

@@ -7,7 +7,7 @@ from typing import Any, TypeAlias
 
 from recorders.errors import MissingExtra
 from replay.golden.case import STEPS_FILE, Case, check_size, check_steps, index_file, load_case
-from replay.golden.finding import CASE, Finding, changed_environment, one_line
+from replay.golden.finding import CASE, Finding, changed_environment, error_text
 from replay.golden.folder import find_cases
 from replay.golden.learning_tier import check_learning
 from replay.golden.log_tier import check_index, first_change
@@ -111,7 +111,7 @@ def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
         log = _altered_log(case)
         own = changed(case.recipe)
     except Exception as error:
-        return Finding(CASE, "file", "a sound golden case", one_line(error))
+        return Finding(CASE, "file", "a sound golden case", error_text(error))
     if log is not None:
         return log
     if own is not None:

@@ -8,7 +8,7 @@ from typing import Any
 
 from recorders.errors import ReenactError
 from recorders.mcap_format.manifest import environment
-from recorders.text.wording import escape_control
+from recorders.text.wording import escape_control, line_text
 from replay.diff.divergence import Divergence
 
 CASE, LOG, LEARNING, PHYSICS = "case", "log", "learning", "physics"
@@ -87,11 +87,11 @@ def of_message(tier: str, divergence: Divergence, *, log: str = "") -> Finding:
     return Finding(tier, divergence.field, divergence.a, divergence.b, place, note=divergence.kind)
 
 
-def one_line(error: Exception) -> str:
+def error_text(error: Exception) -> str:
     """Return an error as one line: ours as it is, any other with its type and the place where it was raised."""
     if isinstance(error, ReenactError):
         return str(error)
-    text = " ".join(str(error).split())[:200]
+    text = line_text(str(error), limit=200)
     frames = traceback.extract_tb(error.__traceback__)
     place = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     return f"{type(error).__name__}{place}: {text}"

@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 from replay.golden.case import STATES_FILE, STEP_BYTES, STEPS_FILE, Case
-from replay.golden.finding import LEARNING, ElementDifference, Finding, one_line
+from replay.golden.finding import LEARNING, ElementDifference, Finding, error_text
 from replay.golden.recipe import LATER_RESULTS, EpochEnd, Runner, TickDigests
 from replay.golden.reference_stream import altered_stream
 
@@ -24,7 +24,7 @@ def check_learning(case: Case, runner: Runner) -> Finding | None:
     try:
         return altered_stream(case) or _Walk(case, runner).first() or _altered_result(case, runner)
     except Exception as error:
-        return Finding(LEARNING, "run", "one that comes to its end", one_line(error))
+        return Finding(LEARNING, "run", "one that comes to its end", error_text(error))
 
 
 class _Walk:
@@ -45,7 +45,7 @@ class _Walk:
             return self._walk()
         except Exception as error:
             place = {} if self._last is None else _place(self._last)
-            after = Finding(LEARNING, "run", "a step after this", one_line(error), place)
+            after = Finding(LEARNING, "run", "a step after this", error_text(error), place)
             return self._finding or after
 
     def _walk(self) -> Finding | None:

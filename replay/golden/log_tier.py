@@ -15,7 +15,7 @@ from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import Reader, open_log
 from recorders.writing.writer import RESERVED, LogWriter
-from replay.golden.finding import LOG, Finding, one_line
+from replay.golden.finding import LOG, Finding, error_text
 from replay.sources.stream_digest import frame_for_digest
 
 CASE_TOPICS = (*COMMANDED_TICK, SESSION_PHASE, LEFT_MEASURED, RIGHT_MEASURED)
@@ -103,7 +103,7 @@ def first_change(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
     try:
         return _altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
     except Exception as error:
-        return Finding(LOG, "file", "an undamaged log", one_line(error), {"log": entry.name})
+        return Finding(LOG, "file", "an undamaged log", error_text(error), {"log": entry.name})
 
 
 def check_index(name: str, indexed: bytes) -> None:

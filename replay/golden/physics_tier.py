@@ -13,7 +13,7 @@ from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASU
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
 from replay.golden.case import Case, Tolerances
-from replay.golden.finding import PHYSICS, Finding, one_line
+from replay.golden.finding import PHYSICS, Finding, error_text
 from replay.golden.recipe import PHYSICS_TICKS, Runner
 
 _TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASURED)
@@ -40,7 +40,7 @@ def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | 
     except MissingExtra:
         raise
     except Exception as error:
-        return Finding(PHYSICS, "simulation", "one that comes to its end", one_line(error), {"log": path.name})
+        return Finding(PHYSICS, "simulation", "one that comes to its end", error_text(error), {"log": path.name})
 
 
 def first_beyond(

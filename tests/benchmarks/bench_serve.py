@@ -35,7 +35,7 @@ from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
+from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 
 Handler = Callable[[zenoh.Sample], None]
 
@@ -82,7 +82,7 @@ def echo(name: str, session_config: SessionConfig) -> None:
         publisher.put(answer[:4] + sample.payload.to_bytes()[4:12] + answer[12:], attachment=reply)
 
     if name == "best echo" and not session_config.listen:
-        read_as_it_comes()
+        use_single_network_thread()
     with open_session(session_config) as session:
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):

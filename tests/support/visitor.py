@@ -18,7 +18,7 @@ from recorders.errors import ReenactError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session, read_as_it_comes
+from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 from recorders.wire.stream import Offer
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
@@ -136,7 +136,7 @@ def main() -> None:
     role, options = sys.argv[1], json.loads(sys.argv[2])
     seconds = options.pop("seconds")
     if options.pop("as_it_comes", False):
-        read_as_it_comes()
+        use_single_network_thread()
     if "config_file" in options:
         options["config_file"] = Path(options["config_file"])
     for name in {"connect", "listen"} & set(options):

@@ -116,7 +116,7 @@ def replay(
     space bar stops and starts a paced replay, and a full stop lets one message pass.
     """
     from pipeline.learner_node.node import replay as run
-    from pipeline.terminal.replay_controls import Guarded, keyboard
+    from pipeline.terminal.replay_controls import VerifiedSource, keyboard
     from recorders.nodes.metrics import check_metrics
     from replay.sources.playback import Playback
     from replay.transports.clock import Paced, Pausable, Unpaced
@@ -126,7 +126,7 @@ def replay(
     source = _played(logs, schedule, playing) if playing.play else _presented(logs, schedule, playing)
     channels = source.channels if isinstance(source, Playback) else ()
     if compare_with is not None:
-        source = Guarded(source, compare_with, everything=playing.play)
+        source = VerifiedSource(source, compare_with, everything=playing.play)
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
     batch_size = sending.batch_size or min(64 if rate is None and consumers else 1, sending.window)
     sender = SenderConfig(

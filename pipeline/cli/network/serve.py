@@ -71,7 +71,7 @@ def serve(
     from pipeline.learner.controller import check_writable
     from pipeline.serving.node import serve as run
     from recorders.nodes.metrics import check_metrics
-    from recorders.wire.session import read_as_it_comes
+    from recorders.wire.session import use_single_network_thread
 
     last: dict[str, Any] = {}
 
@@ -88,7 +88,7 @@ def serve(
     config = options.config(node, overwrite=overwrite)
     session = node.config()
     if not session.listen:
-        read_as_it_comes()
+        use_single_network_thread()
     loaded = Learned.load(controller)
     try:
         with viewer.commands(loaded, title=f"{options.name} serves") as on_command:

@@ -8,9 +8,10 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from pipeline.robot.toml_values import Vector, as_list, as_name, as_number, as_point, as_table, check_keys, parse_toml
-from pipeline.urdf.description import MAX_BYTES, shown
+from pipeline.urdf.description import MAX_BYTES
 from recorders.errors import RobotError
 from recorders.files.regular_file import require_regular_file
+from recorders.text.wording import value_text
 
 _KEYS = frozenset({"source"})
 _OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "virtual", "frames"})
@@ -95,7 +96,7 @@ def parse_source(toml_text: str) -> RobotSource:
     package, urdf = _model(table["source"])
     frozen = table.get("frozen", {})
     if not isinstance(frozen, dict):
-        raise RobotError(f"[frozen] of the robot config: expected a table, found {shown(frozen)}")
+        raise RobotError(f"[frozen] of the robot config: expected a table, found {value_text(frozen)}")
     return RobotSource(
         package=package,
         urdf=urdf,
@@ -156,7 +157,9 @@ def _model(value: object) -> tuple[str | None, str]:
     if "package" in table:
         return as_name(table["package"], "[source] package"), urdf
     if PurePosixPath(urdf).name != urdf:
-        raise RobotError(f"[source] urdf of the robot config: expected a file beside import.toml, found {shown(urdf)}")
+        raise RobotError(
+            f"[source] urdf of the robot config: expected a file beside import.toml, found {value_text(urdf)}"
+        )
     return None, urdf
 
 
@@ -170,7 +173,7 @@ def _virtual(value: object, index: int) -> VirtualJoint:
     table = as_table(value, _VIRTUAL_KEYS, f"virtual joint {index}")
     name = as_name(table["name"], f"name of virtual joint {index}")
     if table["type"] not in _VIRTUAL_TYPES:
-        found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {shown(table['type'])}"
+        found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {value_text(table['type'])}"
         raise RobotError(f"type of {name} of the robot config: {found}")
     numbers = {key: as_number(table[key], f"{key} of {name}") for key in ("lower", "upper", "effort", "velocity")}
     return VirtualJoint(name, table["type"], as_point(table["axis"], f"axis of {name}"), **numbers)

@@ -8,8 +8,9 @@ import numpy as np
 import pinocchio
 
 from pipeline.robot.pinocchio_model import build_model, joint_index
-from pipeline.urdf.description import named, shown
+from pipeline.urdf.description import named
 from recorders.errors import RobotError
+from recorders.text.wording import value_text
 
 _NEAR = 1e-9  # two positions that are to be the same [rad or m]
 
@@ -52,8 +53,8 @@ def _positions(whole: Element, joints: Sequence[str], frozen: Mapping[str, float
     positions = {name: frozen.get(name, 0.0) for name in movable if name not in joints and name not in mimics}
     if both := [name for name in joints if name in mimics]:
         raise RobotError(
-            f"joint {both[0]} of the model is to mimic {shown(mimics[both[0]].get('joint'))}: expected the robot's "
-            "joints to move by themselves; leave it out of them, or drop it"
+            f"joint {both[0]} of the model is to mimic {value_text(mimics[both[0]].get('joint'))}: expected the "
+            "robot's joints to move by themselves; leave it out of them, or drop it"
         )
     waiting = list(mimics)
     while waiting:
@@ -83,7 +84,7 @@ def _unmimicked(name: str, leader: str, joints: Sequence[str], waiting: Sequence
         return f"{where} {leader}, which is among the robot's joints: expected one that is frozen; drop {name}"
     if leader in waiting:
         return f"{where} {leader}, which waits for another in a ring: expected one that moves by itself"
-    return f"{where} {shown(leader)}: expected a movable joint of the model that is not dropped; drop {name} too"
+    return f"{where} {value_text(leader)}: expected a movable joint of the model that is not dropped; drop {name} too"
 
 
 def _freeze(model: Any, posture: Any, name: str, value: float) -> None:

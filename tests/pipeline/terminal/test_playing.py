@@ -18,7 +18,7 @@ import zenoh
 from episodes import write_episode
 from processes import command
 
-from pipeline.terminal.replay_controls import Guarded
+from pipeline.terminal.replay_controls import VerifiedSource
 from recorders.errors import CheckFailed
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET
@@ -182,7 +182,7 @@ def test_a_replay_parts_from_a_run_in_which_a_message_is_out_of_place(
             writer.copy(record)
     passed: list[RecordedMessage] = []
     with pytest.raises(CheckFailed, match=r"^/hand/left/target #5 at 1000000000 ns"):
-        passed.extend(Guarded(replay, tmp_path / "run.mcap", everything=everything).stream())
+        passed.extend(VerifiedSource(replay, tmp_path / "run.mcap", everything=everything).stream())
     assert passed == run[: len(passed)]
     assert at - 3 <= len(passed) <= at + 1  # what is yielded runs a tick behind what is compared
 
@@ -193,6 +193,6 @@ def test_a_replay_agrees_with_its_own_run_and_begins_anywhere(log: Path, tmp_pat
     with LogWriter(tmp_path / "run.mcap", manifest={}) as writer:
         for record in run:
             writer.copy(record)
-    guarded = Guarded(replay, tmp_path / "run.mcap", everything=False)
+    guarded = VerifiedSource(replay, tmp_path / "run.mcap", everything=False)
     assert list(guarded.stream(40)) == run[40:]
     assert guarded.offer() == replay.offer()
