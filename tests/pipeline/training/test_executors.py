@@ -11,6 +11,7 @@ from pathlib import Path
 
 import cluster_user
 import dask
+import distributed  # noqa: F401  # loads its settings: one that is set before would take all of them away at its end
 import pytest
 from clusters import BareCluster, bare_cluster, local_cluster
 from episodes import write_episode
