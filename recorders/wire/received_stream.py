@@ -30,8 +30,6 @@ class ReceivedStream:
     ----------
     offer : Offer, optional
         The offer that was accepted and is not through yet.
-    progress : Progress
-        How far the stream under way has come, or the last one.
     released : bool
         Whether no sender waits for an answer from here.
     """
@@ -43,9 +41,17 @@ class ReceivedStream:
         self._acknowledged = 0
         self._consumed_bytes = 0  # since then
         self._last_received_s = 0.0  # when the sender was last noticed
+        self._run = ""
+        self._next = self._received = 0  # stream indexes: everything before was consumed, and has arrived
+        self._result: dict[str, Any] | None = None
+        self._error: str | None = None
         self.offer: Offer | None = None
-        self.progress = Progress()
         self.released = True
+
+    @property
+    def progress(self) -> Progress:
+        """How far the stream under way has come, or the last one."""
+        return Progress(self._run, self._next, self._received, self._result, self._error)
 
     @property
     def taken(self) -> str:
@@ -68,7 +74,8 @@ class ReceivedStream:
     def accept(self, offer: Offer, start: int, now_s: float) -> Progress:
         """Begin a stream from the index `start` on, and return the answer to its offer."""
         self.offer = offer
-        self.progress = Progress(run=offer.run, next=start, received=start)
+        self._run, self._next, self._received = offer.run, start, start
+        self._result = self._error = None
         self._acknowledged, self._consumed_bytes = start, 0
         self._last_received_s = now_s
         self.released = False
@@ -90,7 +97,7 @@ class ReceivedStream:
         self._last_received_s = now_s
         if frame.kind is FrameType.ABORT:
             return self._take_abort(frame)
-        received = self.progress.received
+        received = self._received
         new = frame.end > received or (frame.kind is FrameType.END and frame.first == received)
         if not new or frame.first > received:
             return None
@@ -99,11 +106,11 @@ class ReceivedStream:
     def arrived(self, frame: Frame) -> None:
         """Note that a frame which `take` returned is queued."""
         if frame.kind is not FrameType.ABORT:
-            self.progress = replace(self.progress, received=frame.end)
+            self._received = frame.end
 
     def consume(self, frame: Frame) -> bool:
         """Note that a frame's messages are consumed; True if an acknowledgement is due."""
-        self.progress = replace(self.progress, next=frame.end)
+        self._next = frame.end
         self._consumed_bytes += frame.size
         if self.offer is None:
             return False
@@ -116,11 +123,11 @@ class ReceivedStream:
     def finish(self, result: dict[str, Any], now_s: float) -> None:
         """Note the result of the stream, which is through; its sender is awaited to fetch it."""
         self._last_received_s = now_s
-        self.progress = replace(self.progress, result=result)
+        self._result = result
 
     def fail(self, reason: str) -> None:
         """Note why this consumer gives the stream up; its sender is awaited to fetch it."""
-        self.progress = replace(self.progress, error=reason)
+        self._error = reason
 
     def abandon(self, reason: str = "the stream was given up") -> None:
         """Leave the stream under way, as its sender has; the answer for that sender stays."""
@@ -132,7 +139,7 @@ class ReceivedStream:
     def gave_up(self, frame: Frame) -> WireError:
         """Return the error of a sender that aborts its stream; it waits for nothing more."""
         self.released = True
-        return WireError(f"the sender gave up at message {self.progress.next}: {frame.reason}")
+        return WireError(f"the sender gave up at message {self._next}: {frame.reason}")
 
     def answer_status(self, asked: bytes) -> Progress:
         """Return the answer to whoever asks how far this is."""
@@ -166,12 +173,12 @@ class ReceivedStream:
         if self.under_way and silent_s > self._silence_s:
             self.released = True
             raise WireError(
-                f"the sender fell silent {silent_s:.0f} s ago, before message {self.progress.received}: "
+                f"the sender fell silent {silent_s:.0f} s ago, before message {self._received}: "
                 "it was killed, or the connection is gone"
             )
 
     def _take_abort(self, frame: Frame) -> Frame | None:
-        if self.progress.result is not None:
+        if self._result is not None:
             self.abandon()  # all of it is here; somebody else who was awaited has failed
             return None
         return frame._replace(reason=escape_control(frame.reason[:MAX_REASON]))

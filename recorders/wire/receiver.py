@@ -101,7 +101,8 @@ class Receiver:
         self._config = config or ReceiverConfig()
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
         self._stream = ReceivedStream(self._config.name, silence_s=self._config.silence_s)
-        self._step = threading.Condition()  # held for each step of the stream
+        self._lock = threading.Lock()  # held for each step of the stream
+        self._released = threading.Condition(self._lock)
         self._refusals = Refusals()
         self._stack = ExitStack()
         self.channels = SenderChannels(session, self._config.namespace)
@@ -146,7 +147,8 @@ class Receiver:
     @property
     def progress(self) -> Progress:
         """How far the stream under way has come, or the last one."""
-        return self._stream.progress
+        with self._lock:
+            return self._stream.progress
 
     @property
     def offer(self) -> Offer | None:
@@ -188,13 +190,13 @@ class Receiver:
             if not (isinstance(event, ReceivedOffer) and self.offer is not None):
                 return event
             self.refuse(event, self._stream.taken)  # it came while another was being decided
-        with self._step:
+        with self._lock:
             self._stream.check_silence(time.monotonic())
         return None
 
     def accept(self, offered: ReceivedOffer, start: int) -> None:
         """Take an offer, from the stream index `start` on."""
-        with self._step:
+        with self._lock:
             progress = self._stream.accept(offered.offer, start, time.monotonic())
         logger.info(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
         offered.answer(progress)
@@ -206,7 +208,7 @@ class Receiver:
 
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""
-        with self._step:
+        with self._lock:
             due = self._stream.consume(frame)
         if due:
             self._queries.acknowledge(self.progress)
@@ -219,7 +221,7 @@ class Receiver:
 
     def report(self, result: dict[str, Any]) -> None:
         """Report the result of the stream, which is through; `is_released` is true once the sender needs no more."""
-        with self._step:
+        with self._lock:
             self._stream.finish(result, time.monotonic())
         self._queries.acknowledge(self.progress)
 
@@ -241,7 +243,7 @@ class Receiver:
 
     def fail(self, reason: str) -> None:
         """Inform the sender, if it still lives, that its stream is given up, and why."""
-        with self._step:
+        with self._lock:
             self._stream.fail(reason)
         self._queries.acknowledge(self.progress)
         self._await_release(_FAREWELL_WAIT_S)
@@ -251,9 +253,9 @@ class Receiver:
 
         A sender that comes back nevertheless gets the reason, and nothing more of its stream is taken.
         """
-        with self._step:
+        with self._lock:
             self._stream.abandon(reason)
-            self._step.notify_all()
+            self._released.notify_all()
 
     def unsubscribe(self) -> None:
         """Take in no more messages; `next_event` need not wait for those that have arrived."""
@@ -261,8 +263,8 @@ class Receiver:
 
     def _await_release(self, timeout_s: float) -> bool:
         """Return whether no sender waits for an answer, now or within the time [s]."""
-        with self._step:
-            return self._step.wait_for(lambda: self._stream.released, timeout_s)
+        with self._lock:
+            return self._released.wait_for(lambda: self._stream.released, timeout_s)
 
     def _await_offer(self, consumer: Consumer, wait_s: float) -> None:
         deadline = time.monotonic() + wait_s
@@ -289,7 +291,7 @@ class Receiver:
                 if event.kind is FrameType.END:
                     return
                 if event.kind is FrameType.ABORT:
-                    with self._step:
+                    with self._lock:
                         raise self._stream.gave_up(event)
                 yield from event.messages
                 self.consumed(event)
@@ -315,15 +317,16 @@ class Receiver:
             self._refusals.count(message.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already")
 
     def _queue_in_order(self, frame: Frame) -> None:
-        with self._step:
+        with self._lock:
             rest = self._stream.take(frame, time.monotonic())
             if rest is not None and self._events.put(rest, rest.size or len(rest.reason)):
                 self._stream.arrived(rest)
             if self._stream.released:
-                self._step.notify_all()
+                self._released.notify_all()
 
     def _on_hello(self, offered: ReceivedOffer) -> None:
-        answer = self._stream.answer_hello(offered.offer)
+        with self._lock:
+            answer = self._stream.answer_hello(offered.offer)
         if answer is None and self._events.put(offered, offered.size):
             return
         if answer is None or answer.error == self._stream.taken:
@@ -332,11 +335,12 @@ class Receiver:
             offered.answer(answer)
 
     def _on_status(self, asked: bytes, answer: Answer) -> None:
-        progress = self._stream.answer_status(asked)
+        with self._lock:
+            progress = self._stream.answer_status(asked)
         answer(progress)
-        with self._step:
+        with self._lock:
             self._stream.note_status(asked, progress, time.monotonic())
-            self._step.notify_all()
+            self._released.notify_all()
 
 
 class _ReportingFailure:
