@@ -23,6 +23,8 @@ SAMPLES = 12
 PHASES = [[WASHOUT, 1], [LEARN, 5], [EVALUATE, 1]]
 CYCLES = 7
 SETTLE_NS = 500_000_000
+RULES = {"learner": "reservoir", "second": "forward-inverse"}
+"""The rule of each learner, by its name."""
 SAME = ("digest", "stream_digest", "steps", "ticks", "train_cm")
 
 
@@ -39,8 +41,33 @@ def short_motion(path: Path) -> Path:
     return path
 
 
-def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict[str, Any], dict[str, Any]]:
-    """Run robot, learner, recorder and explorer, each in a process of its own; return what the last three say."""
+def settings(name: str) -> tuple[object, ...]:
+    """Options of a learner: its rule, and pairs that a live exploration carries."""
+    return ("--rule", RULES[name], "--pairs", "commanded", "--seed", 5, "--json")
+
+
+def learners(stack: ExitStack, connection: tuple[str, str], out: str, folder: Path) -> dict[str, Popen[str]]:
+    """Start a learner of each rule, and wait until all of them can be awaited."""
+    started = {}
+    for name in RULES:
+        options = ("--name", name, "--out", f"{name}-{out}.npz", *settings(name))
+        started[name] = stack.enter_context(start("learn", *connection, *options, cwd=folder))
+        stack.callback(started[name].kill)
+        connection = ("--connect", connection[1])
+    for process in started.values():
+        wait_for_line(process, "waits for a replay")
+    return started
+
+
+def results(started: dict[str, Popen[str]]) -> dict[str, dict[str, Any]]:
+    """Wait for the learners to end, and return what they say."""
+    ended = {name: process.communicate(timeout=60) for name, process in started.items()}
+    assert {process.returncode for process in started.values()} == {0}, ended
+    return {name: json.loads(out) for name, (out, _) in ended.items()}
+
+
+def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Any]]:
+    """Run robot, learners, recorder and explorer, each in a process of its own; return what the last three say."""
     endpoint = free_endpoint()
     with ExitStack() as stack:
 
@@ -50,10 +77,9 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
             return process
 
         robot = run("robot", "--listen", endpoint)
-        learner = run("learn", "--connect", endpoint, "--out", "live.npz", "--seed", 5, "--json")
+        started = learners(stack, ("--connect", endpoint), "live", folder)
         recorder = run("record", "--connect", endpoint, "--out", "live.mcap", "--stop-at-stream-end", "--json")
         wait_for_line(robot, "waits for commands")
-        wait_for_line(learner, "waits for a replay")
         wait_for_line(recorder, "records reenact/**")
         explorer = stack.enter_context(
             spawn(
@@ -63,26 +89,27 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
                 seed=3,
                 phases=PHASES,
                 settle_ns=SETTLE_NS,
-                consumers=["learner", "recorder"],
+                consumers=[*RULES, "recorder"],
             )
         )
         stack.callback(explorer.kill)
         explored, complaints = explorer.communicate(timeout=250)
         assert explorer.returncode == 0, complaints
-        (learned, _), (recorded, complaints) = learner.communicate(timeout=60), recorder.communicate(timeout=60)
-    assert (learner.returncode, recorder.returncode) == (0, 0), complaints
-    return json.loads(explored), json.loads(learned), json.loads(recorded)
+        learned = results(started)
+        recorded, complaints = recorder.communicate(timeout=60)
+    assert recorder.returncode == 0, complaints
+    return json.loads(explored), learned, json.loads(recorded)
 
 
-def replayed_session(folder: Path) -> dict[str, Any]:
-    """Replay the recording over Zenoh into a learner, and return what it says."""
+def replayed_session(folder: Path) -> dict[str, dict[str, Any]]:
+    """Replay the recording over Zenoh into the learners, and return what they say."""
     endpoint = free_endpoint()
-    with start("learn", "--listen", endpoint, "--out", "replayed.npz", "--seed", 5, "--json", cwd=folder) as learner:
-        wait_for_line(learner, "waits for a replay")
-        replayed = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, "--json", cwd=folder)
-        learned, complaints = learner.communicate(timeout=60)
-    assert (replayed.returncode, learner.returncode) == (0, 0), replayed.stderr + complaints
-    return dict(json.loads(learned))
+    with ExitStack() as stack:
+        started = learners(stack, ("--listen", endpoint), "replayed", folder)
+        awaited = [option for name in RULES for option in ("--await", name)]
+        replayed = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, *awaited, cwd=folder)
+        assert replayed.returncode == 0, replayed.stderr
+        return results(started)
 
 
 @pytest.mark.parametrize(
@@ -91,18 +118,21 @@ def replayed_session(folder: Path) -> dict[str, Any]:
 def test_live_replayed_and_offline_are_one_state(motion: str, samples: int, tmp_path: Path) -> None:
     chosen = short_motion(tmp_path / "short.csv") if motion == "short" else motion
     explored, live, recorded = live_session(chosen, tmp_path)
-    assert explored["ticks"] == live["ticks"] == CYCLES * (samples + 1)
+    assert explored["ticks"] == live["learner"]["ticks"] == CYCLES * (samples + 1)
     assert (recorded["gaps"], recorded["opaque"], recorded["broken"]) == ({}, {}, [])
     counts = LogReader(tmp_path / "live.mcap").counts
     assert counts[SESSION_PHASE] == CYCLES
     assert counts[SAMPLE_JOINTS] == CYCLES * (samples + 1)
 
     replayed = replayed_session(tmp_path)
-    training = ("train", "live.mcap", "--as-recorded", "--out", "trained.npz", "--seed", 5, "--json")
-    trained = reenact(*training, cwd=tmp_path)
-    assert trained.returncode == 0, trained.stderr
-    for key in SAME:
-        assert live[key] == replayed[key] == json.loads(trained.stdout)[key] == explored["consumers"]["learner"][key]
-    assert first_difference(*(Controller.load(tmp_path / name) for name in ("live.npz", "replayed.npz"))) is None
-    difference = reenact("diff", "live.npz", "trained.npz", cwd=tmp_path)
-    assert (difference.returncode, difference.stdout) == (0, "no divergence\n")
+    for name in RULES:
+        training = ("train", "live.mcap", "--as-recorded", "--out", "trained.npz", "--overwrite", *settings(name))
+        trained = reenact(*training, cwd=tmp_path)
+        assert trained.returncode == 0, trained.stderr
+        for key in SAME:
+            offline, awaited = json.loads(trained.stdout)[key], explored["consumers"][name][key]
+            assert live[name][key] == replayed[name][key] == offline == awaited
+        ways = (tmp_path / f"{name}-{way}.npz" for way in ("live", "replayed"))
+        assert first_difference(*map(Controller.load, ways)) is None
+        difference = reenact("diff", f"{name}-live.npz", "trained.npz", cwd=tmp_path)
+        assert (difference.returncode, difference.stdout) == (0, "no divergence\n")

@@ -8,6 +8,8 @@ import pytest
 from episodes import write_episode
 
 from pipeline.learner.controller import Controller
+from pipeline.learner.rule import Settings
+from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.trainer import Trainer, train_on
@@ -17,6 +19,7 @@ from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
 CONFIG = LearnerConfig(reservoir=60, seed=4)
+FORWARD_INVERSE = ForwardInverseConfig(degree=2, forgetting=0.999)
 
 
 @pytest.fixture(scope="module")
@@ -31,17 +34,21 @@ def cut(replay: Replay, start: int, end: int) -> Iterator[RecordedMessage]:
         raise WireError("killed")
 
 
-@pytest.mark.parametrize("every", [1, 7, 50])
-@pytest.mark.parametrize("stop", [1, 2, 50, 100, 232, 233, 300, 463])
-def test_it_goes_on_to_the_same_state(replay: Replay, tmp_path: Path, every: int, stop: int) -> None:
-    whole = train_on(replay, Trainer(CONFIG))
+@pytest.mark.parametrize(
+    ("every", "stop", "config"),
+    [(every, stop, CONFIG) for every in (1, 7, 50) for stop in (1, 2, 50, 100, 232, 233, 300, 463)]
+    + [(every, stop, FORWARD_INVERSE) for every, stop in ((1, 100), (7, 233), (50, 463))],
+)
+def test_it_goes_on_to_the_same_state(replay: Replay, tmp_path: Path, every: int, stop: int, config: Settings) -> None:
+    pairs = "commanded"
+    whole = train_on(replay, Trainer(config, pairs=pairs))
     checkpoint = CheckpointConfig(tmp_path / "k.npz", every)
-    first = Trainer(CONFIG, checkpoint=checkpoint)
+    first = Trainer(config, pairs=pairs, checkpoint=checkpoint)
     start = first.hello(replay.offer())
     assert start == 0
     with pytest.raises(WireError, match="killed"):
         first.consume(cut(replay, start, stop))
-    second = Trainer(CONFIG, checkpoint=checkpoint)
+    second = Trainer(config, pairs=pairs, checkpoint=checkpoint)
     resumed = second.hello(replay.offer())
     assert resumed <= stop
     assert second.consume(replay.stream(resumed)) == whole.result()
