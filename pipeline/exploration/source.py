@@ -1,17 +1,22 @@
 """Source of an exploration: the motion that the teacher follows, and the settings that go with it."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
+from typing import Protocol
 
+from pipeline.arrays import Floats
+from pipeline.exploration import sources
 from pipeline.exploration.episode import ExplorationConfig
-from pipeline.exploration.via_points import VOLUME, volume
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError
+from recorders.registry import Registry
+from recorders.text.wording import names_text
 
 _SECOND_NS = 1_000_000_000
+_TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
 
 
 @dataclass(frozen=True)
@@ -44,6 +49,53 @@ class Pace:
         return _SECOND_NS // self.tick_rate_hz
 
 
+class Draw(Protocol):
+    """Draws a motion at random, to measure."""
+
+    def __call__(
+        self,
+        teacher: Teacher,
+        *,
+        seed: int,
+        duration_ns: int,
+        tick_ns: int,
+        noise: Iterator[Floats] | None,
+        progress: Callable[[float], None],
+    ) -> Motion:
+        """Return a motion within reach of the teacher, which follows it with `noise` (n,) added to its commands.
+
+        The seed names the draws; the motion lasts `duration_ns` [ns], with a sample every `tick_ns` [ns]; `progress` is
+        called with the fraction done, 0 to 1.
+        """
+
+
+@dataclass(frozen=True)
+class DrawnMotion:
+    """Motion that is drawn for an exploration, of any length and rate, within reach and clear of the robot's body.
+
+    A source is a module with `SOURCE`: here in `pipeline.exploration.sources`, named as it is, or in a distribution of
+    others, under an entry point of the group `reenact.explorations`. `pipeline.exploration.contract` has tests for it.
+    Motions that are always the same are a seam of their own, `pipeline.motions.motion.NamedMotion`.
+
+    Parameters
+    ----------
+    name : str
+        Its name.
+    draw : callable
+        Draws it.
+    teacher, config : TeacherConfig, ExplorationConfig
+        Settings that go with it, unless others are asked for.
+    """
+
+    name: str
+    draw: Draw
+    teacher: TeacherConfig = _TEACHER
+    config: ExplorationConfig = _EXPLORATION
+
+
+SOURCES = Registry("exploration source", DrawnMotion, room=sources, constant="SOURCE", group="reenact.explorations")
+
+
 @dataclass(frozen=True)
 class Source:
     """A motion by name, made for a robot, and how it is explored.
@@ -51,9 +103,9 @@ class Source:
     Attributes
     ----------
     name : str
-        The motion: `volume`, a pattern or drawing by name, or a CSV file by path.
+        The motion: one that is drawn, or one known by name, or a CSV file by path.
     pace : Pace
-        Of `volume`; other motions have their own.
+        Of a motion that is drawn; others have their own.
     teacher, config : TeacherConfig, ExplorationConfig
         Settings of the exploration.
     """
@@ -66,7 +118,7 @@ class Source:
     @property
     def drawn(self) -> bool:
         """Whether the motion is drawn at random, within reach and clear of the robot's body."""
-        return self.name == VOLUME
+        return SOURCES.get(self.name) is not None
 
     def motion(
         self, robot: RobotConfig, *, seed: int, progress: Callable[[float], None] = lambda fraction: None
@@ -78,19 +130,16 @@ class Source:
         MotionError
             It is unknown, its file is malformed, or no way is found that keeps the hands clear of the body.
         """
-        if self.drawn:
-            teacher = Teacher(Kinematics(robot), self.teacher)
-            duration_ns = round(self.pace.duration_s * _SECOND_NS)
-            noise = self.config.noise(robot, seed=seed, period_ns=self.teacher.period_ns)
-            return volume(
-                teacher,
-                seed=seed,
-                duration_ns=duration_ns,
-                tick_ns=self.pace.tick_ns,
-                noise=noise,
-                progress=progress,
-            )
-        return load_motion(self.name, robot)
+        if (drawn := SOURCES.get(self.name)) is None:
+            return load_motion(self.name, robot)
+        return drawn.draw(
+            Teacher(Kinematics(robot), self.teacher),
+            seed=seed,
+            duration_ns=round(self.pace.duration_s * _SECOND_NS),
+            tick_ns=self.pace.tick_ns,
+            noise=self.config.noise(robot, seed=seed, period_ns=self.teacher.period_ns),
+            progress=progress,
+        )
 
 
 def source(
@@ -101,17 +150,16 @@ def source(
     Raises
     ------
     ConfigError
-        A value is out of its range, or the motion has its own duration and rate.
+        A value is out of its range, the motion has its own duration and rate, or what is installed under its name is
+        none.
     """
     given = {"duration_s": duration_s, "tick_rate_hz": tick_rate_hz}
     wanted = {key: value for key, value in given.items() if value is not None}
-    if wanted and name != VOLUME:
-        raise ConfigError(f"motion '{name}' has its own duration and tick rate; only '{VOLUME}' is made to measure")
-    teacher, config = TeacherConfig(), ExplorationConfig()
-    if (
-        name == VOLUME
-    ):  # the least lag in the null space, and joints that vary on their own: what a model is learned from
-        teacher, config = replace(teacher, comfort_gain=20.0, speed_share=0.7), replace(config, joint_noise=0.01)
+    drawn = SOURCES.get(name)
+    if wanted and drawn is None:
+        measured = names_text(f"'{known}'" for known in SOURCES.names())
+        raise ConfigError(f"motion '{name}' has its own duration and tick rate; only {measured} is made to measure")
+    teacher, config = (_TEACHER, _EXPLORATION) if drawn is None else (drawn.teacher, drawn.config)
     if comfort_gain is not None:
         teacher = replace(teacher, comfort_gain=comfort_gain)
     return Source(name, Pace(**wanted), teacher, config)  # type: ignore[arg-type]

@@ -8,13 +8,15 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.collision.self_distance import CLEARANCE_M, Nearest, SelfDistance
+from pipeline.exploration.episode import ExplorationConfig
+from pipeline.exploration.source import DrawnMotion
 from pipeline.motions.motion import Motion
 from pipeline.seeding import uniforms
-from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach
+from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, TeacherConfig, approach
 from recorders.errors import MotionError
 
 VOLUME = "volume"
-"""Name of the motion."""
+"""Name of the motion, and of its source."""
 MOVE_NS = 500_000_000
 """Time from one via point to the next [ns]."""
 
@@ -140,3 +142,12 @@ class _Planner:
             for _ in range(_STEP_NS // self._teacher.config.period_ns - 1):
                 next(self._noise)
         return self._offsets[step]
+
+
+# The least lag in the null space, and joints that vary on their own: what a model is learned from.
+SOURCE = DrawnMotion(
+    VOLUME,
+    volume,
+    teacher=TeacherConfig(comfort_gain=20.0, speed_share=0.7),
+    config=ExplorationConfig(joint_noise=0.01),
+)

@@ -1,0 +1,1 @@
+"""Sources of explorations, one module each with a `SOURCE`; others' are entry points of the group `reenact.explorations`."""

@@ -1,0 +1,59 @@
+"""Exploration sources: our own, and one from outside the package, which is explored as ours are."""
+
+import json
+import shutil
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+import toy_source
+from typer.testing import CliRunner
+
+from pipeline.cli.app import app
+from pipeline.exploration.contract import DrawnMotionContract
+from pipeline.exploration.source import SOURCES, source
+from pipeline.exploration.sources import volume
+from recorders.errors import ConfigError
+from recorders.reading.reader import LogReader
+
+
+@pytest.fixture(scope="module", autouse=True)
+def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
+    """Install the source in a folder as an installer does: its module, and the metadata of its distribution."""
+    site = tmp_path_factory.mktemp("site")
+    metadata = site / "toy_source-1.0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-source\nVersion: 1.0\n")
+    (metadata / "entry_points.txt").write_text(
+        "[reenact.explorations]\nsweep = toy_source:SOURCE\nbroken = toy_source:NONE\n"
+    )
+    shutil.copy(toy_source.__file__, site)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.syspath_prepend(str(site))
+        SOURCES.forget()
+        yield
+    SOURCES.forget()
+
+
+class TestVolume(DrawnMotionContract):
+    source = volume.SOURCE
+
+
+class TestSweep(DrawnMotionContract):
+    source = toy_source.SOURCE
+
+
+def test_it_is_explored(tmp_path: Path) -> None:
+    options = ("--duration", "1.5", "--tick-rate", "10", "--seed", "3", "--out", str(tmp_path / "log.mcap"), "--json")
+    found = CliRunner().invoke(app, ["explore", "--motion", "sweep", *options])
+    assert found.exit_code == 0, found.output
+    assert json.loads(found.stdout)["ticks"] == 16
+    assert LogReader(tmp_path / "log.mcap").manifest["motion"]["name"] == "sweep"
+
+
+def test_a_source_is_looked_up_and_never_imported_by_name() -> None:
+    assert {"volume", "sweep", "broken"} <= set(SOURCES.names())
+    with pytest.raises(ConfigError, match="motion 'toy_source' has its own duration and tick rate"):
+        source("toy_source", duration_s=2.0)
+    with pytest.raises(ConfigError, match="exploration source broken: cannot be loaded"):
+        source("broken")
