@@ -25,7 +25,7 @@ def sweep(
     across = width * np.abs(np.arange(count) % 8 - 4.0)[:, np.newaxis] / 4.0
     targets = teacher.kinematics.robot.centres + across[:, :, np.newaxis] * np.array([0.0, 1.0, 0.0])
     progress(1.0)
-    return Motion("sweep", np.arange(count) * (tick_ns * 1e-9), targets, closed=False)
+    return Motion("sweep", np.arange(float(count)) * (tick_ns * 1e-9), targets, closed=False)
 
 
 SOURCE = DrawnMotion("sweep", sweep)
