@@ -1,1 +1,1 @@
-"""Sources of explorations, a module each with a `SOURCE`; those of others are entry points of `reenact.explorations`."""
+"""Sources of explorations, one module each with a `SOURCE`; others come by entry points `reenact.explorations`."""
