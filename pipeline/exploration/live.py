@@ -20,7 +20,7 @@ from recorders.cdr.codec import encode
 from recorders.errors import WireError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE, commanded_tick
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -78,7 +78,7 @@ class LiveSession:
     ) -> None:
         self._backend = backend
         self._motion = motion
-        self._schedule = schedule
+        self._schedule = replace(schedule, topics=commanded_tick(backend.robot.hand_names))
         self._parameters = {"seed": seed, "teacher": asdict(teacher), "exploration": asdict(config)}
         guide = Teacher(Kinematics(backend.robot), teacher)
         self._plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)

@@ -16,7 +16,7 @@ from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError, LogError
-from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS
+from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, commanded_tick
 from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
 from recorders.ticks.joiner import join_ticks
@@ -56,7 +56,7 @@ def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     """
     settings = _exploration(log)
     robot = _present(log)
-    motion_plan = _plan(log, settings, ticks=ticks)
+    motion_plan = _plan(log, settings, robot, ticks=ticks)
     backend = Simulation(robot, settings.simulation)
     start = start_posture(robot, seed=settings.seed, spread=settings.config.start_spread)
     noise = settings.config.noise(robot, seed=settings.seed, period_ns=settings.teacher.period_ns)
@@ -113,10 +113,11 @@ def _whole(value: Any) -> int:
     return value
 
 
-def _plan(log: Path, settings: _Settings, *, ticks: int) -> MotionPlan:
+def _plan(log: Path, settings: _Settings, robot: RobotConfig, *, ticks: int) -> MotionPlan:
     """Hold each logged target until the next tick, as the exploration did."""
+    topics = commanded_tick(robot.hand_names)
     with naming(log):
-        logged = [(tick.stamp_ns, np.array(tick.hands)) for tick in join_ticks(LogReader(log))]
+        logged = [(tick.stamp_ns, np.array(tick.hands)) for tick in join_ticks(LogReader(log), topics=topics)]
     if len(logged) < 2:
         raise LogError(f"{log}: expected at least two complete ticks, found {len(logged)}")
     holds = [TargetHold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]

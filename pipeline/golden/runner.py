@@ -16,6 +16,7 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.registry import config_from_dict
 from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
+from pipeline.robot.recorded import recorded_hands
 from pipeline.samples.pairing import find_pairing
 from pipeline.samples.pairs import read_samples
 from pipeline.training.checkpoints import CheckpointConfig
@@ -92,9 +93,10 @@ class GoldenRunner:
 def _pairs(recipe: CaseSpec) -> str:
     """Return the name of the pairing rule of a case; raises ConfigError if its ticks are not those of the rule."""
     pairing = find_pairing(pairs_of(recipe.learner))
-    if pairing.topics != recipe.schedule.topics:
+    topics = pairing.topics(recorded_hands(recipe.logs[0]))
+    if topics != recipe.schedule.topics:
         raise ConfigError(
-            f"golden case: expected ticks of {names_text(pairing.topics)} for pairs {pairing.name}, found those of "
+            f"golden case: expected ticks of {names_text(topics)} for pairs {pairing.name}, found those of "
             f"{names_text(recipe.schedule.topics)}"
         )
     return pairing.name
@@ -187,11 +189,12 @@ def recipe(
         learner = read_settings(config, rule=rule, pairs=pairs, before=before)
     elif pairs is not None:
         learner = with_pairs(learner, pairs)
+    hands = recorded_hands((logs or old.logs)[0])
     case = replace(
         old,
         logs=tuple(logs) or old.logs,
         learner=learner,
-        schedule=replace(old.schedule, topics=find_pairing(pairs_of(learner)).topics),
+        schedule=replace(old.schedule, topics=find_pairing(pairs_of(learner)).topics(hands)),
         as_recorded=old.as_recorded if as_recorded is None else as_recorded,
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,

@@ -98,7 +98,7 @@ class LiveLearner:
         self._stream = LiveStream(
             epochs=config.epochs,
             check=range_check(robot),
-            tick=trainer.pairing.topics,
+            tick=trainer.pairing.topics(robot.hand_names),
             phase=trainer.checkpoint_phase,
         )
         self._scores = _Scores(robot)
@@ -122,7 +122,7 @@ class LiveLearner:
         texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
         try:
             with self._receiver.reporting_failure():
-                tick = self._trainer.pairing.topics
+                tick = self._trainer.pairing.topics(self._robot.hand_names)
                 self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts, tick=tick))
                 self._trainer.take(chain(first, received))
                 self._trainer.check_learned(self._stream.losses)

@@ -65,7 +65,7 @@ def learn_live(
         else:
             RobotCheck(opened, robot.joints, namespace=receiver.namespace, learner=True).warn()
         with (
-            _Recording(config, robot, trainer.pairing.topics) as recording,
+            _Recording(config, robot, trainer.pairing.topics(robot.hand_names)) as recording,
             LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
             Receiver(opened, config=receiver) as receiving,
             until_stopped() as stopped,

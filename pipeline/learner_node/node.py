@@ -5,6 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from typing import Any
 
 from pipeline.learner_node.publisher import LearnerPublisher
+from pipeline.robot.config import RobotConfig
+from pipeline.samples.pairing import PairingRule
 from pipeline.training.trainer import Trainer
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
@@ -25,9 +27,13 @@ _UNPACED = Unpaced()
 _NAME_DIGITS = 8  # of a session's identifier, by which a replay differs from others
 
 
-def own_topics(tick: Sequence[str]) -> frozenset[str]:
-    """Return the topics of a learner of these ticks: a message here of no stream of its own is refused."""
-    return frozenset({SESSION_PHASE, batch_topic(), *tick})
+def own_topics(pairing: PairingRule, robot: RobotConfig | None) -> frozenset[str]:
+    """Return the topics of a learner: a message here of no stream of its own is refused.
+
+    Until it is known whose hands they are, they are taken to be left and right.
+    """
+    hands = ("left", "right") if robot is None else robot.hand_names
+    return frozenset({SESSION_PHASE, batch_topic(), *pairing.topics(hands)})
 
 
 def learn(

@@ -1,13 +1,18 @@
 """Robot of a log, of which it is an attachment, or of a stream, in whose offer it is."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
+from types import MappingProxyType
 
 from pipeline.robot.config import RobotConfig, parse_robot
 from recorders.errors import ConfigError, LogError, ReenactError
-from recorders.reading.session_reader import Reader
+from recorders.messages.topics import hands_among, is_target
+from recorders.reading.parts import Log
+from recorders.reading.session_reader import Reader, open_log
 from recorders.text.wording import names_text
 from recorders.wire.stream import Offer
 from replay.sources.scheduled import read_robot
+
+_SIDES = ("left", "right")
 
 
 def recorded_robot(reader: Reader) -> RobotConfig | None:
@@ -31,6 +36,37 @@ def require_recorded_robot(reader: Reader, *, has_option: bool = False) -> Robot
     if (robot := recorded_robot(reader)) is not None:
         return robot
     raise _missing(f"{reader.path}: the log", reader.attachments, has_option=has_option)
+
+
+def recorded_hands(
+    log: Log, *, robot: RobotConfig | None = None, renames: Mapping[str, str] = MappingProxyType({})
+) -> tuple[str, ...]:
+    """Return the names of the hands of a log: those of its robot, or of one that is given.
+
+    Without either they are left and right, unless the log has messages on targets of others.
+
+    Parameters
+    ----------
+    log : Path or Parts
+        The log, or a session in parts.
+    robot : RobotConfig, optional
+        The robot, which counts for more than the log's.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+
+    Raises
+    ------
+    LogError, RobotError
+        If the log cannot be read, or its robot cannot be used.
+    """
+    if robot is not None:
+        return robot.hand_names
+    reader = open_log(log)
+    if (recorded := recorded_robot(reader)) is not None:
+        return recorded.hand_names
+    there = (renames.get(topic, topic) for topic, count in reader.counts.items() if count > 0)
+    found = hands_among(filter(is_target, there))
+    return _SIDES if set(found) <= set(_SIDES) else tuple(sorted(found))
 
 
 def offered_robot(offer: Offer, *, has_option: bool = False) -> RobotConfig:

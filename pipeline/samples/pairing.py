@@ -4,7 +4,7 @@ A rule is a module with `RULE`, a `PairingRule`: here in `pipeline.samples.rules
 distribution of others, under an entry point of the group `reenact.pairs`. `pipeline.samples.contract` has tests for it.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
@@ -16,26 +16,23 @@ from recorders.ticks.joiner import Tick, check_tick_topics
 COMMANDED = "commanded"
 """The paper's rule, of controllers that name none."""
 
-HANDS = 6
-"""Inputs of a learner: two hand positions."""
-
 
 class Pairs(Protocol):
     """Turns the ticks of a cycle into steps: an input u and what it is taught, d = (hand positions; joints).
 
-    Made as `PairingRule.pairs(joints)`, of the joints in the order of the outputs.
+    Made as `PairingRule.pairs(joints, hands)`: of the joints in the order of the outputs, and so many hands.
     """
 
     @property
     def pending(self) -> Floats:
-        """The input that waits for its teaching signal [m], shape (6,), or (0,) if none does."""
+        """The input that waits for its teaching signal [m], shape (3 hands,), or (0,) if none does."""
 
     @property
     def stamp_ns(self) -> int:
         """Stamp of the input of the step that was completed last [ns]."""
 
     def resume(self, pending: Floats) -> None:
-        """Go on from what was pending, shape (6,) or (0,)."""
+        """Go on from what was pending, shape (3 hands,) or (0,)."""
 
     def begin(self) -> None:
         """Start a cycle: nothing is pending."""
@@ -47,9 +44,9 @@ class Pairs(Protocol):
         ----------
         tick : Tick
             Hands and joints, on the topics of the rule.
-        u : ndarray, shape (6,)
+        u : ndarray, shape (3 hands,)
             Takes the input of the step that is complete now [m].
-        d : ndarray, shape (6 + n,)
+        d : ndarray, shape (3 hands + n,)
             Takes its teaching signal: hand positions [m], joints [rad or m].
 
         Returns
@@ -72,10 +69,11 @@ class PairingRule:
     ----------
     name : str
         Its name, which controllers carry.
-    topics : tuple of str
-        Topics that a tick has a message of each: hands, left then right, and the joints, in canonical order.
+    topics : callable
+        Returns the topics that a tick has a message of each, for the names of some hands: theirs, in this order, and
+        the joints'.
     pairs : callable
-        Makes `Pairs` of the names of the joints.
+        Makes `Pairs` of the names of the joints and the number of hands.
 
     Raises
     ------
@@ -84,12 +82,12 @@ class PairingRule:
     """
 
     name: str
-    topics: tuple[str, ...]
-    pairs: Callable[[tuple[str, ...]], Pairs]
+    topics: Callable[[Sequence[str]], tuple[str, ...]]
+    pairs: Callable[[tuple[str, ...], int], Pairs]
 
     def __post_init__(self) -> None:
         """Check the topics."""
-        check_tick_topics(self.topics)
+        check_tick_topics(self.topics(("left", "right")))
 
 
 PAIRING_RULES = Registry("pairing rule", PairingRule, room=rules, constant="RULE", group="reenact.pairs")

@@ -9,7 +9,7 @@ from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.range_check import range_check
 from pipeline.robot.recorded import recorded_robot, require_recorded_robot
-from pipeline.samples.pairing import COMMANDED, HANDS, PairingRule, find_pairing
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
@@ -30,11 +30,11 @@ class Presentation:
         Stamps of the inputs [ns].
     end_ns : int
         Stamp of the last tick [ns].
-    u : ndarray, shape (T, 6)
+    u : ndarray, shape (T, 3 hands)
         Hand positions: targets, or as measured [m].
-    d : ndarray, shape (T, 6 + joints)
+    d : ndarray, shape (T, 3 hands + joints)
         What they teach: hand positions [m], joints [rad or m].
-    pending : ndarray, shape (6,) or (0,)
+    pending : ndarray, shape (3 hands,) or (0,)
         The input of the last tick [m], if it waits for a teaching signal.
     links : list of bytes
         What each tick adds to the stream digest.
@@ -56,9 +56,10 @@ class Presentation:
         MessageError, JointError
             If a message is not what it should be, or cannot be of the robot.
         """
-        ticks = list(join_ticks(messages, range_check(robot), rule.topics))
-        pairs = rule.pairs(robot.joints)
-        u, d = np.empty((len(ticks), HANDS)), np.empty((len(ticks), HANDS + len(robot.joints)))
+        ticks = list(join_ticks(messages, range_check(robot), rule.topics(robot.hand_names)))
+        pairs = rule.pairs(robot.joints, len(robot.hands))
+        inputs = 3 * len(robot.hands)
+        u, d = np.empty((len(ticks), inputs)), np.empty((len(ticks), inputs + len(robot.joints)))
         stamps_ns: list[int] = []
         for tick in ticks:
             if pairs.fill(tick, u[len(stamps_ns)], d[len(stamps_ns)]):
@@ -79,8 +80,8 @@ class Samples:
 
     Attributes
     ----------
-    targets : ndarray, shape (T, 6)
-        u(k): hand positions asked for, or reached [m], left then right.
+    targets : ndarray, shape (T, 3 hands)
+        u(k): hand positions asked for, or reached [m].
     joints : ndarray, shape (T, n)
         q(k): joints at the end of the hold of u(k), or at its instant [rad or m].
     robot : RobotConfig
@@ -117,10 +118,10 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None, pairs: str = CO
     reader = open_log(path)
     robot = recorded_robot(reader) or robot or require_recorded_robot(reader)
     with naming(path):
-        presented = Presentation.of(_first_presentation(reader, rule.topics), robot, rule)
+        presented = Presentation.of(_first_presentation(reader, rule.topics(robot.hand_names)), robot, rule)
     if not len(presented.u):
         raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
-    return Samples(presented.u, presented.d[:, HANDS:].copy(), robot)
+    return Samples(presented.u, presented.d[:, presented.u.shape[1] :].copy(), robot)
 
 
 def _first_presentation(reader: Reader, topics: Collection[str]) -> Iterator[RecordedMessage]:

@@ -101,7 +101,7 @@ class ServedController:
         self._places = {topic: place for place, topic in enumerate(self._topics)}
         self._centres = self._robot.centres.tolist()
         self._check = range_check(self._robot)
-        self._pairs = CommandedPairs(controller.joints)
+        self._pairs = CommandedPairs(controller.joints, len(self._robot.hands))
         self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
         self._calls = serving_calls(
             self._learner,

@@ -16,7 +16,7 @@ from pipeline.learner.state import state_digest
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
-from pipeline.samples.pairing import COMMANDED, HANDS, PairingRule, find_pairing
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
 from recorders.cdr.codec import decode
 from recorders.errors import ControllerError, MessageError
@@ -74,9 +74,9 @@ class Steps(NamedTuple):
     ----------
     stamps_ns : list of int, length n
         Stamps of the targets [ns].
-    u : ndarray, shape (n, 6)
+    u : ndarray, shape (n, 3 hands)
         Hand positions that were its inputs [m].
-    outputs : ndarray, shape (n, 6 + joints)
+    outputs : ndarray, shape (n, 3 hands + joints)
         Outputs of the network for each: next targets [m], joints [rad or m].
     """
 
@@ -132,10 +132,10 @@ class LearningRun:
         self._on_steps = on_steps
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
-        self._pairs = self._pairing.pairs(robot.joints)
-        self._joiner = TickJoiner(range_check(robot), self._pairing.topics)
+        self._pairs = self._pairing.pairs(robot.joints, len(robot.hands))
+        self._joiner = TickJoiner(range_check(robot), self._pairing.topics(robot.hand_names))
         self._phase: Phase | None = None
-        self._u = np.empty((PIECE, HANDS))
+        self._u = np.empty((PIECE, robot.input_centre.size))
         self._d = np.empty((PIECE, len(output_centre)))
         self._stamps_ns: list[int] = []  # of the inputs of the steps not yet handed to the kernel
         self._filled = 0
@@ -321,7 +321,7 @@ class LearningRun:
         learning = phase == LEARN
         outputs = self.learner.step(u, d, learning=learning)
         if phase == EVALUATE:
-            errors = hand_errors(self._kinematics, outputs[:, HANDS:], u)
+            errors = hand_errors(self._kinematics, outputs[:, u.shape[1] :], u)
             check_errors(errors)
             self.counts.scored_m += errors.tolist()
         if self._on_steps is not None:

@@ -10,7 +10,7 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.registry import find_rule
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.recorded import offered_robot
+from pipeline.robot.recorded import offered_robot, recorded_hands
 from pipeline.samples.pairing import PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
 from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
@@ -91,8 +91,8 @@ class Trainer:
             If there is a checkpoint of another run, or it cannot be used.
         """
         schedule = Schedule.from_dict(offer.schedule)
-        self._check_topics(schedule)
         robot = self._robot or offered_robot(offer, has_option=True)
+        self._check_topics(schedule, robot)
         config = self._config.fitted(epochs=schedule.epochs)
         run = LearningRun(config, robot, offer.run, pairing=self.pairing, on_steps=self._on_steps)
         self._next = self._resume(run, offer)
@@ -281,11 +281,12 @@ class Trainer:
             checkpoint.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks
 
-    def _check_topics(self, schedule: Schedule) -> None:
-        if missing := [topic for topic in self.pairing.topics if topic not in schedule.topics]:
+    def _check_topics(self, schedule: Schedule, robot: RobotConfig) -> None:
+        wanted = self.pairing.topics(robot.hand_names)
+        if missing := [topic for topic in wanted if topic not in schedule.topics]:
             raise ConfigError(
                 f"pairs {self.pairing.name}: expected a stream with {names_text(missing)}, found one of "
-                f"{names_text(schedule.topics)}; give sender and learner the same --pairs"
+                f"{names_text(schedule.topics)}; give sender and learner the same --pairs, and the same robot"
             )
 
     def _provenance(self) -> dict[str, Any]:
@@ -391,7 +392,9 @@ def train(
     """
     trainer = Trainer(config, robot=robot, pairs=pairs, on_cycle=on_cycle)
     logs = [Path(path) for path in paths]
-    return train_on(Replay(logs, replace(schedule, topics=trainer.pairing.topics), renames=renames), trainer)
+    hands = recorded_hands(logs[0], robot=robot, renames=renames) if logs else ()
+    topics = trainer.pairing.topics(hands) if hands else schedule.topics
+    return train_on(Replay(logs, replace(schedule, topics=topics), renames=renames), trainer)
 
 
 def train_on(source: Source, trainer: Trainer) -> Trainer:

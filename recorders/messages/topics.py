@@ -1,7 +1,7 @@
 """The topics of a session: name, type and rank of each, as data."""
 
 import re
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 from recorders.messages.message_types import Clock, Float64MultiArray, JointState, PoseStamped, String, TFMessage
@@ -50,6 +50,11 @@ def commanded_tick(hands: Sequence[str]) -> tuple[str, ...]:
     return (*map(hand_target, hands), SAMPLE_JOINTS)
 
 
+def reached_tick(hands: Sequence[str]) -> tuple[str, ...]:
+    """Return the topics of a tick as reached: the hands as measured, in their order, and joints."""
+    return (*map(hand_measured, hands), SAMPLE_JOINTS)
+
+
 LEFT_TARGET = hand_target("left")
 RIGHT_TARGET = hand_target("right")
 SAMPLE_JOINTS = "/sample/joint_states"
@@ -87,11 +92,8 @@ _ROWS = (
 TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}
 """The table, by name."""
 
-COMMANDED_TICK = (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS)
-"""Topics of a tick as commanded: targets of the hands, and joints."""
-
-REACHED_TICK = (LEFT_MEASURED, RIGHT_MEASURED, SAMPLE_JOINTS)
-"""Topics of a tick as reached: hands as measured, and joints."""
+COMMANDED_TICK = commanded_tick(("left", "right"))
+"""Topics of a tick as commanded of two hands, left and right: of schedules and streams that name none."""
 
 LEARNER_TOPICS: tuple[Topic, ...] = tuple(TOPICS[name] for name in COMMANDED_TICK)
 
@@ -109,15 +111,20 @@ def type_of(topic: str) -> str:
     return PoseStamped.TYPE if topic.startswith("/hand/") and _HAND.fullmatch(topic) else ""
 
 
-def target_of(topic: str) -> str | None:
-    """Return the name of the hand whose target a topic carries; None for any other topic."""
+def hands_among(topics: Iterable[str]) -> tuple[str, ...]:
+    """Return the names of the hands of which topics are targets or measured positions, in order of the topics."""
+    return tuple(dict.fromkeys(match["hand"] for topic in topics if (match := _HAND.fullmatch(topic))))
+
+
+def is_target(topic: str) -> bool:
+    """Whether a topic carries the target of a hand."""
     match = _HAND.fullmatch(topic)
-    return match["hand"] if match and match["what"] == "target" else None
+    return match is not None and match["what"] == "target"
 
 
 def is_of_tick(topic: str) -> bool:
-    """Whether messages of a topic are parts of ticks: targets of hands, and joints at the tick."""
-    return topic == SAMPLE_JOINTS or target_of(topic) is not None
+    """Whether messages of a topic are parts of ticks as commanded: targets of hands, and joints at the tick."""
+    return topic == SAMPLE_JOINTS or is_target(topic)
 
 
 def canonical_place(topic: str) -> tuple[int, str]:

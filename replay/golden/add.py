@@ -24,7 +24,7 @@ from replay.golden.check import check_case
 from replay.golden.finding import PHYSICS
 from replay.golden.folder import CASE_FILE, roll_back, swap_in
 from replay.golden.learning_tier import truncated_digests
-from replay.golden.log_tier import describe, index, strip_topics
+from replay.golden.log_tier import LogIndex, describe, strip_topics
 from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, Runner
 from replay.sources.scheduled import Replay
 
@@ -113,7 +113,7 @@ def _make(
     logs = tuple(describe(path, ticks_sha256=digest) for path, digest in zip(stored.logs, digests, strict=True))
     steps, states = _run(stored, runner, progress)
     files = {STEPS_FILE: steps, STATES_FILE: states}
-    files |= {index_file(path.name): index(path) for path in stored.logs}
+    files |= {index_file(path.name): LogIndex(stored.schedule.topics).of(path) for path in stored.logs}
     case = Case(
         folder=folder,
         recipe=stored,

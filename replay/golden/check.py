@@ -10,7 +10,7 @@ from replay.golden.case import STEPS_FILE, Case, check_size, check_steps, index_
 from replay.golden.finding import CASE, Finding, changed_environment, error_text
 from replay.golden.folder import find_cases
 from replay.golden.learning_tier import check_learning
-from replay.golden.log_tier import check_index, first_change
+from replay.golden.log_tier import LogIndex
 from replay.golden.physics_tier import check_physics
 from replay.golden.recipe import CaseSpec, Runner
 
@@ -121,11 +121,12 @@ def _first(folder: Path, runner: Runner, changed: Changed) -> Finding | None:
 
 
 def _altered_log(case: Case) -> Finding | None:
+    index = LogIndex(case.recipe.schedule.topics)
     for path, entry in zip(case.recipe.logs, case.logs, strict=True):
         check_size(path)
         indexed = case.read(index_file(entry.name))
-        check_index(index_file(entry.name), indexed)
-        finding = first_change(path, entry, indexed)
+        index.check(index_file(entry.name), indexed)
+        finding = index.first_change(path, entry, indexed)
         if finding is not None:
             return finding
     return None

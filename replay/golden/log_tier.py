@@ -9,8 +9,14 @@ from typing import NamedTuple
 
 from recorders.errors import LogError
 from recorders.files.whole_files import file_sha256
-from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import COMMANDED_TICK, LEFT_MEASURED, RIGHT_MEASURED, SESSION_PHASE
+from recorders.messages.topics import (
+    COMMANDED_TICK,
+    SAMPLE_JOINTS,
+    SESSION_PHASE,
+    hand_measured,
+    hand_target,
+    hands_among,
+)
 from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import Reader, open_log
@@ -18,7 +24,7 @@ from recorders.writing.writer import RESERVED, LogWriter
 from replay.golden.finding import LOG, Finding, error_text
 from replay.sources.stream_digest import frame_for_digest
 
-CASE_TOPICS = (*COMMANDED_TICK, SESSION_PHASE, LEFT_MEASURED, RIGHT_MEASURED)
+_OTHERS = (SAMPLE_JOINTS, SESSION_PHASE)
 
 _KEY = struct.Struct("<BIQ")  # place of the topic above, sequence, first bytes of the digest
 _MESSAGE = "message"
@@ -45,11 +51,6 @@ class _Key(NamedTuple):
     sequence: int
     digest: int
 
-    @property
-    def place(self) -> dict[str, str | int]:
-        """Topic and sequence, as a finding has them."""
-        return {"topic": CASE_TOPICS[self.topic], "sequence": self.sequence}
-
 
 def strip_topics(
     source: Log, target: Path, *, physics: bool, tick: tuple[str, ...] = COMMANDED_TICK, file_order: bool = False
@@ -75,10 +76,11 @@ def strip_topics(
         If the log cannot be read, or the copy cannot be written.
     """
     reader = open_log(source)
-    if isinstance(source, Path) and set(reader.topics) <= set(CASE_TOPICS):
+    of_case = [topic for topic in reader.topics if topic in _OTHERS or hands_among([topic])]
+    if isinstance(source, Path) and len(of_case) == len(reader.topics):
         target.write_bytes(source.read_bytes())
         return
-    kept = CASE_TOPICS if physics else (SESSION_PHASE, *tick)
+    kept = of_case if physics else (SESSION_PHASE, *tick)
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
     attachments = {name: reader.attachment(name) for name in reader.attachments}
     with LogWriter(target, manifest=manifest, attachments=attachments) as writer:
@@ -91,54 +93,69 @@ def describe(path: Path, *, ticks_sha256: str) -> LogEntry:
     return LogEntry(path.name, file_sha256(path), ticks_sha256, _attachments(LogReader(path)))
 
 
-def index(path: Path) -> bytes:
-    """Return a short digest for each message of a log, in file order; raises LogError if it cannot be read."""
-    return b"".join(_KEY.pack(*_key(record)) for record in LogReader(path).records(topics=CASE_TOPICS, file_order=True))
+class LogIndex:
+    """A short digest for each message of a log, in file order, on the topics that a case keeps.
 
+    Parameters
+    ----------
+    tick : sequence of str
+        Topics that the learner takes, of which the hands are known.
+    """
 
-def first_change(path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
-    """Return the first change of a log since the case was added."""
-    if file_sha256(path) == entry.sha256:
-        return None
-    try:
-        return _altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
-    except Exception as error:
-        return Finding(LOG, "file", "an undamaged log", error_text(error), {"log": entry.name})
+    def __init__(self, tick: Sequence[str]) -> None:
+        hands = hands_among(tick)
+        self.topics = (*map(hand_target, hands), *_OTHERS, *map(hand_measured, hands))
 
+    def of(self, path: Path) -> bytes:
+        """Return the digests of a log; raises LogError if it cannot be read."""
+        return b"".join(_KEY.pack(*key) for key in self._found(path))
 
-def check_index(name: str, indexed: bytes) -> None:
-    """Check a file of what `index` returned; raises LogError if it is not whole messages of known topics."""
-    if len(indexed) % _KEY.size or any(key.topic >= len(CASE_TOPICS) for key in _keys(indexed)):
-        raise LogError(f"{name}: expected entries of {_KEY.size} bytes of known topics, found others")
+    def check(self, name: str, indexed: bytes) -> None:
+        """Check a file of what `of` returned; raises LogError if it is not whole messages of known topics."""
+        if len(indexed) % _KEY.size or any(key.topic >= len(self.topics) for key in _keys(indexed)):
+            raise LogError(f"{name}: expected entries of {_KEY.size} bytes of known topics, found others")
+
+    def first_change(self, path: Path, entry: LogEntry, indexed: bytes) -> Finding | None:
+        """Return the first change of a log since the case was added."""
+        if file_sha256(path) == entry.sha256:
+            return None
+        try:
+            return self._altered_message(path, _keys(indexed)) or _altered_rest(path, entry)
+        except Exception as error:
+            return Finding(LOG, "file", "an undamaged log", error_text(error), {"log": entry.name})
+
+    def _altered_message(self, path: Path, expected: Sequence[_Key]) -> Finding | None:
+        found = self._found(path)
+        seen: set[_Key] = set()
+        for place, key in enumerate(expected):
+            if (other := next(found, None)) != key:
+                return self._parted(path.name, key, other, seen, expected[place + 1 :])
+            seen.add(key)
+        extra = next(found, None)
+        return None if extra is None else self._finding(path.name, extra, "absent", "present", "extra")
+
+    def _parted(self, log: str, key: _Key, other: _Key | None, seen: set[_Key], later: Sequence[_Key]) -> Finding:
+        if other is None or other in later:
+            return self._finding(log, key, "present", "absent", "missing, or moved")
+        if other in seen:
+            return self._finding(log, other, "once", "again", "repeated")
+        if other[:2] == key[:2]:
+            return self._finding(log, key, f"digest {key.digest:016x}", f"{other.digest:016x}", "changed")
+        return self._finding(log, other, "absent", "present", "extra")
+
+    def _finding(self, log: str, key: _Key, expected: str, found: str, note: str) -> Finding:
+        place: dict[str, str | int] = {"log": log, "topic": self.topics[key.topic], "sequence": key.sequence}
+        return Finding(LOG, _MESSAGE, expected, found, place, note)
+
+    def _found(self, path: Path) -> Iterator[_Key]:
+        for record in LogReader(path).records(topics=self.topics, file_order=True):
+            digest = hashlib.sha256(frame_for_digest(record)).digest()
+            place = self.topics.index(record.topic)
+            yield _Key(place, record.sequence, int.from_bytes(digest[:8], "little"))
 
 
 def _keys(indexed: bytes) -> list[_Key]:
     return [_Key(*fields) for fields in _KEY.iter_unpack(indexed)]
-
-
-def _altered_message(path: Path, expected: Sequence[_Key]) -> Finding | None:
-    found = _found(path)
-    seen: set[_Key] = set()
-    for place, key in enumerate(expected):
-        if (other := next(found, None)) != key:
-            return _parted(path.name, key, other, seen, expected[place + 1 :])
-        seen.add(key)
-    extra = next(found, None)
-    return None if extra is None else _finding(path.name, extra, "absent", "present", "extra")
-
-
-def _parted(log: str, key: _Key, other: _Key | None, seen: set[_Key], later: Sequence[_Key]) -> Finding:
-    if other is None or other in later:
-        return _finding(log, key, "present", "absent", "missing, or moved")
-    if other in seen:
-        return _finding(log, other, "once", "again", "repeated")
-    if other[:2] == key[:2]:
-        return _finding(log, key, f"digest {key.digest:016x}", f"{other.digest:016x}", "changed")
-    return _finding(log, other, "absent", "present", "extra")
-
-
-def _finding(log: str, key: _Key, expected: str, found: str, note: str) -> Finding:
-    return Finding(LOG, _MESSAGE, expected, found, {"log": log, **key.place}, note)
 
 
 def _altered_rest(path: Path, entry: LogEntry) -> Finding:
@@ -151,15 +168,6 @@ def _altered_rest(path: Path, entry: LogEntry) -> Finding:
     return Finding(
         LOG, "file", f"SHA-256 {entry.sha256}", file_sha256(path), {"log": entry.name}, "its messages are the same"
     )
-
-
-def _found(path: Path) -> Iterator[_Key]:
-    return map(_key, LogReader(path).records(topics=CASE_TOPICS, file_order=True))
-
-
-def _key(record: RecordedMessage) -> _Key:
-    digest = hashlib.sha256(frame_for_digest(record)).digest()
-    return _Key(CASE_TOPICS.index(record.topic), record.sequence, int.from_bytes(digest[:8], "little"))
 
 
 def _attachments(reader: Reader) -> dict[str, str]:

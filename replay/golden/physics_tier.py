@@ -9,14 +9,12 @@ from recorders.cdr.codec import decode
 from recorders.errors import MissingExtra
 from recorders.messages.message_types import JointState, Message, PoseStamped
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, LEFT_MEASURED, RIGHT_MEASURED
+from recorders.messages.topics import SAMPLE_JOINTS, commanded_tick, hands_among
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
 from replay.golden.case import Case, Tolerances
 from replay.golden.finding import PHYSICS, Finding, error_text
 from replay.golden.recipe import PHYSICS_TICKS, Runner
-
-_TOPICS = (*(topic.name for topic in LEARNER_TOPICS), LEFT_MEASURED, RIGHT_MEASURED)
 
 
 def check_physics(case: Case, runner: Runner) -> Finding | None:
@@ -81,7 +79,9 @@ def first_beyond(
 
 def _first_missing(path: Path, logged: "_Logged", ticks: int, note: str) -> Finding | None:
     """Return the first message, up to the last tick due, that the simulation lacks."""
-    due = [tick.stamp_ns for tick in islice(join_ticks(LogReader(path)), ticks)]
+    log = LogReader(path)
+    topics = commanded_tick(hands_among(log.topics))
+    due = [tick.stamp_ns for tick in islice(join_ticks(log, topics=topics), ticks)]
     record = logged.first_left(up_to_ns=max(due, default=0))
     if record is None:
         return None
@@ -93,7 +93,9 @@ class _Logged:
     """The messages of a log, topic by topic, read as they are asked for."""
 
     def __init__(self, path: Path) -> None:
-        self._records = LogReader(path).records(topics=_TOPICS)
+        log = LogReader(path)
+        topics = [topic for topic in log.topics if topic == SAMPLE_JOINTS or hands_among([topic])]
+        self._records = log.records(topics=topics)
         self._waiting: defaultdict[str, deque[RecordedMessage]] = defaultdict(deque)
 
     def next(self, topic: str) -> RecordedMessage | None:

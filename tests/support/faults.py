@@ -155,7 +155,7 @@ def wrong_centring(patch: Patch, folder: Path) -> None:
 
 
 def swapped_hands(patch: Patch, folder: Path) -> None:
-    rewrite(patch, commanded.CommandedPairs, "fill", "left, right = tick.hands", "right, left = tick.hands")
+    rewrite(patch, commanded.CommandedPairs, "fill", "np.concatenate(tick.hands)", "np.concatenate(tick.hands[::-1])")
 
 
 def permuted_joints(patch: Patch, folder: Path) -> None:

@@ -23,8 +23,9 @@ from pipeline.terminal import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pipeline.learner.rule import Settings
     from pipeline.robot.config import RobotConfig
-    from replay.sources.schedule import Schedule
+    from pipeline.samples.pairing import PairingRule
     from replay.transports.transport import Source
 
 
@@ -61,12 +62,11 @@ def train(
     if as_recorded and as_live:
         raise ConfigError("expected one of --as-recorded and --as-live, found both")
     learner = default_config(rule, seed=seed)
-    topics = pairing_of(learner, pairs).topics
+    pairing, names = pairing_of(learner, pairs), renames(map_)
     if as_live:
-        source = _as_live(logs, config, epochs or 1, renames(map_), topics)
+        source = _as_live(logs, config, epochs or 1, names, pairing)
     else:
-        schedule = None if as_recorded else learner.schedule(epochs, topics)
-        source = _from_logs(logs, epochs, renames(map_), topics, schedule=schedule)
+        source = _from_logs(logs, config, learner, epochs, names, pairing, as_recorded=as_recorded)
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             learner,
@@ -84,27 +84,35 @@ def train(
 
 
 def _as_live(
-    logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str], topics: tuple[str, ...]
+    logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str], pairing: "PairingRule"
 ) -> "Source":
     from pipeline.robot.range_check import live_log
+    from pipeline.robot.recorded import recorded_hands
     from recorders.reading.parts import one_session
 
-    return live_log(one_session(logs), robot=robot, epochs=epochs, tick=topics, renames=names)
+    log = one_session(logs)
+    topics = pairing.topics(recorded_hands(log, robot=robot, renames=names))
+    return live_log(log, robot=robot, epochs=epochs, tick=topics, renames=names)
 
 
 def _from_logs(
     logs: list[Path],
+    robot: "RobotConfig | None",
+    learner: "Settings",
     epochs: int | None,
     names: dict[str, str],
-    topics: tuple[str, ...],
+    pairing: "PairingRule",
     *,
-    schedule: "Schedule | None",
+    as_recorded: bool,
 ) -> "Source":
-    """Return logs by a schedule, or without one a session as it was recorded."""
+    """Return logs as their learner is to be presented them, or a session as it was recorded."""
+    from pipeline.robot.recorded import recorded_hands
     from recorders.reading.parts import one_session, recordings
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
-    if schedule is None:
-        return RecordedSession(one_session(logs), epochs=epochs, renames=names, topics=topics)
-    return Replay(recordings(logs), schedule, renames=names)
+    found = [one_session(logs)] if as_recorded else recordings(logs)
+    topics = pairing.topics(recorded_hands(found[0], robot=robot, renames=names))
+    if as_recorded:
+        return RecordedSession(found[0], epochs=epochs, renames=names, topics=topics)
+    return Replay(found, learner.schedule(epochs, topics), renames=names)

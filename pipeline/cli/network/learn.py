@@ -116,9 +116,9 @@ def learn(
     check_metrics(node.prometheus)
     _check_files(out, checkpoints.checkpoint, live.record, overwrite=overwrite)
     learner = default_config(rule, seed=seed)
-    own = own_topics(pairing_of(learner, pairs).topics)
-    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own)
     config = None if robot is None else load_robot(robot)
+    own = own_topics(pairing_of(learner, pairs), config)
+    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own)
     session = node.config()
     with (
         note_on_interrupt(checkpoints.note),

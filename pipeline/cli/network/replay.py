@@ -172,6 +172,7 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
 
 def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
     from pipeline.learner.registry import default_config
+    from pipeline.robot.recorded import recorded_hands
     from pipeline.samples.pairing import find_pairing
     from pipeline.training.trainer import pairing_of
     from recorders.reading.parts import one_session, recordings
@@ -182,8 +183,10 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
-        topics = None if schedule.pairs is None else find_pairing(schedule.pairs).topics
-        return RecordedSession(one_session(logs), epochs=schedule.epochs, renames=names, topics=topics)
-    learner = default_config(schedule.rule)
-    topics = pairing_of(learner, schedule.pairs).topics
-    return Replay(recordings(logs), learner.schedule(schedule.epochs, topics), renames=names)
+        log = one_session(logs)
+        hands = recorded_hands(log, renames=names)
+        topics = None if schedule.pairs is None else find_pairing(schedule.pairs).topics(hands)
+        return RecordedSession(log, epochs=schedule.epochs, renames=names, topics=topics)
+    found, learner = recordings(logs), default_config(schedule.rule)
+    topics = pairing_of(learner, schedule.pairs).topics(recorded_hands(found[0], renames=names))
+    return Replay(found, learner.schedule(schedule.epochs, topics), renames=names)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.samples.pairing import COMMANDED, HANDS, PairingRule
-from recorders.messages.topics import COMMANDED_TICK
+from pipeline.samples.pairing import COMMANDED, PairingRule
+from recorders.messages.topics import commanded_tick
 from recorders.ticks.joiner import JointMap, Tick
 
 
@@ -18,22 +18,24 @@ class CommandedPairs:
     ----------
     joints : tuple of str
         The joints in the order of the outputs.
+    hands : int
+        How many hands.
     """
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
+    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
         self._joints = JointMap(joints)
-        self._held: Floats = np.empty(HANDS)
+        self._held: Floats = np.empty(3 * hands)
         self._held_since_ns = 0
         self._waiting = False
         self.stamp_ns = 0
 
     @property
     def pending(self) -> Floats:
-        """u(k) that waits for its teaching signal [m], shape (6,), or (0,) before the first tick of a cycle."""
+        """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) before the first tick of a cycle."""
         return self._held.copy() if self._waiting else np.empty(0)
 
     def resume(self, pending: Floats) -> None:
-        """Go on from what was pending, shape (6,) or (0,)."""
+        """Go on from what was pending, shape (3 hands,) or (0,)."""
         self._waiting = len(pending) > 0
         if self._waiting:
             self._held[:] = pending
@@ -46,16 +48,14 @@ class CommandedPairs:
         """Complete the step that the tick before has begun; False for the first tick of a cycle."""
         complete = self._waiting
         joints = self._joints.positions(tick.joints)
-        left, right = tick.hands
         if complete:
             u[:] = self._held
-        self._held[:3] = left
-        self._held[3:] = right
-        d[:HANDS] = self._held
-        d[HANDS:] = joints
+        self._held[:] = np.concatenate(tick.hands)
+        d[: self._held.size] = self._held
+        d[self._held.size :] = joints
         self._waiting = True
         self.stamp_ns, self._held_since_ns = self._held_since_ns, tick.stamp_ns
         return complete
 
 
-RULE = PairingRule(COMMANDED, COMMANDED_TICK, CommandedPairs)
+RULE = PairingRule(COMMANDED, commanded_tick, CommandedPairs)

@@ -3,8 +3,8 @@
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.samples.pairing import HANDS, PairingRule
-from recorders.messages.topics import REACHED_TICK
+from pipeline.samples.pairing import PairingRule
+from recorders.messages.topics import reached_tick
 from recorders.ticks.joiner import JointMap, Tick
 
 
@@ -17,10 +17,12 @@ class ReachedPairs:
     ----------
     joints : tuple of str
         The joints in the order of the outputs.
+    hands : int
+        How many hands.
     """
 
-    def __init__(self, joints: tuple[str, ...]) -> None:
-        self._joints = JointMap(joints)
+    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
+        self._joints, self._size = JointMap(joints), 3 * hands
         self.stamp_ns = 0
 
     @property
@@ -37,11 +39,11 @@ class ReachedPairs:
     def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
         """Complete the step of this tick."""
         joints = self._joints.positions(tick.joints)
-        u[:3], u[3:] = tick.hands
-        d[:HANDS] = u
-        d[HANDS:] = joints
+        u[:] = np.concatenate(tick.hands)
+        d[: self._size] = u
+        d[self._size :] = joints
         self.stamp_ns = tick.stamp_ns
         return True
 
 
-RULE = PairingRule("reached", REACHED_TICK, ReachedPairs)
+RULE = PairingRule("reached", reached_tick, ReachedPairs)

@@ -16,6 +16,7 @@ from episodes import write_plain_episode
 from recorders.cdr.codec import decode
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import JointState, Message
+from recorders.messages.topics import COMMANDED_TICK
 from recorders.reading.reader import LogReader
 from recorders.ticks.joiner import join_ticks
 from replay.golden.add import add_case
@@ -23,7 +24,7 @@ from replay.golden.case import Tolerances, load_case
 from replay.golden.check import check_all, check_case, summary
 from replay.golden.finding import ElementDifference, Finding
 from replay.golden.folder import CASE_FILE, find_cases
-from replay.golden.log_tier import CASE_TOPICS, strip_topics
+from replay.golden.log_tier import LogIndex, strip_topics
 from replay.golden.physics_tier import first_beyond
 from replay.golden.recipe import CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
@@ -101,7 +102,7 @@ def test_a_slim_log_is_copied_to_the_byte(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     strip_topics(log, tmp_path / "slim.mcap", physics=False)
     assert (tmp_path / "slim.mcap").read_bytes() == log.read_bytes()
-    assert set(LogReader(log).topics) <= set(CASE_TOPICS)
+    assert set(LogReader(log).topics) <= set(LogIndex(COMMANDED_TICK).topics)
 
 
 def set_value(**values: Any) -> Callable[[dict[str, Any]], None]:

@@ -1,0 +1,144 @@
+"""A robot of one hand, or of three, is explored, learned, evaluated, shown, served and kept like one of two."""
+
+import json
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from more_hands import ONE, THREE, write_motion, write_robot
+from processes import start, wait_for_line
+
+from pipeline.cli import app
+from pipeline.learner.controller import Controller
+from pipeline.learner_node.node import replay
+from pipeline.samples.pairs import read_samples
+from recorders.cdr.codec import decode_as, encode
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.topics import SAMPLE_JOINTS, hand_measured, hand_target
+from recorders.reading.reader import LogReader
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig
+from recorders.writing.writer import RESERVED, LogWriter
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
+from replay.transports.sender_config import SenderConfig
+
+EPOCHS = 2
+SAMPLES = 8
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        app.main([str(argument) for argument in arguments])
+    return int(end.value.code or 0)
+
+
+@pytest.fixture(scope="module", params=[ONE, THREE], ids=["one hand", "three hands"])
+def hands(request: pytest.FixtureRequest) -> tuple[str, ...]:
+    found: tuple[str, ...] = request.param
+    return found
+
+
+@pytest.fixture(scope="module")
+def work(hands: tuple[str, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with the robot, a motion, the log of an exploration, and the controller that was trained from it."""
+    folder = tmp_path_factory.mktemp("hands")
+    robot = write_robot(folder / "robot", hands)
+    motion = write_motion(folder / "motion.csv", robot, samples=SAMPLES)
+    assert run("explore", "--robot", robot, "--motion", motion, "--out", folder / "log.mcap") == 0
+    training = ("--epochs", EPOCHS, "--seed", 3, "--out", folder / "trained.npz", "--checkpoint", folder / "c.npz")
+    assert run("train", folder / "log.mcap", *training) == 0
+    return folder
+
+
+@pytest.fixture
+def result(capsys: pytest.CaptureFixture[str]) -> Any:
+    """Run a verb and return what it prints as JSON."""
+
+    def printed(*arguments: object) -> Any:
+        capsys.readouterr()
+        code = run(*arguments, "--json")
+        out, err = capsys.readouterr()
+        assert code == 0, err
+        return json.loads(out)
+
+    return printed
+
+
+def move_target(log: Path, topic: str) -> None:
+    """Move the fourth message on a topic by a millimetre."""
+    reader = LogReader(log)
+    attachments = {name: reader.attachment(name) for name in reader.attachments}
+    manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
+    with LogWriter(log.with_suffix(".new"), manifest=manifest, attachments=attachments) as writer:
+        for record in reader.records(file_order=True):
+            if record.topic == topic and record.sequence == 3:
+                pose = decode_as(PoseStamped, record.data)
+                record = record._replace(data=encode(PoseStamped(pose.stamp_ns, pose.position + 1e-3)))
+            writer.copy(record)
+    log.with_suffix(".new").rename(log)
+
+
+def per_hand(hands: Sequence[str], *names: str) -> set[str]:
+    return {name.format(hand) for hand in hands for name in names}
+
+
+def test_the_log_and_its_samples_are_of_all_hands(work: Path, hands: tuple[str, ...]) -> None:
+    counts = LogReader(work / "log.mcap").counts
+    topics = [SAMPLE_JOINTS, *map(hand_target, hands), *map(hand_measured, hands)]
+    assert {topic: counts[topic] for topic in topics} == dict.fromkeys(topics, SAMPLES + 1)
+    samples = read_samples(work / "log.mcap")
+    assert samples.robot.hand_names == hands
+    assert samples.targets.shape == (SAMPLES, 3 * len(hands))
+    motion = np.loadtxt(work / "motion.csv", delimiter=",", skiprows=1)
+    np.testing.assert_array_equal(samples.targets, motion[:, 1:])
+
+
+def test_learned_over_zenoh_and_from_the_file_is_one_state(work: Path, tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with start("learn", "--listen", endpoint, "--seed", 3, "--out", "live.npz", "--json", cwd=tmp_path) as learner:
+        wait_for_line(learner, "waits for a replay")
+        session = SessionConfig(connect=(endpoint,))
+        sent = replay(Replay([work / "log.mcap"], Schedule(epochs=EPOCHS)), session=session, sender=SenderConfig())
+        out, complaints = learner.communicate(timeout=60)
+    assert learner.returncode == 0, complaints
+    trained = Controller.load(work / "trained.npz")
+    assert json.loads(out)["digest"] == sent["consumers"]["learner"]["digest"] == trained.digest
+    assert Controller.load(tmp_path / "live.npz").digest == trained.digest
+
+
+def test_evaluate_names_every_hand(work: Path, hands: tuple[str, ...], result: Any) -> None:
+    found = result("evaluate", work / "trained.npz", work / "log.mcap")
+    each = per_hand(hands, "{}_cm", "{}_max_cm", "teacher_{}_cm", "linear_{}_cm")
+    assert found.keys() == {"mean_cm", "max_cm", "samples", "teacher_cm", "linear_cm"} | each
+    assert found["mean_cm"] == pytest.approx(np.mean([found[f"{hand}_cm"] for hand in hands]))
+    assert result("evaluate", work / "trained.npz", "eight")["samples"] == 64
+
+
+def test_served_it_drives_the_robot(work: Path, result: Any) -> None:
+    found = result("evaluate", work / "trained.npz", work / "motion.csv", "--deploy")
+    assert 0.0 < found["teacher_cm"] < 3.0
+    assert 0.0 < found["learned_cm"] < 30.0
+
+
+def test_it_is_shown(work: Path, tmp_path: Path, result: Any) -> None:
+    for source in ("log.mcap", "trained.npz"):
+        out = tmp_path / f"{source}.rrd"
+        arguments = ("--motion", work / "motion.csv") if source == "trained.npz" else ()
+        result("view", work / source, *arguments, "--save", out)
+        assert out.stat().st_size > 10_000
+
+
+def test_a_golden_case_holds_and_names_the_hand_that_moved(
+    work: Path, hands: tuple[str, ...], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    options = ("--name", "hands", "--cases", tmp_path, "--epochs", 1, "--physics")
+    assert run("golden", "add", work / "log.mcap", *options) == 0
+    assert run("golden", "check", tmp_path, "--physics") == 0
+    capsys.readouterr()
+    log = tmp_path / "hands" / "log.mcap"
+    move_target(log, hand_target(hands[-1]))
+    assert run("golden", "check", tmp_path) == 1
+    assert hand_target(hands[-1]) in capsys.readouterr().out
