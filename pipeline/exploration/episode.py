@@ -152,7 +152,7 @@ class TeacherRun:
 
     @property
     def teacher_error_cm(self) -> float:
-        """Distance of the hands from u(k) at the end of its hold [cm], mean over all samples so far and both hands."""
+        """Distance of the hands from u(k) at the end of its hold [cm], mean over all samples so far and hands."""
         return 100.0 * sum(self._errors_m) / len(self._errors_m)
 
     def settle(self, plan: MotionPlan) -> Iterator[TopicMessage]:

@@ -27,7 +27,7 @@ class HandPath:
     Attributes
     ----------
     times_s : ndarray
-        Strictly increasing times [s], shape (N,); those of both hands count from the same instant.
+        Strictly increasing times [s], shape (N,); those of all hands count from the same instant.
     points : ndarray
         Positions, in whatever unit and axes the source has, shape (N, 3).
     """

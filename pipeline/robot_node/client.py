@@ -130,7 +130,7 @@ class RemoteRobot:
             self._request_move("command", commands, expected_ns=expected_ns)
 
     def hands(self) -> Floats:
-        """Positions of both hands [m], left then right, world frame, shape (2, 3)."""
+        """Positions of the hands [m], world frame, shape (hands, 3)."""
         return self._kinematics.hands(self.positions)
 
     def _command(self, q: ArrayLike, *, stamp_ns: int) -> bytes:

@@ -42,7 +42,7 @@ class NetworkView:
         return {name: controller.state[name].ravel() for name in self.shown.spread}
 
     def activity(self, controller: Controller, targets: Floats) -> Floats | None:
-        """Return the activity while it follows targets (T, 6) [m], after a washout; None if the rule shows none.
+        """Return the activity while it follows targets (T, 3 hands) [m], after a washout; None if the rule shows none.
 
         Returns
         -------

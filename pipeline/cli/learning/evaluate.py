@@ -41,7 +41,7 @@ def evaluate(
 ) -> None:
     """Try a controller on a motion or a recording.
 
-    The result is the distances of both hands from their targets, and the pairs that the controller was trained with.
+    The result is the distances of the hands from their targets, and the pairs that the controller was trained with.
     """
     from pipeline.evaluation.trials import evaluate_motion
     from pipeline.learner.controller import Controller as Loaded
