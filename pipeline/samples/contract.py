@@ -9,8 +9,10 @@ from pipeline.arrays import Floats
 from pipeline.samples.pairing import PAIRING_RULES, PairingRule, find_pairing
 from recorders.errors import JointError
 from recorders.messages.message_types import JointState
+from recorders.messages.topics import hands_among
 from recorders.ticks.joiner import Tick, check_tick_topics
 
+_HANDS = ("right", "left", "tail")
 _JOINTS = ("one", "two", "three")
 _PERIOD_NS = 100_000_000
 _TICKS = 6
@@ -27,6 +29,13 @@ class PairingRuleContract:
 
     rule: ClassVar[PairingRule]
 
+    hands: int
+
+    @pytest.fixture(autouse=True, params=range(1, 4), ids="hands-{}".format)
+    def _of_hands(self, request: pytest.FixtureRequest) -> None:
+        """Run each test with one hand, with two and with three."""
+        self.hands = request.param
+
     def tick(self, index: int, joints: tuple[str, ...] = _JOINTS) -> Tick:
         """Return a tick whose numbers are all different from those of others."""
         start = 100.0 * index
@@ -34,14 +43,9 @@ class PairingRuleContract:
         posture = JointState(index * _PERIOD_NS, joints, start + 50.0 + np.arange(float(len(joints))))
         return Tick(index * _PERIOD_NS, hands, posture, ())
 
-    @property
-    def hands(self) -> int:
-        """Hands of a tick."""
-        return len(self.rule.topics) - 1
-
     def steps(self, ticks: range, pending: Floats | None = None) -> tuple[list[tuple[int, bytes, bytes]], Floats]:
         """Return the steps of some ticks, after those that a checkpoint has seen, and what is pending then."""
-        pairs = self.rule.pairs(_JOINTS)
+        pairs = self.rule.pairs(_JOINTS, self.hands)
         pairs.begin()
         if pending is not None:
             pairs.resume(pending)
@@ -56,7 +60,9 @@ class PairingRuleContract:
         """It is found by its name, and its topics are those of a tick."""
         assert self.rule.name in PAIRING_RULES.names()
         assert find_pairing(self.rule.name) is self.rule
-        assert check_tick_topics(self.rule.topics) == self.rule.topics
+        topics = self.rule.topics(_HANDS[: self.hands])
+        assert check_tick_topics(topics) == topics
+        assert hands_among(topics) == _HANDS[: self.hands]
 
     def test_each_tick_makes_one_step_at_most(self) -> None:
         """Steps come in order, each stamped with its input."""
@@ -85,7 +91,7 @@ class PairingRuleContract:
 
     def test_a_cycle_begins_with_nothing(self) -> None:
         """What was pending before is forgotten."""
-        pairs = self.rule.pairs(_JOINTS)
+        pairs = self.rule.pairs(_JOINTS, self.hands)
         u, d = np.empty(3 * self.hands), np.empty(3 * self.hands + len(_JOINTS))
         fresh = pairs.fill(self.tick(0), u, d)
         pairs.begin()
@@ -94,7 +100,7 @@ class PairingRuleContract:
 
     def test_joints_are_mapped_by_name(self) -> None:
         """Their order in a message does not matter."""
-        one, other = (self.rule.pairs(joints) for joints in (_JOINTS, _JOINTS[::-1]))
+        one, other = (self.rule.pairs(joints, self.hands) for joints in (_JOINTS, _JOINTS[::-1]))
         u, d, mirrored = np.empty(3 * self.hands), np.empty(3 * self.hands + 3), np.empty(3 * self.hands + 3)
         for index in range(2):
             one.fill(self.tick(index), u, d)
@@ -103,7 +109,7 @@ class PairingRuleContract:
 
     def test_a_tick_without_a_joint_is_refused_and_changes_nothing(self) -> None:
         """The next step is as if it had never come."""
-        pairs, u, d = self.rule.pairs(_JOINTS), np.empty(3 * self.hands), np.empty(3 * self.hands + 3)
+        pairs, u, d = self.rule.pairs(_JOINTS, self.hands), np.empty(3 * self.hands), np.empty(3 * self.hands + 3)
         pairs.fill(self.tick(0), u, d)
         before = pairs.pending
         with pytest.raises(JointError, match="three"):

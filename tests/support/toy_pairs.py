@@ -4,12 +4,12 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.samples.pairing import PairingRule
-from recorders.messages.topics import COMMANDED_TICK
+from recorders.messages.topics import commanded_tick
 from recorders.ticks.joiner import JointMap, Tick
 
 
 class ToyPairs:
-    def __init__(self, joints: tuple[str, ...]) -> None:
+    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
         self._joints = JointMap(joints)
         self.pending: Floats = np.empty(0)
         self.stamp_ns = 0
@@ -28,4 +28,4 @@ class ToyPairs:
         return True
 
 
-RULE = PairingRule("toy", COMMANDED_TICK, ToyPairs)
+RULE = PairingRule("toy", commanded_tick, ToyPairs)

@@ -80,7 +80,7 @@ def run(*arguments: object) -> dict[str, Any]:
 
 
 def trained(log: Path, pairs: str) -> Trainer:
-    topics = find_pairing(pairs).topics
+    topics = find_pairing(pairs).topics(("left", "right"))
     return train_on(Replay([log], Schedule(EPOCHS, topics=topics)), Trainer(default_config(), pairs=pairs))
 
 
@@ -95,7 +95,7 @@ def test_a_kill_and_messages_one_by_one_end_where_training_in_memory_does(
 ) -> None:
     whole = trained(log, pairs).result()
     assert (whole["ticks"], whole["steps"]) == (7 * EPOCHS * (SAMPLES + 1), 7 * EPOCHS * steps)
-    source = Replay([log], Schedule(EPOCHS, topics=find_pairing(pairs).topics))
+    source = Replay([log], Schedule(EPOCHS, topics=find_pairing(pairs).topics(("left", "right"))))
     checkpoint = CheckpointConfig(tmp_path / "kept.npz", 1)
     first = Trainer(default_config(), pairs=pairs, checkpoint=checkpoint)
     first.hello(source.offer())
@@ -155,7 +155,7 @@ def test_a_learner_refuses_a_stream_without_its_topics(log: Path) -> None:
 
 
 def test_a_log_as_live_is_joined_by_the_same_topics(log: Path) -> None:
-    topics = find_pairing("reached").topics
+    topics = find_pairing("reached").topics(("left", "right"))
     live = train_on(LiveLog(log, tick=topics), Trainer(default_config(), pairs="reached"))
     assert live.result()["steps"] == SAMPLES + 1
 
