@@ -18,7 +18,7 @@ CLEARANCE_M = 0.03
 """Distance that an exploration keeps between a robot's parts."""
 
 NEIGHBOURS_M = 0.05
-"""What is nearer than this in the comfort posture is built so."""
+"""Parts nearer than this in the comfort posture are built so."""
 
 _CAPSULE_RADIUS_M = 0.03  # of a link without shapes
 _SHORTEST_M = 0.01  # bones below this have no capsule

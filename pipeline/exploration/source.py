@@ -21,7 +21,7 @@ _TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
 
 @dataclass(frozen=True)
 class Pace:
-    """Length and rate of a motion that is made as long as wanted.
+    """Length and rate of a motion that is as long as wanted.
 
     Attributes
     ----------
@@ -98,7 +98,7 @@ SOURCES = Registry("exploration source", DrawnMotion, room=sources, constant="SO
 
 @dataclass(frozen=True)
 class Source:
-    """A motion by name, made for a robot, and how it is explored.
+    """A motion by name, for a robot, and how it is explored.
 
     Attributes
     ----------
@@ -123,7 +123,7 @@ class Source:
     def motion(
         self, robot: RobotConfig, *, seed: int, progress: Callable[[float], None] = lambda fraction: None
     ) -> Motion:
-        """Return the motion for a robot; `progress` is called with the fraction made, 0 to 1.
+        """Return the motion for a robot; `progress` is called with the fraction done, 0 to 1.
 
         Raises
         ------

@@ -1,4 +1,4 @@
-"""What a learning rule may know of a robot before the first message, as plain numbers: limits, chains and reach."""
+"""Knowledge of a robot that a learning rule has before the first message, as plain numbers: limits, chains, reach."""
 
 import dataclasses
 import math

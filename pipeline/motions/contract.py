@@ -25,7 +25,7 @@ class NamedMotionContract:
         """The robot."""
         return load_robot(self.robot)
 
-    def made(self) -> Motion:
+    def presented(self) -> Motion:
         """Make the motion."""
         return self.motion.make(self.config)
 
@@ -33,19 +33,19 @@ class NamedMotionContract:
         """It is found by its name, and loaded as any other."""
         assert self.motion.name in MOTIONS.names()
         assert MOTIONS.find(self.motion.name) is self.motion
-        assert load_motion(self.motion.name, self.config).sha256 == self.made().sha256
+        assert load_motion(self.motion.name, self.config).sha256 == self.presented().sha256
 
     def test_it_has_its_name_and_the_robots_hands(self) -> None:
         """Targets of every hand, in the robot's order."""
-        made = self.made()
-        assert made.name == self.motion.name
-        assert made.targets.shape == (len(made), len(self.config.hands), 3)
+        presented = self.presented()
+        assert presented.name == self.motion.name
+        assert presented.targets.shape == (len(presented), len(self.config.hands), 3)
 
     def test_it_is_the_same_each_time(self) -> None:
         """To the bit."""
-        assert self.made().targets.tobytes() == self.made().targets.tobytes()
-        assert self.made().times_s.tobytes() == self.made().times_s.tobytes()
+        assert self.presented().targets.tobytes() == self.presented().targets.tobytes()
+        assert self.presented().times_s.tobytes() == self.presented().times_s.tobytes()
 
     def test_its_targets_can_be_the_robots(self) -> None:
         """None is far from the robot."""
-        check_targets(self.made(), self.config)
+        check_targets(self.presented(), self.config)

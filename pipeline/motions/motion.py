@@ -81,7 +81,7 @@ class Motion:
 
 @dataclass(frozen=True)
 class NamedMotion:
-    """Motion that is made for a robot, and known by a name wherever one is asked for.
+    """Motion that is generated for a robot, and known by a name wherever one is asked for.
 
     A motion is a module with `MOTION`: here in `pipeline.motions.patterns`, named as the motion is, or in a
     distribution of others, under an entry point of the group `reenact.motions`. `pipeline.motions.contract` has tests

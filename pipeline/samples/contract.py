@@ -90,7 +90,7 @@ class PairingRuleContract:
         assert left.tobytes() == at_the_end.tobytes()
 
     def test_a_cycle_begins_with_nothing(self) -> None:
-        """What was pending before is forgotten."""
+        """Pending samples from before are forgotten."""
         pairs = self.rule.pairs(_JOINTS, self.hands)
         u, d = np.empty(3 * self.hands), np.empty(3 * self.hands + len(_JOINTS))
         fresh = pairs.fill(self.tick(0), u, d)

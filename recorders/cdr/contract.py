@@ -36,7 +36,7 @@ class MessageFormatContract:
         assert schema_text(self.format.name)
 
     def test_bytes_are_those_of_another_writer(self) -> None:
-        """What rosbags reads in them, it writes as the same bytes."""
+        """Messages that rosbags reads in them, it writes as the same bytes."""
         store = typestore()
         for message in self.examples:
             data = encode(message)
@@ -62,7 +62,7 @@ class MessageFormatContract:
             with pytest.raises(MessageError):
                 decode(self.format.name, data[:end])
 
-    def test_fields_tell_messages_apart(self) -> None:
+    def test_fields_distinguish_messages(self) -> None:
         """Each field has a name of its own, and is one of the parts that a comparison may leave out."""
         found = [self.fields(message) for message in self.examples]
         assert all(len(list(self.format.fields(message))) == len(self.fields(message)) for message in self.examples)

@@ -15,7 +15,7 @@ from recorders.messages.validation import FloatArray
 from recorders.registry import Registry
 
 Value: TypeAlias = int | float | str
-"""What a field of a message holds."""
+"""Value of a field of a message."""
 
 
 @dataclass(frozen=True)

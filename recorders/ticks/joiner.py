@@ -245,7 +245,7 @@ def joints_rank(topics: Sequence[str]) -> int:
 
 
 def check_tick_topics(topics: Sequence[str]) -> tuple[str, ...]:
-    """Return topics that a tick may be made of: one of joints, all others of positions, none of them twice.
+    """Return topics that a tick may consist of: one of joints, all others of positions, none of them twice.
 
     Raises
     ------

@@ -80,11 +80,11 @@ def strip_topics(
     if isinstance(source, Path) and len(of_case) == len(reader.topics):
         target.write_bytes(source.read_bytes())
         return
-    kept = of_case if physics else (SESSION_PHASE, *tick)
+    topics = of_case if physics else (SESSION_PHASE, *tick)
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}
     attachments = {name: reader.attachment(name) for name in reader.attachments}
     with LogWriter(target, manifest=manifest, attachments=attachments) as writer:
-        for record in reader.records(topics=kept, file_order=file_order):
+        for record in reader.records(topics=topics, file_order=file_order):
             writer.copy(record)
 
 

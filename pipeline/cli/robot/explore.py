@@ -47,7 +47,7 @@ class DriveOptions:
 
 @dataclass(frozen=True)
 class SourceOptions:
-    """What the robot is to follow, and how."""
+    """Motion that the robot is to follow, and how."""
 
     motion: Annotated[
         str,

@@ -26,7 +26,7 @@ _DRAWS = 40  # of a via point, before the one before is drawn anew; on average, 
 
 
 class _State(NamedTuple):
-    """Where a plan stands: the via point [m] (hands, 3), and the posture commanded there (n,)."""
+    """Position of a plan: the via point [m] (hands, 3), and the posture commanded there (n,)."""
 
     point: Floats
     posture: Floats
