@@ -68,8 +68,9 @@ def robot_of(controller: Controller) -> RobotConfig:
     """
     robot = parse_robot(controller.robot_toml, controller.robot_urdf, origin="the robot of the controller")
     if robot.joints != controller.joints or controller.config.inputs != len(robot.input_centre):
+        hands = {1: "one hand", 2: "two hands"}.get(len(robot.hands), f"{len(robot.hands)} hands")
         raise ControllerError(
-            f"expected a controller of the hands {names_text(robot.hand_names)} and the joints of {robot.name}, "
+            f"expected a controller of {hands} and the joints of {robot.name}, "
             f"{names_text(robot.joints)}; "
             f"found {controller.config.inputs} inputs and joints {names_text(controller.joints)}"
         )
