@@ -8,6 +8,7 @@ import pytest
 
 from pipeline.arrays import Floats
 from pipeline.learner.controller import Controller
+from pipeline.learner.look_ahead import look_ahead_of
 from pipeline.learner.registry import config_from_dict, config_to_dict, find_rule, rule_names
 from pipeline.learner.rule import OnlineLearner, Rule, Settings
 from pipeline.learner.state import state_digest
@@ -125,6 +126,28 @@ class LearningRuleContract:
         learner.load_state(state)
         assert state_digest(learner.state()) == state_digest(state)
         assert np.array_equal(learner.predict(u), outputs)
+
+    def test_a_look_ahead_is_the_next_step_to_the_bit(self) -> None:
+        """It changes nothing; the step is taken when there is time, and other steps may come first."""
+        (learner, predicting), (u, d) = (self.trained(64) for _ in range(2)), self.motion(20)
+        outputs, limited, row = np.empty(self.config.outputs), np.empty(self.config.outputs), u[0].copy()
+        limits = np.array([np.full(self.config.outputs, bound) for bound in (-0.01, 0.01)])
+        ahead = look_ahead_of(learner)
+        look_ahead = ahead.bind_look_ahead(row, limits=limits, outputs=outputs, limited=limited)
+        for k in range(len(u)):
+            row[:] = u[k]
+            digest = state_digest(learner.state())
+            assert look_ahead() == 0
+            assert state_digest(learner.state()) == digest
+            if k % 3:
+                ahead.advance()
+                expected = predicting.predict(u[k : k + 1])
+            else:
+                learner.step(u[k : k + 1], d[k : k + 1], learning=True)
+                expected = predicting.step(u[k : k + 1], d[k : k + 1], learning=True)
+            assert outputs.tobytes() == expected.tobytes()
+            assert np.array_equal(limited, np.clip(outputs, *limits))
+            assert state_digest(learner.state()) == state_digest(predicting.state())
 
     def test_a_state_is_a_copy(self) -> None:
         """Writing to it does not change the learner."""

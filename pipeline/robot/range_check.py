@@ -82,13 +82,18 @@ class RangeCheck:
 
     def check_target(self, position: Sequence[float]) -> None:
         """Check a target, x, y, z [m]; raises OutOfRange."""
-        if not all(abs(a - b) <= self.distance_m for a, b in zip(position, self._centre, strict=True)):  # nor is NaN
+        if not is_within(position, self._centre, self.distance_m):
             found = ", ".join(f"{number:g}" for number in position)
             raise OutOfRange(
                 f"expected a target within {self.distance_m:.2g} m of the patterns, found ({found}) m"
                 f"{self._unit_of(position)}",
                 finite=all(map(math.isfinite, position)),
             )
+
+    def margin_m(self, position: Sequence[float]) -> float:
+        """Return how far from a position, along every axis, all targets pass [m]; negative if not even the position."""
+        margin: float = self.distance_m - max(abs(a - b) for a, b in zip(position, self._centre, strict=True))
+        return margin
 
     def check_joints(self, joints: JointState) -> None:
         """Check the robot's joints among those of a message [rad or m]; raises JointError or OutOfRange."""
@@ -136,6 +141,12 @@ class RangeCheck:
     def _is_within(self, name: str, position: float) -> bool:
         lower, upper = self._limits[name]
         return bool(abs(position - (lower + upper) / 2.0) <= 0.6 * (upper - lower))
+
+
+def is_within(position: Sequence[float], centre: Sequence[float], distance_m: float) -> bool:
+    """Whether a position is within a distance of a centre along each of three axes [m]; NaN never is."""
+    (x, y, z), (x_0, y_0, z_0) = position, centre
+    return abs(x - x_0) <= distance_m and abs(y - y_0) <= distance_m and abs(z - z_0) <= distance_m
 
 
 @lru_cache(maxsize=8)

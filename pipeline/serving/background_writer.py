@@ -16,7 +16,7 @@ UNNUMBERED = -1
 """Sequence of a message that carries no number of its producer's; the log numbers it."""
 
 
-class Clerk:
+class BackgroundWriter:
     """Takes records to write and lines to report, from any thread; a context manager.
 
     A signal, which Python handles on the main thread, cannot cut a record in two. A log that cannot be written any
@@ -29,8 +29,6 @@ class Clerk:
 
     Attributes
     ----------
-    records : bool
-        Whether there is a log to write on.
     written : int
         Messages written so far.
 
@@ -43,9 +41,8 @@ class Clerk:
     def __init__(self, writer: LogWriter | None) -> None:
         self._writer = writer
         self._inbox: queue.SimpleQueue[RecordedMessage | str | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="clerk")
+        self._thread = threading.Thread(target=self._work, name="background writer")
         self._error: ReenactError | None = None
-        self.records = writer is not None
         self.written = 0
 
     def __enter__(self) -> Self:
@@ -71,6 +68,11 @@ class Clerk:
         if self._error is not None:
             raise self._error
 
+    @property
+    def records(self) -> bool:
+        """Whether there is a log to write on."""
+        return self._writer is not None and self._error is None
+
     def write(self, record: RecordedMessage) -> None:
         """Have a record written."""
         self._inbox.put(record)
@@ -83,11 +85,11 @@ class Clerk:
         while (item := self._inbox.get()) is not None:
             if isinstance(item, str):
                 logger.warning(item)
-            elif self.records:
+            else:
                 self._write(item)
 
     def _write(self, record: RecordedMessage) -> None:
-        if self._writer is None:
+        if self._writer is None or self._error is not None:
             return
         try:
             self._writer.write(
@@ -100,5 +102,4 @@ class Clerk:
             self.written += 1
         except ReenactError as error:
             self._error = error
-            self.records = False
             logger.warning(f"{error}; nothing more is recorded, all else goes on")

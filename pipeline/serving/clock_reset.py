@@ -1,8 +1,8 @@
-"""When stamps out of time are a publisher whose clock began anew, and no longer messages that come late or astray."""
+"""Detects that stamps out of time come from a clock that began anew, and are no longer late or stray messages."""
 
 import time
 
-from pipeline.serving.rejections import Refusal
+from pipeline.serving.rejections import Rejection
 
 RESTART_AFTER = 10
 """Ticks in a row that must be out of time: more than are under way between two nodes, and two seconds at 5 Hz."""
@@ -11,8 +11,8 @@ LEAP_NS = 10 * 10**9
 """How much farther than time has passed a stamp may leap: a recording that is played fast has gaps."""
 
 
-class RestartWatch:
-    """Notices that every topic of a tick goes on, message after message, away from what was answered last.
+class ClockResetDetector:
+    """Detects that every topic of a tick goes on, message after message, away from what was answered last.
 
     Parameters
     ----------
@@ -45,7 +45,7 @@ class RestartWatch:
 
 
 class StampOrder:
-    """Knows the stamp of the tick that was answered last, and which stamps can follow it.
+    """The stamp of the tick that was answered last, and which stamps can follow it.
 
     Parameters
     ----------
@@ -59,7 +59,7 @@ class StampOrder:
     """
 
     def __init__(self, topics: int) -> None:
-        self._watches = {reason: RestartWatch(topics) for reason in (Refusal.STALE, Refusal.AHEAD)}
+        self._watches = {reason: ClockResetDetector(topics) for reason in (Rejection.STALE, Rejection.AHEAD)}
         self.begin()
 
     def begin(self, last_ns: int = -1) -> None:
@@ -79,12 +79,12 @@ class StampOrder:
         leap = stamp - self.last_ns
         return leap > LEAP_NS and self.last_ns >= 0 and leap > LEAP_NS + time.monotonic_ns() - self._answered_ns
 
-    def refusal(self, stamp: int) -> Refusal | None:
+    def rejection(self, stamp: int) -> Rejection | None:
         """Return why a stamp cannot follow, None if it can."""
         if stamp <= self.last_ns:
-            return Refusal.STALE
-        return Refusal.AHEAD if self.is_ahead(stamp) else None
+            return Rejection.STALE
+        return Rejection.AHEAD if self.is_ahead(stamp) else None
 
-    def goes_on(self, reason: Refusal, place: int, stamp: int) -> bool:
-        """Note a message that was refused; True once enough of them went on where it is."""
+    def goes_on(self, reason: Rejection, place: int, stamp: int) -> bool:
+        """Note a message that was rejected; True once enough of them went on where it is."""
         return self._watches[reason].note(place, stamp)

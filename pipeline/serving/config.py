@@ -1,4 +1,4 @@
-"""How a controller is served."""
+"""Settings of a served controller."""
 
 from dataclasses import dataclass
 
@@ -9,7 +9,7 @@ from recorders.errors import ConfigError
 
 @dataclass(frozen=True)
 class ServingConfig:
-    """How a controller is served.
+    """Learning, washout, and which targets are counted as outside.
 
     Parameters
     ----------

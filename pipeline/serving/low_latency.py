@@ -1,4 +1,4 @@
-"""Keeps the interpreter itself from holding up whoever must answer within a millisecond."""
+"""Shortens the pauses of the interpreter itself, where an answer is due within a millisecond."""
 
 import gc
 import sys
@@ -9,7 +9,7 @@ _SWITCH_S = 1e-4  # Python's own 5 ms are five ticks at 1 kHz
 
 
 @contextmanager
-def unpaused() -> Iterator[None]:
+def low_latency() -> Iterator[None]:
     """Keep the two pauses that Python makes short while the block runs.
 
     The collector of cyclic garbage looks through everything that is alive, which takes it some 0.1 s once numpy and

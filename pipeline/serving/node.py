@@ -5,7 +5,7 @@ import logging
 import threading
 import time
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from itertools import starmap
 from typing import Any
@@ -17,10 +17,10 @@ from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_controllers
 from pipeline.robot_node.protocol import robot_digest
-from pipeline.serving.background_writer import UNNUMBERED, Clerk
-from pipeline.serving.low_latency import unpaused
+from pipeline.serving.background_writer import UNNUMBERED, BackgroundWriter
+from pipeline.serving.low_latency import low_latency
 from pipeline.serving.node_config import ServeConfig
-from pipeline.serving.rejections import Refusal
+from pipeline.serving.rejections import Rejection
 from pipeline.serving.served_controller import ServedController
 from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
 from recorders.messages.message_types import JointState
@@ -76,15 +76,14 @@ def serve(
         If learning diverged.
     """
     config = config or ServeConfig()
-    writer = _log(controller, config)
-    clerk = Clerk(writer)
+    writer = BackgroundWriter(_log(controller, config))
     node = None
     try:
-        with clerk:
-            node = Node(controller, config, clerk, on_command)
+        with writer:
+            node = Node(controller, config, writer, on_command)
             with (
                 open_session(session) as opened,
-                unpaused(),
+                low_latency(),
                 node.declared(opened) as robot,
                 running_node(
                     opened,
@@ -115,7 +114,7 @@ class Node:
         Answers the targets.
     config : ServeConfig
         Name and namespace.
-    clerk : Clerk
+    writer : BackgroundWriter
         Writes the log.
     on_command : callable, optional
         Given every command that was sent, as CDR, and the messages that it answers; must return at once.
@@ -130,20 +129,20 @@ class Node:
         self,
         controller: Controller,
         config: ServeConfig,
-        clerk: Clerk,
+        writer: BackgroundWriter,
         on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
-        self._served = served = ServedController(controller, config=config.serving, report=clerk.report)
+        self._served = served = ServedController(controller, config=config.serving, report=writer.report)
         self._config = config
-        self._clerk = clerk
+        self._writer = writer
         self._lock = threading.Lock()  # several connections have several reading threads
         self._stop = threading.Event()
+        self._held: Arrival | None = None
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
         self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
-        self._held: Arrival | None = None
         self._digests = {
             "controller": controller.digest,
             "robot": robot_digest(controller.robot_toml, controller.robot_urdf),
@@ -217,7 +216,7 @@ class Node:
         )
 
     def _counts(self) -> dict[str, int]:
-        return {"commands": self._commands, "recorded": self._clerk.written} | self._served.counts()
+        return {"commands": self._commands, "recorded": self._writer.written} | self._served.counts()
 
     def _latencies(self) -> list[int]:
         with self._lock:
@@ -241,8 +240,8 @@ class Node:
             "commands": commands,
             "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
             "latency_us": _percentiles([latency for _, latency in recent]) | {"commands": len(recent)},
-            "recording": self._clerk.records,
-            "recorded": self._clerk.written,
+            "recording": self._writer.records,
+            "recorded": self._writer.written,
         }
 
     def controller(self) -> Controller:
@@ -255,66 +254,59 @@ class Node:
         """Return what takes the samples of a topic.
 
         The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
-        held unread, so that it does not keep the other waiting.
+        held unread, so that both are read at once.
         """
         lock, served = self._lock, self._served
 
         def on_sample(sample: zenoh.Sample) -> None:
-            arrival = time.perf_counter_ns()
+            arrival_ns = time.perf_counter_ns()
             arrived = reader, sample, time.time_ns()
             with lock:
                 if self._held is None and served.between_ticks:
                     self._held = arrived
                 else:
-                    self._take(arrived, arrival)
+                    self._take(arrived, arrival_ns)
 
         return on_sample
 
-    def _take(self, arrived: Arrival | None, arrival: int) -> None:
+    def _take(self, arrived: Arrival | None, arrival_ns: int) -> None:
         """Take what is held, and what has arrived after it."""
         held, self._held = self._held, None
         if self._failure is not None:
             return
         try:
-            if held is not None and arrived is not None and self._answer_usual(held, arrived, arrival):
-                return
-            for waiting in (held, arrived):
-                record = None if waiting is None else self._read(*waiting)
-                command = None if record is None else self._served.take(record)
-                if command is not None:
-                    self._publish(command.data, command.stamp_ns, arrival, command.answered)
+            if held is None or arrived is None or not self._answer_pair(held, arrived, arrival_ns):
+                for waiting in filter(None, (held, arrived)):
+                    self._answer(waiting, arrival_ns)
+            self._served.settle()
         except Exception as error:
             self._failure = error  # which ends the node
 
-    def _answer_usual(self, held: Arrival, arrived: Arrival, arrival: int) -> bool:
+    def _answer_pair(self, held: Arrival, arrived: Arrival, arrival_ns: int) -> bool:
         """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
         pair = (arrived, held) if held[0].topic == RIGHT_TARGET else (held, arrived)
         (left_reader, left, _), (right_reader, right, _) = pair
         if left_reader.topic != LEFT_TARGET or right_reader.topic != RIGHT_TARGET:
             return False
-        answer = self._served.answer_usual(left_reader.pose(left), right_reader.pose(right))
+        answer = self._served.answer_pair(left_reader.pose(left), right_reader.pose(right))
         if answer is None:
             return False
         stamp_ns, command = answer
-        self._publish(command, stamp_ns, arrival, filter(None, starmap(self._read, pair)))
+        self._publish(stamp_ns, command, arrival_ns)
+        if self._writer.records or self._on_command is not None:  # only now is it worth to look at them again
+            self._pass_on(command, tuple(filter(None, starmap(self._read, pair))))
         return True
+
+    def _answer(self, arrived: Arrival, arrival_ns: int) -> None:
+        record = self._read(*arrived)
+        command = None if record is None else self._served.take(record)
+        if command is not None:
+            self._publish(command.stamp_ns, command.data, arrival_ns)
+            self._pass_on(command.data, command.answered)
 
     def _take_held(self) -> None:
         """Take what is held although nothing follows it."""
         self._take(None, time.perf_counter_ns())
-
-    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> RecordedMessage | None:
-        """Return what a sample says, as it goes into a log too; None if that is nothing."""
-        if sample.kind != zenoh.SampleKind.PUT:
-            return None  # a deleted key is no target
-        size = len(sample.payload)
-        if size > MAX_PAYLOAD:
-            self._served.refuse(Refusal.TOO_LARGE, f"{reader.topic}: found {size} bytes")
-            return None
-        sequence = sequence_of(reader.topic, sample) if self._clerk.records else UNNUMBERED
-        return RecordedMessage(
-            reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns
-        )
 
     @contextmanager
     def _looking_after_held(self) -> Iterator[None]:
@@ -328,28 +320,38 @@ class Node:
             thread.join()
 
     def _look_after_held(self) -> None:
-        """See that nothing is held for long: it may be something to refuse."""
+        """See that nothing is held for long: it may be something to reject."""
         while not self._stop.wait(_HELD_S):
             with self._lock:
                 self._take_held()
 
-    def _publish(self, command: bytes, stamp_ns: int, arrival: int, answered: Iterable[RecordedMessage]) -> None:
-        """Send a command, then do all that the robot does not wait for; what it answers is looked at only then."""
+    def _publish(self, stamp_ns: int, command: bytes, arrival_ns: int) -> None:
+        """Send a command."""
         self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
-        self._recent.append((arrival, time.perf_counter_ns() - arrival))
-        if self._clerk.records or self._on_command is not None:
-            self._keep(command, tuple(answered))
+        self._recent.append((arrival_ns, time.perf_counter_ns() - arrival_ns))
         self._commands += 1
-        self._served.settle()
 
-    def _keep(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
+    def _pass_on(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
         """Pass a command on to whoever records and watches."""
-        if self._clerk.records:
-            sent = RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, self._commands, time.time_ns())
+        if self._writer.records:
+            sent = RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, self._commands - 1, time.time_ns())
             for message in (*answered, sent):
-                self._clerk.write(message)
+                self._writer.write(message)
         if self._on_command is not None:
             self._on_command(command, answered)
+
+    def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> RecordedMessage | None:
+        """Return the message of a sample, as it goes into a log too; None if there is none."""
+        if sample.kind != zenoh.SampleKind.PUT:
+            return None  # a deleted key is no target
+        size = len(sample.payload)
+        if size > MAX_PAYLOAD:
+            self._served.reject(Rejection.TOO_LARGE, f"{reader.topic}: found {size} bytes")
+            return None
+        sequence = sequence_of(reader.topic, sample) if self._writer.records else UNNUMBERED
+        return RecordedMessage(
+            reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns
+        )
 
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:

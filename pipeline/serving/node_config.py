@@ -1,4 +1,4 @@
-"""How a served controller is known, and what it keeps."""
+"""Settings of the node `serve`."""
 
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -9,7 +9,7 @@ from recorders.wire.frames import DEFAULT_NAMESPACE, check_name, check_namespace
 
 @dataclass(frozen=True)
 class ServeConfig:
-    """How a served controller is known and what it keeps.
+    """Name, namespace, log and ports of a served controller.
 
     Parameters
     ----------

@@ -1,14 +1,19 @@
-"""Why a served controller refuses a message, and in which words."""
+"""Reasons for which a served controller rejects messages, and their counts."""
 
+from collections import Counter
+from collections.abc import Callable
 from enum import StrEnum
 
 from pipeline.robot.range_check import OutOfRange
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
+from recorders.ticks.stamp_joiner import RejectionError
+
+_MAX_LINE = 300
 
 
-class Refusal(StrEnum):
-    """Why a message is refused; the last good command is held."""
+class Rejection(StrEnum):
+    """Reason for rejecting a message; the last good command is held."""
 
     STALE = "stale"  # not newer than the last targets that were accepted
     AHEAD = "ahead"  # much later than the time that has passed since then
@@ -22,24 +27,49 @@ class Refusal(StrEnum):
     NO_PARTNER = "no partner"  # the rest of its tick had not come when a newer tick was complete
 
 
-class RefusedError(MessageError):
-    """A message is not served; `reason` says why, the text what was expected and found."""
+class Rejections:
+    """Counts rejected messages by reason, and reports the first of each.
 
-    def __init__(self, reason: Refusal, line: str) -> None:
-        super().__init__(line)
-        self.reason = reason
+    Parameters
+    ----------
+    report : callable
+        Given the lines to report.
+
+    Attributes
+    ----------
+    last : str
+        Why the last message was rejected, in printable characters.
+    """
+
+    def __init__(self, report: Callable[[str], None]) -> None:
+        self._report = report
+        self._counts: Counter[str] = Counter()
+        self.last = ""
+
+    def add(self, reason: str, line: str) -> None:
+        """Count a message, and keep the line that says why it is not served."""
+        self._counts[str(reason)] += 1
+        # The text may quote what came from the network.
+        self.last = "".join(c if c.isprintable() else "?" for c in line[:_MAX_LINE])
+        if self._counts[reason] == 1:
+            self._report(f"refused, {reason}: {self.last}")
+
+    def counts(self) -> dict[str, int]:
+        """Return how many messages were rejected, by reason; may be called from any thread."""
+        return dict(self._counts)
 
 
-def undecodable(record: RecordedMessage, error: MessageError) -> RefusedError:
+def undecodable(record: RecordedMessage, error: MessageError) -> RejectionError:
     """Return the error of bytes that are no message of the topic's type."""
-    return RefusedError(Refusal.UNDECODABLE, f"{record.topic}: {error}")
+    return RejectionError(Rejection.UNDECODABLE, f"{record.topic}: {error}")
 
 
-def wrong_type(record: RecordedMessage, expected: str) -> RefusedError:
+def wrong_type(record: RecordedMessage, expected: str) -> RejectionError:
     """Return the error of a message whose publisher names another type."""
-    return RefusedError(Refusal.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
+    return RejectionError(Rejection.WRONG_TYPE, f"{record.topic}: expected {expected}, found {record.type!r:.80}")
 
 
-def unusable(record: RecordedMessage, error: OutOfRange) -> RefusedError:
+def unusable(record: RecordedMessage, error: OutOfRange) -> RejectionError:
     """Return the error of numbers that are not finite, or cannot be the robot's."""
-    return RefusedError(Refusal.OUT_OF_RANGE if error.finite else Refusal.NOT_FINITE, f"{record.topic}: {error}")
+    kind = Rejection.OUT_OF_RANGE if error.finite else Rejection.NOT_FINITE
+    return RejectionError(kind, f"{record.topic}: {error}")

@@ -1,50 +1,55 @@
 """The learned controller at work: hand targets in, joint commands out, learning on if asked; no transport."""
 
 import logging
-import struct
-from collections import Counter, deque
 from collections.abc import Callable
+from enum import Enum, auto
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from pipeline.evaluation.errors import hand_errors
+from pipeline.arrays import Floats
 from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.state import state_digest
-from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.range_check import OutOfRange, range_check
+from pipeline.robot.range_check import is_within, range_check
 from pipeline.samples.pairing import COMMANDED
-from pipeline.samples.rules.commanded import CommandedPairs
-from pipeline.serving.calls import serving_calls
-from pipeline.serving.clock_reset import RESTART_AFTER, StampOrder
-from pipeline.serving.codec import Command, CommandEncoder, PoseReader, Position
+from pipeline.serving.clock_reset import LEAP_NS, RESTART_AFTER, StampOrder
+from pipeline.serving.commands import Command, Commander
 from pipeline.serving.config import ServingConfig
-from pipeline.serving.rejections import Refusal, RefusedError, undecodable, unusable, wrong_type
+from pipeline.serving.inputs import JointsReader, TargetReader
+from pipeline.serving.online_learning import OnlineLearning
+from pipeline.serving.rejections import Rejection, Rejections, undecodable
 from recorders.cdr.codec import decode_as, encode
-from recorders.errors import ConfigError, JointError, MessageError
+from recorders.cdr.templates import pose_layout
+from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
-from recorders.ticks.joiner import Tick
+from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner
 
 logger = logging.getLogger(__name__)
 
-Floats = NDArray[np.float64]
+MAX_OPEN = 64
+"""Ticks that wait for a partner; whoever sends halves alone must not fill the memory."""
 
-MAX_OPEN = 64  # ticks that wait for a partner; whoever sends halves alone must not fill the memory
-_MAX_LINE = 300
-_TARGETS = struct.Struct("=6d")  # fills an array several times as fast as an assignment
-_SCORED = 64  # predictions over which the error in the status is taken: half a millisecond of kinematics
+
+class _Step(Enum):
+    """What is to be done with the learner before the next command."""
+
+    WASHOUT = auto()  # a cycle begins: hold its first target
+    TAKE = auto()  # take the step of the command that was sent
+    NONE = auto()
+
+
+_WASHOUT, _TAKE, _NONE = _Step  # the members of an Enum are slow to reach
 
 
 class ServedController:
     """Answers every complete pair of targets with a joint command; not safe for several threads.
 
-    A refused message changes nothing and is answered by nothing: a joint command is a position, which the robot holds
-    until the next. (To send it again under the stamp of the refused target would say that this target was answered.)
+    A rejected message changes no state and produces no command: a joint command is a position, which the robot holds
+    until the next. (The same again under the stamp of the rejected target would mean that this target was answered.)
 
     The command of step k is what the step's outputs will be, which u(k) and the state before it decide. The step itself
     is taken afterwards: when learning, once tick k+1 has brought d(k), before the command of step k+1, so that the
@@ -55,7 +60,7 @@ class ServedController:
     another phase than `learn` nothing is learned.
 
     A message stamped no later than the last tick answered is stale, and one stamped more than `LEAP_NS` later than the
-    time that has passed since then is ahead; both are refused, so that a single tick from nowhere moves no robot, and
+    time that has passed since then is ahead; both are rejected, so that a single tick from nowhere moves no robot, and
     keeps no later one from doing so. But after `RESTART_AFTER` such ticks in a row, stale or ahead, each topic's stamps
     rising and no tick answered between them, their publisher's clock has begun anew, or the tick answered came from
     another clock: a new cycle begins with the next tick, which is reported the first time.
@@ -67,8 +72,13 @@ class ServedController:
     config : ServingConfig
         Learning, washout, what is reported.
     report : callable, optional
-        Takes a line for the first message refused for each reason, and for the first clock that began anew; must return
-        at once, as a command may wait for it. They are logged if it is not given.
+        Takes a line for the first message rejected for each reason, and for the first clock that began anew; must
+        return at once, as a command may wait for it. They are logged if it is not given.
+
+    Attributes
+    ----------
+    between_ticks : bool
+        Whether no message waits for others of its tick.
 
     Raises
     ------
@@ -93,37 +103,29 @@ class ServedController:
                 f"--learn: expected a controller of pairs {COMMANDED}, found one of {controller.pairs}; serve "
                 "it without"
             )
-        self._robot = robot_of(controller)
-        self._learner = controller.learner()
-        self._encoder = CommandEncoder(controller.joints)
-        self._poses = PoseReader()
-        self._topics = (LEFT_TARGET, RIGHT_TARGET) + ((SAMPLE_JOINTS,) if self._config.learn else ())
-        self._places = {topic: place for place, topic in enumerate(self._topics)}
-        self._centres = self._robot.centres.tolist()
-        self._check = range_check(self._robot)
-        self._pairs = CommandedPairs(controller.joints, len(self._robot.hands))
-        self._row = np.empty((1, 6)), np.empty((1, 6 + len(controller.joints)))  # u(k), d(k) of the step to learn from
-        self._calls = serving_calls(
-            self._learner,
-            self._encoder,
-            limits=np.array([self._robot.lower, self._robot.upper]),
-            centres=self._robot.input_centre,
-            near_m=self._config.outside_m,
-        )
-        self._u_bytes = self._calls.u.data
-        self._unsettled = False
-        self._fresh: bool
-        self._kinematics = Kinematics(self._robot) if self._config.learn else None
-        self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
-        self._refused: Counter[str] = Counter()
-        self._last_refusal = ""
-        self._accepted = self._outside = self._learned = 0
-        self._learning = self._config.learn
-        self._open: dict[int, tuple[list[Any], list[Any]]] = {}  # by stamp: values and records, each as in `topics`
+        self._robot = robot = robot_of(controller)
+        self._learner = learner = controller.learner()
+        self._commander = Commander(learner, robot.joints, limits=np.array([robot.lower, robot.upper]))
+        check, self._centres = range_check(robot), robot.centres.tolist()
+        self._targets = tuple(TargetReader(centre, check, self._config.outside_m) for centre in self._centres)
+        self._layout = pose_layout()
+        self._usual_m = min(self._config.outside_m, *map(check.margin_m, self._centres))
+        self._readers: tuple[TargetReader | JointsReader, ...] = self._targets
+        self._topics: tuple[str, ...] = (LEFT_TARGET, RIGHT_TARGET)
+        if self._config.learn:
+            self._readers, self._topics = (*self._readers, JointsReader(check)), (*self._topics, SAMPLE_JOINTS)
+        self._indices = {topic: index for index, topic in enumerate(self._topics)}
+        self._rejections = Rejections(report)
+        self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._give_up)
         self._order = StampOrder(len(self._topics))
+        self._online = OnlineLearning(learner, robot) if self._config.learn else None
+        self._learning = self._config.learn
+        self._accepted = 0
         self._restarted = False
-        self._begin()
+        self._step = _NONE
+        self.between_ticks = True
         self._warm_up()
+        self._begin()
 
     @property
     def topics(self) -> tuple[str, ...]:
@@ -140,57 +142,54 @@ class ServedController:
         """Whether it learns at present."""
         return self._learning
 
-    @property
-    def between_ticks(self) -> bool:
-        """Whether no message waits for others of its tick."""
-        return not self._open
-
     def take(self, record: RecordedMessage) -> Command | None:
         """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
 
-        What cannot be used is refused; other topics are passed over.
+        What cannot be used is rejected; other topics are passed over.
 
         Raises
         ------
         ConfigError
             If learning diverged: the controller is of no more use.
         """
-        if self._unsettled:
+        if self._step is _TAKE:
             self.settle()
-        place = self._places.get(record.topic)
         try:
-            if place is None:
-                if record.topic == SESSION_PHASE:
-                    self._follow(record)
-                return None
-            stamp, value = self._read_joints(record) if place == 2 else self._read_target(record, place)
-            values, records = self._find_tick(record, stamp, place)
-        except RefusedError as error:
-            self.refuse(error.reason, str(error))
-            return None
-        values[place], records[place] = value, record
-        return None if None in records else self._answer(stamp, values, records)
+            command = self._take(record)
+        except RejectionError as error:
+            self.reject(error.kind, str(error))
+            command = None
+        self.between_ticks = not self._ticks
+        return command
 
-    def answer_usual(self, left: bytes, right: bytes) -> tuple[int, bytes] | None:
-        """Return stamp [ns] and command (CDR) for two poses (CDR), as `take` would; None if they are out of the usual.
+    def answer_pair(self, left: bytes, right: bytes) -> tuple[int, bytes] | None:
+        """Return stamp [ns] and command (CDR) for two poses (CDR), as `take` would; None if there is more to them.
 
-        None changes nothing: `take` can have them.
+        This is how nearly all ticks are answered: every call of a function counts here. None changes nothing, and
+        `take` can have both.
 
         Raises
         ------
         ConfigError
             If learning diverged: the controller is of no more use.
         """
-        if self._unsettled:
+        if self._step is _TAKE:
             self.settle()
-        if self._open or self._fresh or self._config.learn:
+        if not self.between_ticks or self._step is _WASHOUT or self._online is not None:
             return None
-        stamp = self._calls.answer(left, right, self._order.last_ns)
-        if stamp < 0 or self._order.is_ahead(stamp):
+        pair = self._layout.read_pair(left, right)
+        if pair is None:
             return None
-        self._unsettled = True
+        stamp, left_target, right_target = pair
+        if not 0 < stamp - self._order.last_ns <= LEAP_NS:
+            return None
+        (left_centre, right_centre), usual = self._centres, self._usual_m
+        if not (is_within(left_target, left_centre, usual) and is_within(right_target, right_centre, usual)):
+            return None
+        command = self._commander.command(stamp, left_target, right_target)
+        self._step = _TAKE
         self._order.last_ns = stamp
-        return stamp, self._encoder.encoded()
+        return stamp, command
 
     def settle(self) -> None:
         """Do what the last command did not have to wait for; whatever depends on it does it first, if need be.
@@ -200,21 +199,16 @@ class ServedController:
         ConfigError
             If the state is no longer finite: the controller is of no more use.
         """
-        if not self._unsettled:
+        if self._step is not _TAKE:
             return
-        self._unsettled = False
+        self._step = _NONE
         self._accepted += 1
         self._order.note_answer()
-        if status := self._calls.settle(advance=not self._config.learn):
-            self._calls.check(status)
+        self._commander.finish(advance=self._online is None)
 
-    def refuse(self, reason: Refusal, line: str) -> None:
+    def reject(self, reason: str, line: str) -> None:
         """Count a message that is not served, and keep the line that says why."""
-        self._refused[reason.value] += 1
-        # The text may quote what came from the network.
-        self._last_refusal = "".join(c if c.isprintable() else "?" for c in line[:_MAX_LINE])
-        if self._refused[reason.value] == 1:
-            self._report(f"refused, {reason.value}: {self._last_refusal}")
+        self._rejections.add(reason, line)
 
     def status(self) -> dict[str, Any]:
         """Return both digests, counts by reason and by joint, and the error of the predictions scored, as JSON has it.
@@ -225,32 +219,32 @@ class ServedController:
         return self.status_later()()
 
     def status_later(self) -> Callable[[], dict[str, Any]]:
-        """Return what works out the status of now, whatever happens to the controller meanwhile."""
+        """Return a function that computes the status of now, whatever happens to the controller meanwhile."""
         self.settle()
-        clipped = zip(self._robot.joints, self._calls.clipped.tolist(), strict=True)
+        clipped = zip(self._robot.joints, self._commander.clipped.tolist(), strict=True)
         figures = {
             "controller": self._controller.digest,
             "learning": self._learning,
             "accepted": self._accepted,
-            "refused": dict(self._refused),
-            "last_refusal": self._last_refusal,
+            "refused": self._rejections.counts(),
+            "last_refusal": self._rejections.last,
             "outside": self._outside,
             "clipped": {name: count for name, count in clipped if count},
-            "learned_steps": self._learned,
+            "learned_steps": self._learned_steps,
         }
-        state, pending, scored = self._learner.state(), self._pairs.pending, tuple(self._scored)
-        return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": self._error_cm(scored)}
+        state, pending = self._learner.state(), self._pending
+        error_cm = self._online.error_later() if self._online is not None else lambda: None
+        return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": error_cm()}
 
     def counts(self) -> dict[str, int]:
         """Return what was counted so far; may be called from any thread."""
-        refused = dict(self._refused)
-        by_reason = {f"refused {reason}": count for reason, count in refused.items()}
+        rejected = self._rejections.counts()
         return {
             "accepted": self._accepted,
-            "refused": sum(refused.values()),
+            "refused": sum(rejected.values()),
             "outside": self._outside,
-            "learned_steps": self._learned,
-        } | by_reason
+            "learned_steps": self._learned_steps,
+        } | {f"refused {reason}": count for reason, count in rejected.items()}
 
     def controller(self) -> Controller:
         """Return the controller as it is now, with what it was made from."""
@@ -261,13 +255,25 @@ class ServedController:
             robot_toml=self._controller.robot_toml,
             robot_urdf=self._controller.robot_urdf,
             pairs=self._controller.pairs,
-            pending=self._pairs.pending,
+            pending=self._pending,
             provenance={
                 **self._controller.provenance,
                 "served_from": self._controller.digest,
-                "learned_while_serving": self._learned,
+                "learned_while_serving": self._learned_steps,
             },
         )
+
+    @property
+    def _outside(self) -> int:
+        return sum(reader.outside for reader in self._targets)
+
+    @property
+    def _learned_steps(self) -> int:
+        return 0 if self._online is None else self._online.steps
+
+    @property
+    def _pending(self) -> Floats:
+        return np.empty(0) if self._online is None else self._online.pending
 
     def _follow(self, record: RecordedMessage) -> None:
         try:
@@ -279,12 +285,13 @@ class ServedController:
 
     def _begin(self) -> None:
         """Begin a cycle: stamps start anew, nothing is pending, the next target is held for the washout."""
-        self._open.clear()
-        self._pairs.begin()
+        self._ticks.clear()
         self._order.begin()
-        self._fresh = True
+        if self._online is not None:
+            self._online.begin()
+        self._step = _WASHOUT
 
-    def _begin_anew(self, stamp: int, reason: Refusal) -> None:
+    def _begin_anew(self, stamp: int, reason: Rejection) -> None:
         """Begin a cycle without a marker, as stamps have."""
         if not self._restarted:
             self._report(
@@ -297,106 +304,46 @@ class ServedController:
 
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
-        self._calls.u[:] = self._robot.input_centre
-        self._calls.look_ahead()
-        pose = encode(PoseStamped(0, np.zeros(3)))
-        self._calls.answer(pose, pose, -1)
-        self._controller.learner().predict([self._calls.u])
+        decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
+        self._commander.command(0, *self._centres)
+        self._controller.learner().predict([self._robot.input_centre])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
-    def _read_target(self, record: RecordedMessage, hand: int) -> tuple[int, Position]:
-        if record.type != PoseStamped.TYPE:
-            raise wrong_type(record, PoseStamped.TYPE)
-        try:
-            stamp, position = self._poses.read(record.data)
-        except MessageError as error:
-            raise undecodable(record, error) from None
-        (x, y, z), (x_0, y_0, z_0), usual = position, self._centres[hand], self._config.outside_m
-        if not (abs(x - x_0) <= usual and abs(y - y_0) <= usual and abs(z - z_0) <= usual):  # nor is NaN usual
-            self._check_far(record, position)
-        return stamp, position
+    def _give_up(self, stamp: int, tick: OpenTick, _but: str) -> None:
+        absent = ", ".join(self._ticks.absent(tick))
+        for record, _ in filter(None, tick):
+            self.reject(Rejection.NO_PARTNER, f"{record.topic}: {absent} at {stamp} ns never came")
 
-    def _check_far(self, record: RecordedMessage, position: Position) -> None:
-        try:
-            self._check.check_target(position)
-        except OutOfRange as error:
-            raise unusable(record, error) from None
-        self._outside += 1
+    def _check_stamp(self, record: RecordedMessage, index: int, stamp: int) -> None:
+        """Reject a stamp that cannot follow the last; after enough of them a clock has begun anew."""
+        reason = self._order.rejection(stamp)
+        if reason is None:
+            return
+        soon = "soon " if reason is Rejection.AHEAD else ""
+        line = f"{record.topic}: expected a stamp {soon}after {self._order.last_ns} ns, found {stamp} ns"
+        if self._order.goes_on(reason, index, stamp):
+            self._begin_anew(stamp, reason)
+        raise RejectionError(reason, line)
 
-    def _read_joints(self, record: RecordedMessage) -> tuple[int, JointState]:
-        if record.type != JointState.TYPE:
-            raise wrong_type(record, JointState.TYPE)
-        try:
-            joints = decode_as(JointState, record.data)
-            self._check.check_joints(joints)
-        except JointError as error:
-            raise RefusedError(Refusal.WRONG_JOINTS, f"{record.topic}: {error}") from None
-        except OutOfRange as error:
-            raise unusable(record, error) from None
-        except MessageError as error:
-            raise undecodable(record, error) from None
-        return joints.stamp_ns, joints
-
-    def _find_tick(self, record: RecordedMessage, stamp: int, place: int) -> tuple[list[Any], list[Any]]:
-        if (reason := self._order.refusal(stamp)) is not None:
-            soon = "soon " if reason is Refusal.AHEAD else ""
-            line = f"{record.topic}: expected a stamp {soon}after {self._order.last_ns} ns, found {stamp} ns"
-            if self._order.goes_on(reason, place, stamp):
-                self._begin_anew(stamp, reason)
-            raise RefusedError(reason, line)
-        tick = self._open.get(stamp)
-        if tick is None:
-            if len(self._open) >= MAX_OPEN:
-                self._drop(next(iter(self._open)))  # by arrival: a stamp far ahead must not push out what is due
-            nothing = [None] * len(self._topics)
-            tick = self._open[stamp] = nothing, nothing.copy()
-        elif tick[1][place] is not None:
-            raise RefusedError(Refusal.REPEATED, f"{record.topic}: a second message at {stamp} ns")
-        return tick
-
-    def _drop_before(self, stamp: int) -> None:
-        for older in [other for other in self._open if other < stamp]:
-            self._drop(older)
-
-    def _drop(self, stamp: int) -> None:
-        """Give up a tick that waits."""
-        _, records = self._open.pop(stamp)
-        absent = ", ".join(topic for topic, record in zip(self._topics, records, strict=True) if record is None)
-        for record in filter(None, records):
-            self.refuse(Refusal.NO_PARTNER, f"{record.topic}: {absent} at {stamp} ns never came")
-
-    def _answer(self, stamp: int, values: list[Any], records: list[Any]) -> Command:
-        del self._open[stamp]
-        if self._open:
-            self._drop_before(stamp)
-        position = (*values[0], *values[1])
-        if self._fresh and self._config.washout_steps:
-            self._learner.washout(np.array(position), steps=self._config.washout_steps)
-        if self._config.learn:
-            self._complete_step(stamp, values, records)
-        self._fresh = False
-        return self._command(stamp, position, tuple(records))
-
-    def _command(self, stamp: int, position: Position, records: tuple[RecordedMessage, ...]) -> Command:
-        """Command what the next step's outputs will be."""
-        _TARGETS.pack_into(self._u_bytes, 0, *position)
-        self._calls.look_ahead()
-        self._unsettled = True
-        self._order.last_ns = stamp
-        return Command(stamp, self._encoder.encode(stamp), records)
-
-    def _complete_step(self, stamp: int, values: list[Any], records: list[Any]) -> None:
-        """Take the step that this tick completes: predict, score, then update."""
-        left, right, joints = values
-        tick = Tick(stamp, (np.array(left), np.array(right)), joints, tuple(records))
-        u, d = self._row
-        if self._pairs.fill(tick, u[0], d[0]):
-            outputs = self._learner.step(u, d, learning=self._learning)
-            self._scored.append((u[0].copy(), outputs[0, 6:]))
-            self._learned += self._learning
-
-    def _error_cm(self, scored: tuple[tuple[Floats, Floats], ...]) -> float | None:
-        if self._kinematics is None or not scored:
+    def _take(self, record: RecordedMessage) -> Command | None:
+        index = self._indices.get(record.topic)
+        if index is None:
+            if record.topic == SESSION_PHASE:
+                self._follow(record)
             return None
-        targets, postures = (np.array(column) for column in zip(*scored, strict=True))
-        return float(hand_errors(self._kinematics, postures, targets).mean() * 100.0)
+        stamp, value = self._readers[index].read(record)
+        self._check_stamp(record, index, stamp)
+        parts = self._ticks.add(stamp, index, record, value)
+        return None if parts is None else self._answer(stamp, parts)
+
+    def _answer(self, stamp: int, parts: list[tuple[RecordedMessage, Any]]) -> Command:
+        """Command what the next step's outputs will be."""
+        left, right = parts[0][1], parts[1][1]
+        if self._step is _WASHOUT and self._config.washout_steps:
+            self._learner.washout(np.array([*left, *right]), steps=self._config.washout_steps)
+        if self._online is not None:
+            self._online.take(stamp, parts, learning=self._learning)
+        command = self._commander.command(stamp, left, right)
+        self._step = _TAKE
+        self._order.last_ns = stamp
+        return Command(stamp, command, tuple(record for record, _ in parts))

@@ -1,4 +1,4 @@
-"""Reads the samples of a served controller's topics: their types, their numbers, and the poses among them."""
+"""Reads the samples of a served controller's topics: their types and their numbers."""
 
 import zenoh
 
@@ -16,7 +16,7 @@ CDR = "application/cdr;"
 
 
 class TopicReader:
-    """Knows what comes on a topic; remembers the last encoding, which is nearly always the next.
+    """Types of the samples of a topic; remembers the last encoding, which is nearly always the next.
 
     Parameters
     ----------

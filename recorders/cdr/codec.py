@@ -1,20 +1,16 @@
 """The CDR codec: messages to the bytes of the log and back, to the last bit of every float64."""
 
-import struct
 from typing import TypeVar, cast
 
 from recorders.cdr.layouts import read_message, write_message
 from recorders.cdr.message_format import FORMATS
 from recorders.cdr.stream import CdrReader
-from recorders.cdr.templates import decode_known, encode_joints, encode_pose, learn_layout
+from recorders.cdr.templates import decode_known, encode_joints, encode_pose, learn_layout, read_stamp
 from recorders.messages.message_types import JointState, Message, PoseStamped, TypedMessage
 
 AnyMessage = TypeVar("AnyMessage", bound=TypedMessage)
 
 _USUAL_STAMPED_TYPES = frozenset((JointState.TYPE, PoseStamped.TYPE))
-_LITTLE_ENDIAN = b"\x00\x01"
-_STAMP = struct.Struct("<4xiI")  # after the encapsulation: s and ns
-_SECOND = 10**9
 
 
 def encode(message: TypedMessage) -> bytes:
@@ -78,12 +74,8 @@ def stamp_ns(type_name: str, data: bytes) -> int | None:
     """
     if type_name not in _USUAL_STAMPED_TYPES and not _is_stamped(type_name):
         return None
-    if data.startswith(_LITTLE_ENDIAN) and len(data) >= _STAMP.size:
-        seconds, nanoseconds = _STAMP.unpack_from(data)
-        if seconds >= 0 and nanoseconds < _SECOND:
-            stamp: int = seconds * _SECOND + nanoseconds
-            return stamp
-    return CdrReader(data).time_ns()
+    stamp = read_stamp(data)
+    return CdrReader(data).time_ns() if stamp is None else stamp
 
 
 def _is_stamped(type_name: str) -> bool:

@@ -15,14 +15,17 @@ from recorders.cdr.rosbags_types import reference_cdr
 from recorders.cdr.stream import ENCAPSULATION
 from recorders.errors import MessageError
 from recorders.messages.message_types import EMPTY, JointState, PoseStamped
+from recorders.messages.validation import FloatArray
 
 Templated: TypeAlias = JointState | PoseStamped
 Layout: TypeAlias = tuple[object, ...]
+Position: TypeAlias = tuple[float, float, float]
 
 _Key = TypeVar("_Key")
 _Cached = TypeVar("_Cached", bound="JointTemplate | PoseTemplate")
 
 _PREFIX = struct.Struct("<4siI")  # encapsulation, stamp in s and ns
+_POSITION = struct.Struct("<3d")
 _FLOAT64 = np.dtype("<f8")
 _SECOND = 10**9
 _MAX_TEMPLATES = 256  # a session has a handful of layouts; a hostile stream must not fill the memory
@@ -36,6 +39,17 @@ _set_stamp, _set_name, _set_position, _set_velocity, _set_effort, _set_frame = (
 _set_pose_stamp, _set_pose_position, _set_orientation, _set_pose_frame = (
     getattr(PoseStamped, field).__set__ for field in ("stamp_ns", "position", "orientation", "frame_id")
 )
+
+
+def read_stamp(data: bytes) -> int | None:
+    """Return the stamp [ns] with which little-endian CDR begins; None if it does not, as the general codec may."""
+    if len(data) < _PREFIX.size:
+        return None
+    encapsulation, seconds, nanoseconds = _PREFIX.unpack_from(data)
+    if encapsulation != ENCAPSULATION or seconds < 0 or nanoseconds >= _SECOND:
+        return None
+    stamp: int = seconds * _SECOND + nanoseconds
+    return stamp
 
 
 class _Template:
@@ -61,7 +75,7 @@ class _Template:
         ends = [_PREFIX.size, *(end + len(ENCAPSULATION) for _, end in written.runs[:-1])]
         spans = [(end, start + len(ENCAPSULATION)) for end, start in zip(ends, self.starts, strict=True)]
         self.gaps = [payload[start:end] for start, end in spans]
-        self.constants = [(payload[start:end], start) for start, end in _join(spans)]
+        self.constants = [(payload[start:end], start) for start, end in _join(spans) if start < end]
 
 
 def _join(spans: list[tuple[int, int]]) -> list[tuple[int, int]]:
@@ -125,6 +139,18 @@ class PoseTemplate(_Template):
 
     def __init__(self, message: PoseStamped) -> None:
         super().__init__(message)
+        self._head = self.starts[0] + len(ENCAPSULATION)
+        self._size = self.starts[1] + 4 * _FLOAT64.itemsize + len(ENCAPSULATION)
+
+    def read_pair(self, left: bytes, right: bytes) -> tuple[int, Position, Position] | None:
+        """Return stamp [ns] and positions [m] of two poses of one stamp; None if they are not both of this layout."""
+        head, size = self._head, self._size
+        if len(left) != size or len(right) != size or left[:head] != right[:head]:
+            return None
+        stamp = read_stamp(left)
+        if stamp is None or not left.startswith(self.gaps[0], _PREFIX.size):
+            return None
+        return stamp, _POSITION.unpack_from(left, head), _POSITION.unpack_from(right, head)
 
     def encode(self, message: PoseStamped) -> bytes:
         """Return the payload of a message of this layout."""
@@ -169,6 +195,31 @@ def decode_known(type_name: str, data: bytes) -> Templated | None:
     """Decode a payload whose layout was met before; None if it was not, or if anything about it is unusual."""
     template = _by_size.get((type_name, len(data)))
     return template.decode(data) if template else None
+
+
+def pose_layout() -> PoseTemplate:
+    """Return the layout of poses in the world frame."""
+    return _pose_template(PoseStamped(0, np.zeros(3)))
+
+
+class PositionEncoder:
+    """Encodes JointStates of the same joints that hold positions alone, without making messages.
+
+    Parameters
+    ----------
+    names : tuple of str
+        The n joints.
+    """
+
+    def __init__(self, names: tuple[str, ...]) -> None:
+        head, *counts = _joint_template(JointState(0, names, np.zeros(len(names)))).gaps
+        self._head, self._tail = head, b"".join(counts)
+
+    def encode(self, stamp_ns: int, position: FloatArray) -> bytes:
+        """Return the payload of a stamp [ns] and positions [rad, m], float64 and contiguous, shape (n,)."""
+        seconds, nanoseconds = divmod(stamp_ns, _SECOND)
+        prefix = _PREFIX.pack(ENCAPSULATION, seconds, nanoseconds)
+        return prefix + self._head + position.tobytes() + self._tail
 
 
 def learn_layout(message: Templated, data: bytes) -> None:

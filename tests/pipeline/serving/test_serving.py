@@ -19,9 +19,9 @@ from pipeline.learner.state import state_digest
 from pipeline.robot.config import load_robot
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.serving.clock_reset import RESTART_AFTER
-from pipeline.serving.codec import Command
+from pipeline.serving.commands import Command
 from pipeline.serving.config import ServingConfig
-from pipeline.serving.rejections import Refusal
+from pipeline.serving.rejections import Rejection
 from pipeline.serving.served_controller import MAX_OPEN, ServedController
 from pipeline.training.trainer import Trainer, train
 from recorders.cdr.codec import decode_as, encode
@@ -148,7 +148,7 @@ def feed_pair(served: ServedController, first: RecordedMessage, second: Recorded
     """Feed two messages as the node does: as a usual pair if they may be one, else one after the other."""
     left, right = (second, first) if first.topic == RIGHT_TARGET else (first, second)
     if (left.topic, right.topic) == (LEFT_TARGET, RIGHT_TARGET) and left.type == PoseStamped.TYPE == right.type:
-        answer = served.answer_usual(left.data, right.data)
+        answer = served.answer_pair(left.data, right.data)
         if answer is not None:
             return [Command(*answer, (left, right))]
     return feed(served, [first, second])
@@ -170,21 +170,33 @@ def test_which_pairs_are_usual(controller: Controller) -> None:
     """The first of a cycle asks for the washout, half a tick waits, and learning needs more: none of them is."""
     served, learning = ServedController(controller), ServedController(controller, config=ServingConfig(learn=True))
     poses = [[record.data for record in pair(stamp)] for stamp in range(6)]
-    assert served.answer_usual(*poses[1]) is None
+    assert served.answer_pair(*poses[1]) is None
     (first,) = feed(served, pair(1))
-    assert served.answer_usual(*poses[1]) is None  # it is stale
-    answer = served.answer_usual(*poses[2])
+    assert served.answer_pair(*poses[1]) is None  # it is stale
+    answer = served.answer_pair(*poses[2])
     assert answer is not None
     assert answer[0] == 2
     feed(served, pair(4)[:1])
-    assert served.answer_usual(*poses[3]) is None
-    assert served.answer_usual(*poses[4]) is None
+    assert served.answer_pair(*poses[3]) is None
+    assert served.answer_pair(*poses[4]) is None
     (other,) = feed(served, pair(4)[1:])
     assert (first.stamp_ns, other.stamp_ns) == (1, 4)
-    assert served.answer_usual(*poses[5]) is not None
+    assert served.answer_pair(*poses[5]) is not None
     for stamp in (1, 2):
         feed(learning, [*pair(stamp), record(SAMPLE_JOINTS, JointState(stamp, controller.joints, np.zeros(15)))])
-        assert learning.answer_usual(*poses[stamp + 1]) is None
+        assert learning.answer_pair(*poses[stamp + 1]) is None
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+@pytest.mark.parametrize("axis", range(6))
+def test_a_pair_beyond_the_usual_is_left_to_the_general_path(controller: Controller, axis: int, sign: float) -> None:
+    served = ServedController(controller)
+    feed(served, pair(1))
+    for stamp, distance in enumerate((0.2499, 0.2501, np.inf, np.nan), start=2):
+        u = CENTRE.copy()
+        u[axis] += sign * distance
+        answer = served.answer_pair(*(record.data for record in pair(stamp, u)))
+        assert (answer is not None) == (distance == 0.2499)
 
 
 HEAD = len(encode(PoseStamped(0, np.zeros(3)))) - 56  # all before the seven numbers: encapsulation, stamp, frame
@@ -232,22 +244,22 @@ FAR = [*CENTRE[:5], 1e300]
 @pytest.mark.parametrize(
     ("bad", "reason"),
     [
-        ([pair(10)[0]], Refusal.STALE),
-        ([pair(9)[1]], Refusal.STALE),
-        ([pair(20, NAN)[0]], Refusal.NOT_FINITE),
-        ([pair(20, INFINITE)[1]], Refusal.NOT_FINITE),
-        ([pair(20, FAR)[1]], Refusal.OUT_OF_RANGE),
-        ([pair(20)[0], pair(20)[0]], Refusal.REPEATED),
-        ([record(LEFT_TARGET, JointState(20, ("a",), np.zeros(1)))], Refusal.WRONG_TYPE),
-        ([pair(20)[0]._replace(data=b"")], Refusal.UNDECODABLE),
-        ([pair(20)[0]._replace(data=encode(JointState(20, ("a",), np.zeros(1))))], Refusal.UNDECODABLE),
-        ([pair(20)[0]._replace(data=pair(20)[0].data[:-1])], Refusal.UNDECODABLE),
-        ([pair(20)[0]._replace(data=b"\xff" * 96)], Refusal.UNDECODABLE),
-        ([record(SESSION_PHASE, String("no marker"))], Refusal.UNDECODABLE),
+        ([pair(10)[0]], Rejection.STALE),
+        ([pair(9)[1]], Rejection.STALE),
+        ([pair(20, NAN)[0]], Rejection.NOT_FINITE),
+        ([pair(20, INFINITE)[1]], Rejection.NOT_FINITE),
+        ([pair(20, FAR)[1]], Rejection.OUT_OF_RANGE),
+        ([pair(20)[0], pair(20)[0]], Rejection.REPEATED),
+        ([record(LEFT_TARGET, JointState(20, ("a",), np.zeros(1)))], Rejection.WRONG_TYPE),
+        ([pair(20)[0]._replace(data=b"")], Rejection.UNDECODABLE),
+        ([pair(20)[0]._replace(data=encode(JointState(20, ("a",), np.zeros(1))))], Rejection.UNDECODABLE),
+        ([pair(20)[0]._replace(data=pair(20)[0].data[:-1])], Rejection.UNDECODABLE),
+        ([pair(20)[0]._replace(data=b"\xff" * 96)], Rejection.UNDECODABLE),
+        ([record(SESSION_PHASE, String("no marker"))], Rejection.UNDECODABLE),
     ],
 )
 def test_what_is_no_target_is_refused_and_changes_nothing(
-    controller: Controller, bad: list[RecordedMessage], reason: Refusal, caplog: pytest.LogCaptureFixture
+    controller: Controller, bad: list[RecordedMessage], reason: Rejection, caplog: pytest.LogCaptureFixture
 ) -> None:
     served, undisturbed = ServedController(controller), ServedController(controller)
     feed(served, pair(10))
@@ -301,7 +313,7 @@ def test_two_hands_of_different_instants_are_never_one_command(controller: Contr
     served = ServedController(controller)
     feed(served, pair(1))
     (left, _), (_, right) = pair(10), pair(11)
-    assert served.answer_usual(left.data, right.data) is None
+    assert served.answer_pair(left.data, right.data) is None
     assert feed(served, [left, right]) == []
     assert served.between_ticks is False
 
@@ -310,6 +322,15 @@ def test_a_target_outside_is_counted_and_served(controller: Controller) -> None:
     served = ServedController(controller)
     assert len(feed(served, pair(1, CENTRE + 0.3))) == 1
     assert served.status()["outside"] == 2
+
+
+def test_a_wide_area_lets_no_target_pass_that_cannot_be_the_robots(controller: Controller) -> None:
+    served = ServedController(controller, config=ServingConfig(outside_m=10.0))
+    feed(served, pair(1))
+    far = pair(2, [*CENTRE[:5], 9.0])
+    assert served.answer_pair(far[0].data, far[1].data) is None
+    assert feed(served, far) == []
+    assert served.status()["refused"] == {"out of range": 1}
 
 
 def test_a_marker_begins_a_cycle_with_a_washout_of_its_own(controller: Controller) -> None:
@@ -353,7 +374,7 @@ def test_a_pair_from_far_ahead_moves_no_robot_and_delays_no_later_one(controller
     for k in range(2, 3 * RESTART_AFTER):
         forged = pair(10**18 + k, CENTRE + 0.1)
         if usual:
-            assert served.answer_usual(forged[0].data, forged[1].data) is None
+            assert served.answer_pair(forged[0].data, forged[1].data) is None
         assert feed(served, forged) == []
         assert [c.data for c in feed(served, pair(k))] == [c.data for c in feed(undisturbed, pair(k))] != []
     assert served.status()["refused"] == {"ahead": 2 * (3 * RESTART_AFTER - 2)}

@@ -228,3 +228,36 @@ def test_unknown_types_are_refused():
         encode({})
     with pytest.raises(MessageError, match="standard ROS 2 type"):
         schema_text("no/msg/Such")
+
+
+@given(st.lists(text, min_size=1, max_size=5), stamp, st.data())
+def test_positions_alone_are_encoded_as_their_message_is(names, stamp_ns, data):
+    names, positions = tuple(names), data.draw(vector(len(names)))
+    payload = encode(JointState(stamp_ns, names, positions))
+    assert templates.PositionEncoder(names).encode(stamp_ns, positions) == payload
+
+
+frames = st.sampled_from(["world", "earth"])
+poses = st.builds(PoseStamped, st.integers(0, 3), vector(3), orientation=vector(4), frame_id=frames)
+
+
+@given(poses, poses)
+def test_a_pair_of_poses_is_read_as_both_are_decoded_or_not_at_all(left, right):
+    pair = templates.pose_layout().read_pair(encode(left), encode(right))
+    alike = left.stamp_ns == right.stamp_ns and left.frame_id == right.frame_id == "world"
+    assert (pair is not None) == alike
+    if pair is not None:
+        assert pair[0] == left.stamp_ns
+        assert [np.array(position).tobytes() for position in pair[1:]] == [p.position.tobytes() for p in (left, right)]
+
+
+@pytest.mark.parametrize("at", range(4, 12))
+def test_a_pair_is_read_if_and_only_if_its_stamp_is_one(at):
+    layout, payload = templates.pose_layout(), encode(PoseStamped(10**9 + 7, np.zeros(3)))
+    for byte in range(256):
+        changed = payload[:at] + bytes([byte]) + payload[at + 1 :]
+        expected = None
+        with suppress(MessageError):
+            expected = decode_as(PoseStamped, changed).stamp_ns
+        pair = layout.read_pair(changed, changed)
+        assert (None if pair is None else pair[0]) == expected

@@ -4,7 +4,8 @@ Both are polynomials that learn by recursive least squares, one sample at a time
 measured at one instant.
 """
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -138,6 +139,27 @@ class ForwardInverseLearner:
         """
         return self._run(rows_of("u", u, self.config.inputs), self._no_sample, False)
 
+    def bind_look_ahead(self, u: Floats, *, limits: Floats, outputs: Floats, limited: Floats) -> Callable[[], int]:
+        """Return `predict` of one u as one compiled call, as `pipeline.learner.look_ahead` has it."""
+        arrays = self._sizes, self._tables, self._memory, self._settings
+        run = partial(kernels.run, u[np.newaxis], self._no_sample, False, *arrays, outputs[np.newaxis])
+        joints, (lower, upper) = outputs[-limited.size :], limits
+
+        def look_ahead() -> int:
+            status: int = run()
+            np.minimum(np.maximum(joints, lower, out=limited), upper, out=limited)
+            return status
+
+        return look_ahead
+
+    def advance(self) -> None:
+        """Pass: a command changes nothing."""
+
+    def check(self, status: int) -> None:
+        """Raise what a kernel's status says, unless it is `kernels.OK`: MessageError or ConfigError."""
+        if status != kernels.OK:
+            raise _failure(status)
+
     def deviations(self, u: ArrayLike) -> Floats:
         """Return the standard deviation [m] of where each hand will be after the command to a target.
 
@@ -236,7 +258,7 @@ class ForwardInverseLearner:
     def _run(self, u: Floats, d: Floats, learning: bool) -> Floats:
         outputs = np.empty((len(u), self.config.outputs))
         arrays = self._sizes, self._tables, self._memory, self._settings
-        self._check(kernels.run(u, d, learning, *arrays, outputs))
+        self.check(kernels.run(u, d, learning, *arrays, outputs))
         return outputs
 
     def _expect(self, joints: Floats) -> tuple[Floats, Floats]:
@@ -244,10 +266,6 @@ class ForwardInverseLearner:
         hands, deviations = np.empty((len(joints), self.config.inputs)), np.empty((len(joints), len(self._models) - 1))
         kernels.expect(np.ascontiguousarray(joints), self._sizes, self._tables, self._memory, hands, deviations)
         return hands, deviations
-
-    def _check(self, status: int) -> None:
-        if status != kernels.OK:
-            raise _failure(status)
 
     def _set_constants(self) -> None:
         body, common, inputs = self.config.known_body, self._common, self.config.inputs

@@ -3,23 +3,20 @@
 Equation numbers are those of the paper (see `learner`, beside this). A sum runs over its slots one by one; what is
 vectorised runs across neurons or weights. Without fastmath the compiler may neither reorder nor fuse, so that
 every CPU gives the same bits. `error_model="numpy"` only drops the zero test from divisions, which would stop
-vectorisation.
+vectorisation. What Python calls takes plain arrays, because a call with tuples costs more than a step.
 """
 
 from collections.abc import Callable
-from functools import cache
 from typing import Any, NamedTuple, TypeVar, cast
 
 import numba
 import numpy as np
-from numba.np.numpy_support import carray
 from numpy.typing import NDArray
 
 from pipeline.arrays import Floats
 
 IndexArray = NDArray[np.uint32]
 SizeArray = NDArray[np.int64]
-ByteArray = NDArray[np.uint8]
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _LOG2_E = 1.4426950408889634
@@ -30,21 +27,14 @@ _EXP_MIN, _EXP_MAX = -708.0, 709.0  # beyond these exp leaves the normal float64
 _LOG_STEPS = 400  # Halley moves by at most 2 a step: enough for every positive float64
 
 OK, BAD_INPUT, BAD_TARGET, BAD_SHAPE, DIVERGED = 0, 1, 2, 3, 4
-UNUSUAL = -1
-STAMP_AT, STAMP_END = 4, 12  # of a header in CDR: s and ns, behind the encapsulation
-_SECOND = 10**9
 
 
 def _compiled(function: _Function) -> _Function:
-    return cast(_Function, _cached(numba.njit, function))
-
-
-def _cached(compiler: Callable[..., Callable[..., Any]], function: Callable[..., Any], *signature: str) -> Any:
     """Compile, and keep the result for the next process. It is found by this file alone: all kernels live here."""
     try:
-        return compiler(*signature, cache=True, error_model="numpy")(function)
+        return cast(_Function, numba.njit(cache=True, error_model="numpy")(function))
     except RuntimeError:  # no folder can be written to that would keep the result: compile in every process
-        return compiler(*signature, error_model="numpy")(function)
+        return cast(_Function, numba.njit(error_model="numpy")(function))
 
 
 class Sizes(NamedTuple):
@@ -275,8 +265,6 @@ def run(
 ) -> int:
     """Take complete steps: predict, compare with d, learn; a sequence may be cut into calls anywhere.
 
-    The arguments are plain arrays because a call with tuples costs more than a step.
-
     Parameters
     ----------
     u : ndarray, shape (steps, inputs)
@@ -285,14 +273,12 @@ def run(
         Centred targets; none to run forward only, which leaves no error for the next step.
     learning : bool
         Whether to apply BPDC and IP; needs targets.
-    sizes : ndarray of int64
-        The values of a `Sizes`.
+    sizes, rates : ndarray of int64 and of float64
+        The values of a `Sizes` and of a `Rates`.
     sources : ndarray of uint32
         For each slot of each reservoir neuron, then of each output, the index of its source in z.
     memory : ndarray
         The block that `views` divides.
-    rates : ndarray, shape (4,)
-        The values of a `Rates`.
     predicted : ndarray, shape (steps, outputs)
         Filled with the outputs of each step, before its update.
 
@@ -301,10 +287,8 @@ def run(
     int
         `OK`, `BAD_INPUT` or `BAD_TARGET` (not finite: nothing was done), or `DIVERGED` (the state is not finite).
     """
-    if not all_finite(u):
-        return BAD_INPUT
-    if not all_finite(d):
-        return BAD_TARGET
+    if not (all_finite(u) and all_finite(d)):
+        return BAD_TARGET if all_finite(u) else BAD_INPUT
     inputs, outputs, feedback_slot = sizes[0], sizes[1], sizes[5]
     state = views(sizes, memory)
     constants = Rates(rates[0], rates[1], rates[2], rates[3])
@@ -315,12 +299,10 @@ def run(
     y_output = state.z[inputs : inputs + outputs]
     y_reservoir = state.z[inputs + outputs : inputs + outputs + state.a.size]
     for k in range(u.shape[0]):
-        for r in range(inputs):
-            state.z[r] = u[k, r]
+        state.z[:inputs] = u[k]
         sum_sources(state.reservoir_weights, reservoir_sources, state.z, x_reservoir)
         sum_and_gather(state.output_weights, output_sources, state.z, state.gathered, x_output)
-        for i in range(outputs):
-            predicted[k, i] = x_output[i]
+        predicted[k] = x_output
         if learning:
             teach(d[k], inputs, feedback_slot, output_sources, constants, state)
         for i in range(outputs):
@@ -347,8 +329,7 @@ def look_ahead(
     """Compute the next step's outputs, to the bit, without changing the state.
 
     The outputs need y(k) and u(k) alone, eq. (1): the reservoir's own step, most of the work, can follow when whoever
-    waits for them has been answered, by `proceed`. One call does it all, limits included, for a call costs as much as
-    the sums.
+    waits for them has been answered, by `advance`. One call does it all: a call costs as much as the sums.
 
     Parameters
     ----------
@@ -360,10 +341,8 @@ def look_ahead(
         Lower, then upper limits of the last n outputs.
     sizes, sources, memory : ndarray
         As `run` takes them; only the place for u is written to, which every step overwrites.
-    activations : ndarray, shape (outputs,)
-        Filled with the outputs, centred.
-    predicted : ndarray, shape (outputs,)
-        Filled with the outputs.
+    activations, predicted : ndarray, shape (outputs,)
+        Filled with the outputs: centred, and not.
     limited : ndarray, shape (n,)
         Filled with the last n outputs, within their limits.
 
@@ -391,7 +370,7 @@ def look_ahead(
 
 
 @_compiled
-def proceed(sizes: SizeArray, sources: IndexArray, memory: Floats, activations: Floats) -> int:
+def advance(sizes: SizeArray, sources: IndexArray, memory: Floats, activations: Floats) -> int:
     """Take the step whose outputs `look_ahead` computed, to the bit as `run` takes one without targets.
 
     Nothing may have come between; this is not looked at.
@@ -417,144 +396,3 @@ def proceed(sizes: SizeArray, sources: IndexArray, memory: Floats, activations: 
         state.error[i] = 0.0
     activate(sizes, memory)
     return OK if all_finite(state.x) else DIVERGED
-
-
-class Served(NamedTuple):
-    """Arrays of a served controller that its calls read and change; they stay where they are in memory.
-
-    The calls believe types and sizes, for they see addresses alone; `pipeline.serving.compiled_calls` sees to both.
-    """
-
-    sizes: SizeArray  # (7,), as `run` takes it, as are the next two
-    sources: IndexArray
-    memory: Floats
-    centre: Floats  # (inputs + outputs,), as `look_ahead` takes it
-    activations: Floats  # (outputs,), as `look_ahead` fills it and `proceed` takes it
-    limits: Floats  # (2 n,), lower, then upper limits of the joints
-    u: Floats  # (6,), filled with the targets [m]
-    outputs: Floats  # (outputs,), filled with the next step's outputs
-    limited: Floats  # (n,), filled with the joints among them, within their limits
-    stamp: ByteArray  # (8,), filled with the targets' stamp, as CDR has it
-    clipped: SizeArray  # (n,), how often a joint was beyond its limits
-    left: ByteArray  # (pose,), filled with the messages
-    right: ByteArray
-    left_position: Floats  # (3,), in the messages [m]
-    right_position: Floats
-    head: ByteArray  # how messages begin, up to the position; the stamp in it counts for nothing
-    near: Floats  # (7,): positions are usual if along no axis farther from the first six than the last states [m]
-
-
-def addresses(served: Served) -> NDArray[np.int64]:
-    """Return where each array begins, then how long each is: by these the calls of `served_calls` find them.
-
-    Numba looks at every argument of every call anew. Where a call comes once in a millisecond, on caches that others
-    have used meanwhile, this takes longer than the arithmetic.
-
-    Raises
-    ------
-    ValueError
-        If the items of an array do not stand side by side.
-    """
-    if not all(array.flags.c_contiguous for array in served):
-        raise ValueError("expected arrays whose items stand side by side")
-    return np.array([[array.ctypes.data for array in served], [array.size for array in served]], dtype=np.int64)
-
-
-@cache
-def served_calls() -> tuple[Any, Any]:
-    """Return `_answer_pair` and `_settle` as C has them, each with an `address`; compiled when first asked for."""
-    table = "CPointer(voidptr), CPointer(int64)"
-    answer = _cached(numba.cfunc, _answer_pair, f"int64({table}, CPointer(uint8), CPointer(uint8), int64)")
-    return answer, _cached(numba.cfunc, _settle, f"int64({table}, int64)")
-
-
-@_compiled
-def _served(places: Any, lengths: Any) -> Served:
-    """Return the arrays whose addresses and lengths these are."""
-    return Served(
-        carray(places[0], lengths[0], np.int64),
-        carray(places[1], lengths[1], np.uint32),
-        carray(places[2], lengths[2], np.float64),
-        carray(places[3], lengths[3], np.float64),
-        carray(places[4], lengths[4], np.float64),
-        carray(places[5], lengths[5], np.float64),
-        carray(places[6], lengths[6], np.float64),
-        carray(places[7], lengths[7], np.float64),
-        carray(places[8], lengths[8], np.float64),
-        carray(places[9], lengths[9], np.uint8),
-        carray(places[10], lengths[10], np.int64),
-        carray(places[11], lengths[11], np.uint8),
-        carray(places[12], lengths[12], np.uint8),
-        carray(places[13], lengths[13], np.float64),
-        carray(places[14], lengths[14], np.float64),
-        carray(places[15], lengths[15], np.uint8),
-        carray(places[16], lengths[16], np.float64),
-    )
-
-
-def _answer_pair(places: Any, lengths: Any, left: Any, right: Any, after_ns: int) -> int:
-    """Answer two hand targets, still CDR, by what the next step's outputs would be, if they are as targets mostly are.
-
-    Parameters
-    ----------
-    places, lengths : pointers
-        To the two rows of `addresses`.
-    left, right : pointers
-        To messages, each as long as `Served.left`: usual ones are poses that are alike up to their positions.
-    after_ns : int
-        Stamps up to this one are not usual [ns].
-
-    Returns
-    -------
-    int
-        The stamp [ns], or `UNUSUAL`: what is filled then means nothing.
-    """
-    served = _served(places, lengths)
-    for k in range(served.left.size):
-        served.left[k], served.right[k] = left[k], right[k]
-    for k in range(served.head.size):
-        is_stamp = STAMP_AT <= k < STAMP_END
-        if served.left[k] != served.right[k] or not (is_stamp or served.left[k] == served.head[k]):
-            return UNUSUAL
-    seconds = nanoseconds = 0
-    for k in range(3, -1, -1):  # little-endian
-        seconds = seconds * 256 + int(served.left[STAMP_AT + k])
-        nanoseconds = nanoseconds * 256 + int(served.left[STAMP_AT + 4 + k])
-    stamp_ns = seconds * _SECOND + nanoseconds
-    if seconds >= 2**31 or nanoseconds >= _SECOND or stamp_ns <= after_ns:  # seconds are signed
-        return UNUSUAL
-    u, limited = served.u, served.limited
-    for axis in range(3):
-        u[axis], u[3 + axis] = served.left_position[axis], served.right_position[axis]
-    for axis in range(6):
-        if not abs(u[axis] - served.near[axis]) <= served.near[6]:  # nor is NaN near
-            return UNUSUAL
-    limits = served.limits.reshape(2, limited.size)
-    network = served.sizes, served.sources, served.memory
-    if look_ahead(u, served.centre, limits, *network, served.activations, served.outputs, limited) != OK:
-        return UNUSUAL
-    for k in range(served.stamp.size):
-        served.stamp[k] = served.left[STAMP_AT + k]
-    return stamp_ns
-
-
-def _settle(places: Any, lengths: Any, advance: int) -> int:
-    """Count the joints clipped in the command that was sent and, if `advance` is set, take the step that follows.
-
-    Parameters
-    ----------
-    places, lengths : pointers
-        To the two rows of `addresses`; memory, activations, outputs and limited are as the command left them.
-    advance : int
-        Whether to take the step without targets.
-
-    Returns
-    -------
-    int
-        `OK`, or `DIVERGED` as `proceed` has it.
-    """
-    served = _served(places, lengths)
-    first = served.outputs.size - served.limited.size
-    for j in range(served.limited.size):
-        served.clipped[j] += served.limited[j] != served.outputs[first + j]
-    return proceed(served.sizes, served.sources, served.memory, served.activations) if advance else OK

@@ -4,7 +4,8 @@ After M. Rolf, J. J. Steil and M. Gienger, "Efficient Exploration and Learning o
 numbers here and in `pipeline.learner.rules.reservoir.kernels` are the paper's.
 """
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from functools import partial
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -53,7 +54,7 @@ class Learner:
         self.output_centre = centre_of("output_centre", output_centre, config.outputs)
         self._network = Network(config)
         self._centre = np.concatenate([self.input_centre, self.output_centre])
-        self._next_outputs = np.empty(config.outputs)
+        self._next_activations = np.empty(config.outputs)
         self._no_target = np.empty((0, config.outputs))
         self.begin_epoch(0)
 
@@ -143,9 +144,24 @@ class Learner:
         ConfigError
             If the outputs are not finite.
         """
+        self.check(self.bind_look_ahead(u, limits=limits, outputs=outputs, limited=limited)())
+
+    def bind_look_ahead(self, u: Floats, *, limits: Floats, outputs: Floats, limited: Floats) -> Callable[[], int]:
+        """Return `look_ahead` on these arrays as one compiled call, whose status `check` takes."""
         net = self._network
         network = net.sizes, net.sources, net.memory
-        self.check(kernels.look_ahead(u, self._centre, limits, *network, self._next_outputs, outputs, limited))
+        return partial(kernels.look_ahead, u, self._centre, limits, *network, self._next_activations, outputs, limited)
+
+    def advance(self) -> None:
+        """Take the step of the last look ahead, to the bit as `predict` does; nothing may have come between.
+
+        Raises
+        ------
+        ConfigError
+            If the state is no longer finite.
+        """
+        net = self._network
+        self.check(kernels.advance(net.sizes, net.sources, net.memory, self._next_activations))
 
     def check(self, status: int) -> None:
         """Raise the error that a kernel's status stands for, of a step taken or looked ahead to; `kernels.OK` is none.
@@ -159,16 +175,6 @@ class Learner:
         """
         if status != kernels.OK:
             raise _failure(status, self._epoch)
-
-    @property
-    def arrays(self) -> tuple[kernels.SizeArray, kernels.IndexArray, Floats, Floats, Floats]:
-        """Arrays of the learner that kernels take, for compiled calls that take its steps.
-
-        These are sizes, sources, memory, centre, and the activations of the last look ahead. They are this learner's
-        own, changed in place and never replaced.
-        """
-        net = self._network
-        return net.sizes, net.sources, net.memory, self._centre, self._next_outputs
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Hold the target u0 [m], shape (inputs,), for some steps, from a state seeded for this alone.

@@ -369,16 +369,6 @@ def test_foresight_that_overflows_is_one_clear_error():
         look_ahead(learner, np.full(6, 1e10))
 
 
-def test_its_arrays_stay_the_learners_own():
-    learner, (u, d) = make(), motion(4)
-    arrays = learner.arrays
-    learner.step(u, d, learning=True)
-    learner.washout(u[0], steps=2)
-    learner.begin_epoch(3)
-    learner.load_state(make(seed=5).state())
-    assert all(now is before for now, before in zip(learner.arrays, arrays, strict=True))
-
-
 class TestReservoir(LearningRuleContract):
     rule = RULE
 

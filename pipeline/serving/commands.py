@@ -1,0 +1,85 @@
+"""Joint commands out of a learner: what it would do next, within the joints' limits, as CDR."""
+
+import struct
+from typing import NamedTuple
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.learner.look_ahead import look_ahead_of
+from pipeline.learner.rule import OnlineLearner
+from recorders.cdr.templates import Position, PositionEncoder
+from recorders.messages.record import RecordedMessage
+
+_TARGETS = struct.Struct("=6d")  # fills an array several times as fast as an assignment
+
+
+class Command(NamedTuple):
+    """One joint command and what it answers.
+
+    Attributes
+    ----------
+    stamp_ns : int
+        Stamp of the targets, and of the command [ns].
+    data : bytes
+        The command, a JointState as CDR.
+    answered : tuple of RecordedMessage
+        The messages of the tick: left target, right target and, when learning, the joints.
+    """
+
+    stamp_ns: int
+    data: bytes
+    answered: tuple[RecordedMessage, ...]
+
+
+class Commander:
+    """Encodes the commands of one robot, and counts the joints that its limits held back.
+
+    Parameters
+    ----------
+    learner : OnlineLearner
+        Computes outputs: the last of them are the joints.
+    joints : tuple of str
+        Names of the n joints, in the order of the outputs.
+    limits : ndarray, shape (2, n)
+        Lower, then upper limits of the joints [rad, m].
+
+    Attributes
+    ----------
+    clipped : ndarray of int64, shape (n,)
+        In how many commands a joint was at its limit because the output was beyond.
+    """
+
+    def __init__(self, learner: OnlineLearner, joints: tuple[str, ...], *, limits: Floats) -> None:
+        n, look_ahead = len(joints), look_ahead_of(learner)
+        u, outputs, self._limited = np.zeros(learner.config.inputs), np.empty(learner.config.outputs), np.empty(n)
+        self._targets, self._joints = u.data, outputs[-n:]
+        self._look_ahead = look_ahead.bind_look_ahead(u, limits=limits, outputs=outputs, limited=self._limited)
+        self._check, self._advance = look_ahead.check, look_ahead.advance
+        self._encoder = PositionEncoder(joints)
+        self.clipped = np.zeros(n, dtype=np.int64)
+
+    def command(self, stamp_ns: int, left: Position, right: Position) -> bytes:
+        """Return the command (CDR) for two hand targets [m]: the outputs of the step that they lead to.
+
+        Raises
+        ------
+        ConfigError
+            If the outputs are not finite.
+        """
+        _TARGETS.pack_into(self._targets, 0, *left, *right)
+        if status := self._look_ahead():
+            self._check(status)
+        return self._encoder.encode(stamp_ns, self._limited)
+
+    def finish(self, *, advance: bool) -> None:
+        """Count the joints that were clipped in the last command and, if `advance`, take the step without targets.
+
+        Raises
+        ------
+        ConfigError
+            If the state is no longer finite.
+        """
+        self.clipped += self._limited != self._joints
+        if advance:
+            self._advance()
