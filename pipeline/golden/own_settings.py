@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.learner.registry import KEY, config_from_dict, config_to_dict, find_rule
-from pipeline.learner.rule import DEFAULT
+from pipeline.learner.rule import DEFAULT, Settings
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
@@ -45,6 +45,11 @@ def pairs_of(learner: Mapping[str, Any]) -> str:
     if type(name) is not str:
         raise ConfigError(f"expected learner setting {PAIRS_KEY} to be a text, found {value_text(name)}")
     return name
+
+
+def without_pairs(learner: Mapping[str, Any]) -> Settings:
+    """Return the learner's configuration among settings; raises ConfigError as `config_from_dict` does."""
+    return config_from_dict({name: value for name, value in learner.items() if name != PAIRS_KEY})
 
 
 def with_pairs(learner: Mapping[str, Any], pairs: str) -> dict[str, Any]:
@@ -82,7 +87,7 @@ def read_settings(
         if name in values:
             raise ConfigError(f"{path}: expected no setting {name}, which follows from {source}; take it out")
     try:
-        settings = config_from_dict({name: value for name, value in values.items() if name != PAIRS_KEY})
+        settings = without_pairs(values)
         chosen = pairs_of(values) if PAIRS_KEY in values else before or find_rule(settings.rule).pairs
         return with_pairs(config_to_dict(settings), find_pairing(chosen).name)
     except ConfigError as error:

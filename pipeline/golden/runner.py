@@ -11,9 +11,8 @@ from pipeline.evaluation.trials import evaluate_samples
 from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
-from pipeline.golden.own_settings import PAIRS_KEY, pairs_of, read_settings, with_pairs
+from pipeline.golden.own_settings import pairs_of, read_settings, with_pairs, without_pairs
 from pipeline.learner.controller import Controller
-from pipeline.learner.registry import config_from_dict
 from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
 from pipeline.robot.recorded import recorded_hands
@@ -103,7 +102,7 @@ def _pairs(recipe: CaseSpec) -> str:
 
 
 def _config(recipe: CaseSpec) -> Settings:
-    config = config_from_dict({name: value for name, value in recipe.learner.items() if name != PAIRS_KEY})
+    config = without_pairs(recipe.learner)
     size = 8 * state_numbers(config.state_shapes())
     if size > MAX_CASE_BYTES:
         raise ConfigError(
@@ -181,7 +180,7 @@ def recipe(
     if old is None:
         if not logs or (config is None and rule is None):
             raise ConfigError("expected logs and --config for a new case")
-        settings = config_from_dict(read_settings(config, rule=rule, pairs=pairs))
+        settings = without_pairs(read_settings(config, rule=rule, pairs=pairs))
         old = CaseSpec(tuple(logs), {}, settings.schedule(_EPOCHS))
     learner = old.learner
     if not (config is None and rule is None):
