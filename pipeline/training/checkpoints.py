@@ -4,7 +4,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from pipeline.learner.controller import Controller
-from recorders.errors import ConfigError, ControllerError
+from pipeline.training.run import LearningRun
+from recorders.errors import ConfigError, ControllerError, MessageError
+from recorders.messages.phase import Phase
+from recorders.text.wording import value_text
 
 
 @dataclass(frozen=True)
@@ -40,10 +43,49 @@ def find_checkpoint(path: Path, *, of: str = "a learner") -> Controller | None:
         return None
     controller = Controller.load(path)
     if not isinstance(controller.provenance.get("checkpoint"), dict):
-        raise no_checkpoint(path, of)
+        raise _no_checkpoint(path, of)
     return controller
 
 
-def no_checkpoint(path: Path, of: str = "a learner") -> ControllerError:
+def checkpoint_phase(path: Path) -> Phase | None:
+    """Return the phase of the checkpoint in a file; None if there is none.
+
+    Raises
+    ------
+    ControllerError
+        If the file is not a checkpoint.
+    """
+    found = find_checkpoint(path)
+    if found is None:
+        return None
+    try:
+        return Phase(**found.provenance["checkpoint"]["phase"])
+    except (KeyError, TypeError, MessageError) as error:
+        raise _no_checkpoint(path, "a learner") from error
+
+
+def resume(run: LearningRun, path: Path, *, run_name: str) -> int:
+    """Go on from the checkpoint in a file, if there is one, and return the stream index after it; 0 without one.
+
+    Raises
+    ------
+    ControllerError
+        If it is of another run or learner, or is none.
+    """
+    controller = find_checkpoint(path, of=f"run {run_name}")
+    if controller is None:
+        return 0
+    saved = controller.provenance["checkpoint"]
+    if saved.get("run") != run_name:
+        found = str(saved.get("run"))[:64]
+        raise ControllerError(f"{path}: expected a checkpoint of run {run_name}, found {found}; move it away")
+    run.restore(controller, saved)
+    start = saved.get("next")
+    if type(start) is not int:
+        raise ControllerError(f"{path}: expected the stream index to go on from, found {value_text(start)}")
+    return start
+
+
+def _no_checkpoint(path: Path, of: str) -> ControllerError:
     """Return the error of a controller that is no checkpoint."""
     return ControllerError(f"{path}: expected a checkpoint of {of}, found a controller without one; move it away")

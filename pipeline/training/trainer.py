@@ -13,13 +13,13 @@ from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import offered_robot, recorded_hands
 from pipeline.samples.pairing import PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
-from pipeline.training.checkpoints import CheckpointConfig, find_checkpoint, no_checkpoint
+from pipeline.training.checkpoints import CheckpointConfig, checkpoint_phase, resume
 from pipeline.training.run import CycleReport, LearningRun, Steps
-from recorders.errors import ConfigError, ControllerError, JointError, LearningError, MessageError
+from recorders.errors import ConfigError, JointError, LearningError, MessageError
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.text.wording import names_text, value_text
+from recorders.text.wording import names_text
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import EpisodeLog, Replay, naming
@@ -95,7 +95,7 @@ class Trainer:
         self._check_topics(schedule, robot)
         config = self._config.fitted(epochs=schedule.epochs)
         run = LearningRun(config, robot, offer.run, pairing=self.pairing, on_steps=self._on_steps)
-        self._next = self._resume(run, offer)
+        self._next = 0 if self._checkpoint is None else resume(run, self._checkpoint.path, run_name=offer.run)
         self._saved_ticks = run.counts.ticks
         self._whole = _Whole(self._next, run.counts.ticks)
         self._run, self._offer = run, offer
@@ -124,13 +124,7 @@ class Trainer:
         ControllerError
             If the file is not a checkpoint.
         """
-        found = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path)
-        if found is None:
-            return None
-        try:
-            return Phase(**found.provenance["checkpoint"]["phase"])
-        except (KeyError, TypeError, MessageError) as error:
-            raise no_checkpoint(self._checkpoint.path) from error  # type: ignore[union-attr]  # there is one
+        return None if self._checkpoint is None else checkpoint_phase(self._checkpoint.path)
 
     def settle(self, *, keep: bool) -> None:
         """Take the steps that are complete, as nothing more comes at present, and with `keep` keep a checkpoint."""
@@ -298,21 +292,6 @@ class Trainer:
             "stream_digest": run.stream_digest,
             "errors_cm": list(run.counts.errors_cm),
         }
-
-    def _resume(self, run: LearningRun, offer: Offer) -> int:
-        """Go on from the checkpoint of this run, if there is one; return the stream index after it."""
-        controller = None if self._checkpoint is None else find_checkpoint(self._checkpoint.path, of=f"run {offer.run}")
-        if controller is None or self._checkpoint is None:
-            return 0
-        path, saved = self._checkpoint.path, controller.provenance["checkpoint"]
-        if saved.get("run") != offer.run:
-            found = str(saved.get("run"))[:64]
-            raise ControllerError(f"{path}: expected a checkpoint of run {offer.run}, found {found}; move it away")
-        run.restore(controller, saved)
-        start = saved.get("next")
-        if type(start) is not int:
-            raise ControllerError(f"{path}: expected the stream index to go on from, found {value_text(start)}")
-        return start
 
     def _keep(self, run: LearningRun) -> None:
         if run.counts.ticks - self._reported_ticks >= _PROGRESS_TICKS:

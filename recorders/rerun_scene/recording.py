@@ -126,14 +126,10 @@ def record_motion(
 
     Raises
     ------
-    RobotError
-        The URDF cannot be read.
-    JointError
-        A joint is not in the URDF, is named twice, or `joints` has another shape than the names and times ask for.
-    MotionError
-        Times or positions are of the wrong shape, or a number is not finite.
-    LogError
-        The file cannot be written, or would take the place of one that is no recording.
+    RobotError, JointError
+        The URDF cannot be read; a joint is not in it, is named twice, or `joints` does not fit names and times.
+    MotionError, LogError
+        Times or positions are not of the right shape or finite; the file cannot be written, or another kind is there.
     """
     plane = plane or FrontalPlane()
     track = Track.checked(
@@ -144,11 +140,10 @@ def record_motion(
         targets=targets,
         reached=reached,
     )
-    model = RobotModel.load(urdf_text, joint_names)
     send_motion(
         Destination(path),
         track,
-        model,
+        RobotModel.load(urdf_text, joint_names),
         plane=plane,
         recording_id=track.recording_id(urdf_text, *joint_names, title),
         title=title,
