@@ -15,8 +15,8 @@ from contextlib import contextmanager
 
 import numpy as np
 from numpy.lib import format as npy
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from recorders.errors import ControllerError
 from recorders.text.wording import line_text, value_text
 
@@ -40,7 +40,7 @@ _HEADER = re.compile(
     rb"\{'descr': '([^']{1,40})', 'fortran_order': (False|True), 'shape': \(((?:\d{1,25}, ?)*(?:\d{1,25})?)\), \} *\n"
 )
 
-Member = str | NDArray[np.float64]
+Member = str | Floats
 
 
 def pack(members: Mapping[str, Member]) -> bytes:

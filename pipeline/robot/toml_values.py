@@ -5,8 +5,8 @@ from collections.abc import Mapping
 from typing import Any, TypeAlias
 
 import numpy as np
-from numpy.typing import NDArray
 
+from pipeline.arrays import Floats
 from pipeline.robot import toml_text
 from pipeline.urdf.description import check_name
 from recorders.errors import RobotError
@@ -78,7 +78,7 @@ def as_number(value: object, where: str) -> float:
     return number
 
 
-def as_vector(value: object, where: str) -> NDArray[np.float64]:
+def as_vector(value: object, where: str) -> Floats:
     """Return `value`, three finite numbers, as an array (3,); raises RobotError otherwise."""
     if not isinstance(value, list) or len(value) != 3:
         raise RobotError(f"{where} of the robot config: expected three numbers, found {value_text(value)}")

@@ -39,7 +39,7 @@ from recorders.writing.writer import LogWriter
 
 logger = logging.getLogger(__name__)
 
-_RECENT = 4096  # commands of which the latency is kept
+_RECENT = 4096  # commands of which the latency is remembered
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
 _LOOK_S = 0.1  # longest single wait for the end
@@ -53,7 +53,7 @@ def serve(
     on_end: Callable[[dict[str, Any], Controller], None] = lambda status, controller: None,
     on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
 ) -> None:
-    """Serve a controller until the process is told to stop.
+    """Serve a controller until the process is stopped.
 
     A line each is logged when the controller is ready, for the first message refused for each reason, and for a log
     that cannot be written any longer: the robot goes on being commanded. However the serving ends, the log is finished,
@@ -205,7 +205,7 @@ class Node:
         raise self._failure
 
     def source(self) -> NodeSource:
-        """Return what this node says of itself to whoever watches; none of it waits for a command, nor keeps one."""
+        """Return the status of this node for whoever watches; none of it waits for a command, nor delays one."""
         return NodeSource(
             "controller",
             self._config.name,
@@ -224,7 +224,7 @@ class Node:
         return [latency for _, latency in recent]
 
     def status(self) -> dict[str, Any]:
-        """Return what the controller says of itself, and counts, rate and latencies of this node, as JSON has it.
+        """Return the status of the controller, and counts, rate and latencies of this node, as JSON has it.
 
         `latency_us` is the time from the arrival of the message that completes a tick to the end of the command's put,
         over the last commands; `rate_hz` counts the commands of the last two seconds.

@@ -7,6 +7,7 @@ from enum import StrEnum
 from pipeline.robot.range_check import OutOfRange
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
+from recorders.text.wording import escape_control
 from recorders.ticks.stamp_joiner import RejectionError
 
 _MAX_LINE = 300
@@ -47,10 +48,9 @@ class Rejections:
         self.last = ""
 
     def add(self, reason: str, line: str) -> None:
-        """Count a message, and keep the line that says why it is not served."""
+        """Count a message, and remember the line that names why it is not served."""
         self._counts[str(reason)] += 1
-        # The text may quote what came from the network.
-        self.last = "".join(c if c.isprintable() else "?" for c in line[:_MAX_LINE])
+        self.last = escape_control(line[:_MAX_LINE])  # it may quote what came from the network
         if self._counts[reason] == 1:
             self._report(f"refused, {reason}: {self.last}")
 

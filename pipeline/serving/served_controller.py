@@ -35,7 +35,7 @@ MAX_OPEN = 64
 
 
 class _Step(Enum):
-    """What is to be done with the learner before the next command."""
+    """Work that is left on the learner before the next command."""
 
     WASHOUT = auto()  # a cycle begins: hold its first target
     TAKE = auto()  # take the step of the command that was sent
@@ -207,7 +207,7 @@ class ServedController:
         self._commander.finish(advance=self._online is None)
 
     def reject(self, reason: str, line: str) -> None:
-        """Count a message that is not served, and keep the line that says why."""
+        """Count a message that is not served, and remember the line that names why."""
         self._rejections.add(reason, line)
 
     def status(self) -> dict[str, Any]:
@@ -247,7 +247,7 @@ class ServedController:
         } | {f"refused {reason}": count for reason, count in rejected.items()}
 
     def controller(self) -> Controller:
-        """Return the controller as it is now, with what it was made from."""
+        """Return the controller as it is now, with its provenance."""
         self.settle()
         return Controller.from_learner(
             self._learner,
