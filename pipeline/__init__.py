@@ -11,6 +11,7 @@ if TYPE_CHECKING:
     from pipeline.evaluation.trials import Trial as Trial
     from pipeline.evaluation.trials import evaluate_motion as evaluate_motion
     from pipeline.exploration.explore import explore as explore
+    from pipeline.exploration.source import DrawnMotion as DrawnMotion
     from pipeline.golden.runner import GoldenRunner as GoldenRunner
     from pipeline.learner.controller import Controller as Controller
     from pipeline.learner.registry import default_config as default_config
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from pipeline.learner.rule import Settings as Settings
     from pipeline.learner.rules.reservoir.config import LearnerConfig as LearnerConfig
     from pipeline.motions.motion import Motion as Motion
+    from pipeline.motions.motion import NamedMotion as NamedMotion
     from pipeline.motions.motion import load_motion as load_motion
     from pipeline.robot.config import RobotConfig as RobotConfig
     from pipeline.robot.config import load_robot as load_robot
@@ -34,6 +36,7 @@ if TYPE_CHECKING:
     from pipeline.training.trainer import train_on as train_on
 
 _HOMES = {
+    "pipeline.exploration.source": ("DrawnMotion",),
     "pipeline.deployment.deploy": ("deploy",),
     "pipeline.evaluation.errors": ("HandErrors",),
     "pipeline.evaluation.trials": ("Trial", "evaluate_motion"),
@@ -43,7 +46,11 @@ _HOMES = {
     "pipeline.learner.registry": ("default_config", "rule_names"),
     "pipeline.learner.rule": ("Rule", "Settings"),
     "pipeline.learner.rules.reservoir.config": ("LearnerConfig",),
-    "pipeline.motions.motion": ("Motion", "load_motion"),
+    "pipeline.motions.motion": (
+        "Motion",
+        "NamedMotion",
+        "load_motion",
+    ),
     "pipeline.robot.config": ("RobotConfig", "load_robot"),
     "pipeline.robot.kinematics": ("Kinematics",),
     "pipeline.samples.pairing": ("PairingRule",),

@@ -9,6 +9,7 @@ if TYPE_CHECKING:
     from recorders.cdr.codec import decode as decode
     from recorders.cdr.codec import decode_as as decode_as
     from recorders.cdr.codec import encode as encode
+    from recorders.cdr.message_format import MessageFormat as MessageFormat
     from recorders.errors import ReenactError as ReenactError
     from recorders.messages.message_types import Clock as Clock
     from recorders.messages.message_types import Float64MultiArray as Float64MultiArray
@@ -18,6 +19,7 @@ if TYPE_CHECKING:
     from recorders.messages.message_types import String as String
     from recorders.messages.message_types import TFMessage as TFMessage
     from recorders.messages.message_types import TransformStamped as TransformStamped
+    from recorders.messages.message_types import TypedMessage as TypedMessage
     from recorders.messages.phase import Phase as Phase
     from recorders.messages.record import RecordedMessage as RecordedMessage
     from recorders.messages.topics import TOPICS as TOPICS
@@ -45,6 +47,7 @@ if TYPE_CHECKING:
     from recorders.writing.writer import LogWriter as LogWriter
 
 _HOMES = {
+    "recorders.cdr.message_format": ("MessageFormat",),
     "recorders.cdr.codec": ("decode", "decode_as", "encode"),
     "recorders.errors": ("ReenactError",),
     "recorders.messages.message_types": (
@@ -56,6 +59,7 @@ _HOMES = {
         "String",
         "TFMessage",
         "TransformStamped",
+        "TypedMessage",
     ),
     "recorders.messages.phase": ("Phase",),
     "recorders.messages.record": ("RecordedMessage",),
