@@ -39,7 +39,7 @@ ROWS = [
 
 @pytest.fixture(scope="module")
 def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    return write_plain_episode(tmp_path_factory.mktemp("exactness") / "plain.mcap")
+    return write_plain_episode(tmp_path_factory.mktemp("exactness") / "plain.mcap", measured=True)
 
 
 @pytest.fixture(scope="module")
