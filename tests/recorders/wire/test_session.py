@@ -272,8 +272,8 @@ def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
     with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], as_it_comes=True) as client:
         await_ready(router)
         await_ready(client)
+        wait_until(lambda: {"rx", "tx", "acc"} <= zenoh_pools(router.pid))
         assert zenoh_pools(client.pid) == {"app", "tx"}
-        assert {"rx", "tx", "acc"} <= zenoh_pools(router.pid)
 
 
 def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -282,7 +282,7 @@ def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyP
     with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], as_it_comes=True) as client:
         await_ready(router)
         await_ready(client)
-        assert {"rx", "tx"} <= zenoh_pools(client.pid)
+        wait_until(lambda: {"rx", "tx"} <= zenoh_pools(client.pid))
 
 
 @pytest.mark.parametrize(
