@@ -8,10 +8,8 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.learner.look_ahead import look_ahead_of
 from pipeline.learner.rule import OnlineLearner
-from recorders.cdr.templates import Position, PositionEncoder
+from recorders.cdr.templates import PositionEncoder
 from recorders.messages.record import RecordedMessage
-
-_TARGETS = struct.Struct("=6d")  # fills an array several times as fast as an assignment
 
 
 class Command(NamedTuple):
@@ -24,7 +22,7 @@ class Command(NamedTuple):
     data : bytes
         The command, a JointState as CDR.
     answered : tuple of RecordedMessage
-        The messages of the tick: left target, right target and, when learning, the joints.
+        The messages of the tick: the targets of the hands and, when learning, the joints.
     """
 
     stamp_ns: int
@@ -54,20 +52,21 @@ class Commander:
         n, look_ahead = len(joints), look_ahead_of(learner)
         u, outputs, self._limited = np.zeros(learner.config.inputs), np.empty(learner.config.outputs), np.empty(n)
         self._targets, self._joints = u.data, outputs[-n:]
+        self._fill = struct.Struct(f"={u.size}d").pack_into  # several times as fast as an assignment
         self._look_ahead = look_ahead.bind_look_ahead(u, limits=limits, outputs=outputs, limited=self._limited)
         self._check, self._advance = look_ahead.check, look_ahead.advance
         self._encoder = PositionEncoder(joints)
         self.clipped = np.zeros(n, dtype=np.int64)
 
-    def command(self, stamp_ns: int, left: Position, right: Position) -> bytes:
-        """Return the command (CDR) for two hand targets [m]: the outputs of the step that they lead to.
+    def command(self, stamp_ns: int, *targets: float) -> bytes:
+        """Return the command (CDR) for targets [m], hand by hand in a row: the outputs of the step that they lead to.
 
         Raises
         ------
         ConfigError
             If the outputs are not finite.
         """
-        _TARGETS.pack_into(self._targets, 0, *left, *right)
+        self._fill(self._targets, 0, *targets)
         if status := self._look_ahead():
             self._check(status)
         return self._encoder.encode(stamp_ns, self._limited)

@@ -25,7 +25,7 @@ from pipeline.serving.served_controller import ServedController
 from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SESSION_PHASE
+from recorders.messages.topics import JOINT_COMMANDS, SESSION_PHASE
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -142,6 +142,7 @@ class Node:
         self._failure: Exception | None = None
         self._commands = 0
         self.serves = False
+        self._first, self._second = served.pair or ("", "")
         self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
         self._digests = {
             "controller": controller.digest,
@@ -257,12 +258,13 @@ class Node:
         held unread, so that both are read at once.
         """
         lock, served = self._lock, self._served
+        holds = len(served.topics) > 1
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival_ns = time.perf_counter_ns()
             arrived = reader, sample, time.time_ns()
             with lock:
-                if self._held is None and served.between_ticks:
+                if holds and self._held is None and served.between_ticks:
                     self._held = arrived
                 else:
                     self._take(arrived, arrival_ns)
@@ -284,9 +286,9 @@ class Node:
 
     def _answer_pair(self, held: Arrival, arrived: Arrival, arrival_ns: int) -> bool:
         """Answer two poses that ask for no more than a command; False if they are none, and nothing is done."""
-        pair = (arrived, held) if held[0].topic == RIGHT_TARGET else (held, arrived)
+        pair = (arrived, held) if held[0].topic == self._second else (held, arrived)
         (left_reader, left, _), (right_reader, right, _) = pair
-        if left_reader.topic != LEFT_TARGET or right_reader.topic != RIGHT_TARGET:
+        if left_reader.topic != self._first or right_reader.topic != self._second:
             return False
         answer = self._served.answer_pair(left_reader.pose(left), right_reader.pose(right))
         if answer is None:

@@ -45,7 +45,7 @@ class OnlineLearning:
 
     @property
     def pending(self) -> Floats:
-        """u(k) that waits for its teaching signal [m], shape (6,), or (0,) before the first tick of a cycle."""
+        """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) before the first tick of a cycle."""
         return self._pairs.pending
 
     def begin(self) -> None:
@@ -54,8 +54,8 @@ class OnlineLearning:
 
     def take(self, stamp_ns: int, parts: list[tuple[RecordedMessage, Any]], *, learning: bool) -> None:
         """Take the step that a tick completes: predict, score, then update if `learning`."""
-        records, (left, right, joints) = zip(*parts, strict=True)
-        tick = Tick(stamp_ns, (np.array(left), np.array(right)), joints, records)
+        records, (*hands, joints) = zip(*parts, strict=True)
+        tick = Tick(stamp_ns, tuple(map(np.array, hands)), joints, records)
         if self._pairs.fill(tick, self._u[0], self._d[0]):
             outputs = self._learner.step(self._u, self._d, learning=learning)
             self._scored.append((self._u[0].copy(), outputs[0, self._u.size :]))

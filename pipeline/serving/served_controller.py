@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable
 from enum import Enum, auto
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -25,7 +26,7 @@ from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE, hand_target
 from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner
 
 logger = logging.getLogger(__name__)
@@ -83,7 +84,7 @@ class ServedController:
     Raises
     ------
     ControllerError, RobotError
-        If the controller does not take two hand targets, or is not for the joints of its own robot.
+        If the controller is not for the hands and the joints of its own robot.
     ConfigError
         If it is to learn, and was trained with other pairs than a served controller sees.
     """
@@ -111,7 +112,7 @@ class ServedController:
         self._layout = pose_layout()
         self._usual_m = min(self._config.outside_m, *map(check.margin_m, self._centres))
         self._readers: tuple[TargetReader | JointsReader, ...] = self._targets
-        self._topics: tuple[str, ...] = (LEFT_TARGET, RIGHT_TARGET)
+        self._topics: tuple[str, ...] = tuple(map(hand_target, robot.hand_names))
         if self._config.learn:
             self._readers, self._topics = (*self._readers, JointsReader(check)), (*self._topics, SAMPLE_JOINTS)
         self._indices = {topic: index for index, topic in enumerate(self._topics)}
@@ -119,6 +120,7 @@ class ServedController:
         self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._give_up)
         self._order = StampOrder(len(self._topics))
         self._online = OnlineLearning(learner, robot) if self._config.learn else None
+        self._is_pair = len(self._topics) == 2 and not self._config.learn
         self._learning = self._config.learn
         self._accepted = 0
         self._restarted = False
@@ -131,6 +133,11 @@ class ServedController:
     def topics(self) -> tuple[str, ...]:
         """The topics of which a tick consists."""
         return self._topics
+
+    @property
+    def pair(self) -> tuple[str, str] | None:
+        """The topics of two targets that `answer_pair` can answer; None if a tick is of more or less than them."""
+        return (self._topics[0], self._topics[1]) if self._is_pair else None
 
     @property
     def joints(self) -> tuple[str, ...]:
@@ -175,7 +182,7 @@ class ServedController:
         """
         if self._step is _TAKE:
             self.settle()
-        if not self.between_ticks or self._step is _WASHOUT or self._online is not None:
+        if not self.between_ticks or self._step is _WASHOUT or not self._is_pair:
             return None
         pair = self._layout.read_pair(left, right)
         if pair is None:
@@ -186,7 +193,7 @@ class ServedController:
         (left_centre, right_centre), usual = self._centres, self._usual_m
         if not (is_within(left_target, left_centre, usual) and is_within(right_target, right_centre, usual)):
             return None
-        command = self._commander.command(stamp, left_target, right_target)
+        command = self._commander.command(stamp, *left_target, *right_target)
         self._step = _TAKE
         self._order.last_ns = stamp
         return stamp, command
@@ -305,7 +312,7 @@ class ServedController:
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
-        self._commander.command(0, *self._centres)
+        self._commander.command(0, *chain.from_iterable(self._centres))
         self._controller.learner().predict([self._robot.input_centre])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
@@ -338,12 +345,12 @@ class ServedController:
 
     def _answer(self, stamp: int, parts: list[tuple[RecordedMessage, Any]]) -> Command:
         """Command what the next step's outputs will be."""
-        left, right = parts[0][1], parts[1][1]
+        targets = list(chain.from_iterable(value for _, value in parts[: len(self._targets)]))
         if self._step is _WASHOUT and self._config.washout_steps:
-            self._learner.washout(np.array([*left, *right]), steps=self._config.washout_steps)
+            self._learner.washout(np.array(targets), steps=self._config.washout_steps)
         if self._online is not None:
             self._online.take(stamp, parts, learning=self._learning)
-        command = self._commander.command(stamp, left, right)
+        command = self._commander.command(stamp, *targets)
         self._step = _TAKE
         self._order.last_ns = stamp
         return Command(stamp, command, tuple(record for record, _ in parts))

@@ -1,4 +1,4 @@
-"""A robot of one hand, or of three, is explored, learned, evaluated, shown and kept like one of two."""
+"""A robot of one hand, or of three, is explored, learned, evaluated, served, shown and kept like one of two."""
 
 import json
 from collections.abc import Sequence
@@ -14,6 +14,8 @@ from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.learner_node.node import replay
 from pipeline.samples.pairs import read_samples
+from pipeline.serving.config import ServingConfig
+from pipeline.serving.served_controller import ServedController
 from recorders.cdr.codec import decode_as, encode
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import SAMPLE_JOINTS, commanded_tick, hand_measured, hand_target
@@ -115,6 +117,22 @@ def test_evaluate_names_every_hand(work: Path, hands: tuple[str, ...], result: A
     assert found.keys() == {"mean_cm", "max_cm", "samples", "pairs", "teacher_cm", "linear_cm"} | each
     assert found["mean_cm"] == pytest.approx(np.mean([found[f"{hand}_cm"] for hand in hands]))
     assert result("evaluate", work / "trained.npz", "eight")["samples"] == 64
+
+
+def test_served_it_drives_the_robot(work: Path, result: Any) -> None:
+    found = result("evaluate", work / "trained.npz", work / "motion.csv", "--deploy")
+    assert 0.0 < found["teacher_cm"] < 3.0
+    assert 0.0 < found["learned_cm"] < 30.0
+
+
+def test_served_it_learns_on(work: Path, hands: tuple[str, ...]) -> None:
+    served = ServedController(Controller.load(work / "trained.npz"), config=ServingConfig(learn=True))
+    assert served.topics == commanded_tick(hands)
+    records = LogReader(work / "log.mcap").records(topics=served.topics)
+    commands = [command for record in records if (command := served.take(record)) is not None]
+    assert [len(command.answered) for command in commands] == [len(hands) + 1] * (SAMPLES + 1)
+    status = served.status()
+    assert (status["accepted"], status["learned_steps"], status["refused"]) == (SAMPLES + 1, SAMPLES, {})
 
 
 def test_it_is_shown(work: Path, tmp_path: Path, result: Any) -> None:

@@ -42,8 +42,7 @@ def motion(steps: int) -> np.ndarray:
 
 
 def command(commander: Commander, stamp_ns: int, u: np.ndarray) -> JointState:
-    left, right = u.reshape(2, 3).tolist()
-    return decode_as(JointState, commander.command(stamp_ns, left, right))
+    return decode_as(JointState, commander.command(stamp_ns, *u.tolist()))
 
 
 @pytest.mark.parametrize("wrap", [lambda learner: learner, Slow])
