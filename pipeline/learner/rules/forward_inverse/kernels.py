@@ -304,16 +304,17 @@ def learn(part: Model, desired: Floats, constants: Constants) -> None:
     if not variance > 0.0 or variance < _HELD * (1.0 - forgetting):
         return
     share = 1.0 / (1.0 + variance)
+    weight = share * (share * share)  # a model that knew little then says little about what it errs by now
     fill_outputs(part, part.found)
     for m in range(last):
         error = desired[m] - part.found[m]
-        errors[m] = errors[m] * forgetting + (error * error) * (share * share)
+        errors[m] = errors[m] * forgetting + (error * error) * (share * weight)
         part.found[m] = error / (forgetting + variance)
     for f in range(part.gain.size):
         gain = part.gain[f]
         for m in range(last):
             weights[f, m] += gain * part.found[m]
-    errors[last] = errors[last] * forgetting + share
+    errors[last] = errors[last] * forgetting + weight
     shrink(part, 1.0 / (forgetting + variance))
     if forgetting < 1.0:
         forget(part, constants)
@@ -516,8 +517,9 @@ def expect(
 ) -> None:
     """Fill where the forward models expect the hands, and how far from there they may be.
 
-    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's outputs of the squared errors from before each update,
-    each of them weighted by 1 / (1 + f' P f); it is infinite before anything was learned.
+    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's outputs of the mean of e^2 / (1 + f' P f), e the error
+    from before each update; a sample's weight is the cube of 1 / (1 + f' P f). It is infinite before anything was
+    learned.
 
     Parameters
     ----------

@@ -142,7 +142,7 @@ def test_errors_of_the_models_are_from_before_each_update() -> None:
     learner.step(u, d, learning=True)
     half = (ROBOT.upper - ROBOT.lower) / 2.0
     np.testing.assert_allclose(learner.state()["inverse_errors"][-1] > 0.0, True)
-    share = learner.state()["inverse_errors"][-1]
+    share = np.cbrt(learner.state()["inverse_errors"][-1])
     expected = np.abs(d[0, 6:] - ROBOT.comfort) * np.sqrt(share)
     np.testing.assert_allclose(learner.model_errors()["inverse"], expected, rtol=1e-12, atol=0)
     np.testing.assert_allclose(learner.model_errors()["inverse"] / half, expected / half, rtol=1e-12)
