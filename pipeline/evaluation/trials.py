@@ -4,9 +4,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints, predicted_joints
 from pipeline.learner.controller import Controller
+from pipeline.learner.insight import KnowsDeviation
 from pipeline.motions.motion import is_recorded, load_motion
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
@@ -36,6 +39,9 @@ class Trial:
     linear : HandErrors or None
         The same for linear least squares, fitted to this motion as recorded, or to the recording that was named; None
         where there is neither.
+    deviations : ndarray or None
+        Standard deviation of each hand [m] that the controller expects, shape (T, hands); None where its rule knows
+        none, or where nothing was learned yet.
     """
 
     name: str
@@ -45,6 +51,7 @@ class Trial:
     errors: HandErrors
     teacher: HandErrors | None = None
     linear: HandErrors | None = None
+    deviations: Floats | None = None
 
     def summary(self) -> dict[str, Any]:
         """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
@@ -53,6 +60,10 @@ class Trial:
             if errors is not None:
                 result[f"{name}_cm"] = errors.mean_cm
                 result |= {f"{name}_{hand}_cm": error_cm for hand, error_cm in errors.hands_cm.items()}
+        if self.deviations is not None:
+            distances = np.linalg.norm(self.reached - self.targets.reshape(self.reached.shape), axis=2)
+            result["deviation_cm"] = float(self.deviations.mean() * 100.0)
+            result["within_deviation"] = float((distances <= self.deviations).mean())
         return result
 
 
@@ -134,7 +145,9 @@ def _try(
     controller: Controller, targets: Floats, *, name: str, taught: Floats | None = None, fitted: Samples | None = None
 ) -> Trial:
     kinematics = Kinematics(robot_of(controller))
-    joints = predicted_joints(controller.learner(), targets, len(controller.joints))
+    learner = controller.learner()
+    deviations = learner.deviations(targets) if isinstance(learner, KnowsDeviation) else None
+    joints = predicted_joints(learner, targets, len(controller.joints))
 
     def errors(postures: Floats) -> HandErrors:
         """Return the errors of postures."""
@@ -148,4 +161,5 @@ def _try(
         errors=errors(joints),
         teacher=None if taught is None else errors(taught),
         linear=None if fitted is None else errors(linear_joints(fitted.targets, fitted.joints, asked=targets)),
+        deviations=None if deviations is None or not np.isfinite(deviations).all() else deviations,
     )

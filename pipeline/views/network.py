@@ -1,14 +1,24 @@
 """The parts of a learner's state that a viewer shows: how far what learns has moved, how active its neurons are."""
 
+from typing import NamedTuple
+
 import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.learner.controller import Controller
+from pipeline.learner.insight import ShowsParts
 from pipeline.learner.registry import make_learner
 
 MAX_TICKS = 128
 """Ticks of a motion over which the activity is shown."""
+
+
+class Parts(NamedTuple):
+    """Parts of a learner's commands: curves over the commands, by name and unit, and a line on each part."""
+
+    curves: dict[str, Floats]
+    lines: tuple[str, ...]
 
 
 class NetworkView:
@@ -40,6 +50,14 @@ class NetworkView:
     def spread(self, controller: Controller) -> dict[str, Floats]:
         """Return the arrays whose mean and deviation are shown."""
         return {name: controller.state[name].ravel() for name in self.shown.spread}
+
+    def parts(self, controller: Controller, targets: Floats) -> Parts | None:
+        """Return the parts of the commands to targets (T, inputs) [m]; None if the rule shows none."""
+        learner = self._copy
+        if not isinstance(learner, ShowsParts):
+            return None
+        learner.load_state(controller.state)
+        return Parts(learner.curves(targets), learner.lines())
 
     def activity(self, controller: Controller, targets: Floats) -> Floats | None:
         """Return the activity while it follows targets (T, 3 hands) [m], after a washout; None if the rule shows none.

@@ -19,7 +19,7 @@ from recorders.messages.topics import hand_target, type_of
 from recorders.reading.parts import Log
 from recorders.reading.session_reader import Reader, open_log
 from recorders.rerun_scene.blueprint import controller_blueprint, motion_blueprint, stack_points
-from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network
+from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network, send_parts
 from recorders.rerun_scene.recording import Destination, send_motion
 from recorders.rerun_scene.robot import RobotModel
 from recorders.rerun_scene.track import TIMELINE, Instants, Track
@@ -118,7 +118,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         targets=trial.targets.reshape(trial.reached.shape),
         reached=trial.reached,
     )
-    errors_cm = _published_errors(controller)
+    errors_cm, parts = _published_errors(controller), network.parts(controller, trial.targets)
 
     def send(recording: rr.RecordingStream) -> None:
         """Send to a recording."""
@@ -127,6 +127,8 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         activity = network.activity(controller, trial.targets)
         if activity is not None:
             log_activity(recording, activity, static=True)
+        if parts is not None:
+            send_parts(recording, Instants(TIMELINE, np.asarray(track.times_ns)), parts.curves, parts.lines)
 
     plane, title = plane_of(robot), f"{path.name} on {trial.name}"
     points, top_cm = stack_points(track.targets, track.reached), float(track.errors_cm.max())
@@ -145,6 +147,7 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
             top_cm=top_cm,
             spread=network.shown.spread,
             activity=bool(network.shown.activity),
+            parts=parts is not None,
         ),
         more=send,
     )

@@ -78,14 +78,21 @@ def learning_blueprint(
 
 
 def controller_blueprint(
-    points: FloatArray, plane: FrontalPlane, *, joints: int, top_cm: float, spread: Mapping[str, str], activity: bool
+    points: FloatArray,
+    plane: FrontalPlane,
+    *,
+    joints: int,
+    top_cm: float,
+    spread: Mapping[str, str],
+    activity: bool,
+    parts: bool = False,
 ) -> rrb.Blueprint:
     """Lay out a learned controller: its motion on the left, the network and how it was learned on the right.
 
-    The parameters are those of `learning_blueprint`.
+    The parameters are those of `learning_blueprint`, and `parts` is whether the parts of commands are shown.
     """
     network = rrb.Vertical(
-        rrb.Horizontal(_joints_tabs(joints), *([_activity()] if activity else [])),
+        rrb.Horizontal(_joints_tabs(joints), *([_activity()] if activity else []), *([_parts()] if parts else [])),
         rrb.Horizontal(
             _errors_view(top_cm), rrb.BarChartView(origin="/network/errors", name="Error of each epoch [cm]")
         ),
@@ -185,6 +192,11 @@ def _activity() -> rrb.TensorView:
         scalar_mapping=rrb.TensorScalarMapping(colormap="viridis"),
         view_fit="fill",
     )
+
+
+def _parts() -> rrb.Vertical:
+    lines = rrb.TextDocumentView(origin="/parts/lines", name="Models")
+    return rrb.Vertical(_curves("/parts/curves", "Parts of each command", corner="righttop"), lines, row_shares=[3, 1])
 
 
 def stack_points(*paths: Sequence[FloatArray] | FloatArray) -> FloatArray:

@@ -7,6 +7,7 @@ import rerun as rr
 
 from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.hands import HAND_COLOURS, hand_colours
+from recorders.rerun_scene.track import Instants
 
 _MAIN, _FAINT = (86, 180, 233), (110, 130, 145)
 _WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, purple, yellow: Okabe and Ito
@@ -64,3 +65,13 @@ def send_network(
         epochs = np.arange(1.0, len(errors_cm) + 1.0)
         chart = rr.BarChart(np.array(errors_cm), color=HAND_COLOURS["orange"], abscissa=epochs)
         recording.log("network/errors", chart, static=True)
+
+
+def send_parts(
+    recording: rr.RecordingStream, instants: Instants, curves: Mapping[str, FloatArray], lines: Sequence[str]
+) -> None:
+    """Send curves over the commands, by name, each of shape (T,), and a line on each part, to stay."""
+    for place, (name, values) in enumerate(curves.items()):
+        recording.log(f"parts/curves/{place}", rr.SeriesLines(names=[name], widths=[2.0]), static=True)
+        recording.send_columns(f"parts/curves/{place}", instants.columns(), rr.Scalars.columns(scalars=values))
+    recording.log("parts/lines", rr.TextDocument("\n".join(lines)), static=True)

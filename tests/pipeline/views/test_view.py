@@ -18,6 +18,7 @@ from pipeline.cli import app as cli
 from pipeline.cli.logs import view as viewing
 from pipeline.evaluation.trials import evaluate_motion
 from pipeline.learner.controller import Controller
+from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
@@ -110,6 +111,21 @@ def test_a_controller_is_shown_on_a_motion_with_its_network(controller: Path, vi
     assert json.dumps(errors).count(".") >= EPOCHS
     found = entities(viewed_controller)
     assert {"/network/a", "/network/b", "/network/weights", "/reservoir/activity"} <= found
+
+
+def test_parts_of_a_controllers_commands_are_shown_where_its_rule_has_them(
+    log: Path, viewed_controller: Path, tmp_path: Path
+) -> None:
+    config = ForwardInverseConfig(degree=1)
+    trained = train([log], schedule=config.schedule(), config=config, pairs="commanded").controller()
+    trained.save(tmp_path / "c.npz")
+    view_controller(tmp_path / "c.npz", Destination(path := tmp_path / "c.rrd"))
+    expected = evaluate_motion(trained, "circles").deviations
+    assert expected is not None
+    np.testing.assert_allclose(rows(path, "/parts/curves/1", "Scalars:scalars"), expected[:, :1] * 100.0, rtol=1e-12)
+    ((lines,),) = rows(path, "/parts/lines", "TextDocument:text", static=True)
+    assert [line.split(":")[0] for line in lines.split("\n")] == ["inverse", "forward left", "forward right"]
+    assert "/parts/lines" not in entities(viewed_controller)
 
 
 def test_commands_are_compared_with_the_target_that_they_answer(tmp_path: Path) -> None:

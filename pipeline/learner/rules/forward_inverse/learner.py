@@ -214,6 +214,30 @@ class ForwardInverseLearner:
             for (name, model), scale in zip(self._models.items(), scales, strict=True)
         }
 
+    def curves(self, u: ArrayLike) -> dict[str, Floats]:
+        """Return how the commands to targets u (n, inputs) [m] come about, curve by curve, each of shape (n,).
+
+        These are the size of the Newton step, the root mean square over the joints in parts of half their ranges, and
+        for each hand the deviation and the distance from the target that are expected.
+        """
+        explained, hands = self.explain(u), self.config.known_body.hands
+        steps = (explained.joints - explained.estimate) / self._common.half
+        left = (explained.hands - np.asarray(u, dtype=np.float64)).reshape(len(steps), len(hands), -1)
+        curves = {"Newton step [% of half the range]": 100.0 * np.sqrt((steps * steps).mean(axis=1))}
+        for place, hand in enumerate(hands):
+            curves[f"{hand} hand: expected deviation [cm]"] = 100.0 * explained.deviations[:, place]
+            curves[f"{hand} hand: expected distance [cm]"] = 100.0 * np.linalg.norm(left[:, place], axis=1)
+        return curves
+
+    def lines(self) -> tuple[str, ...]:
+        """Return a line on each model: its degree, its features, and its root mean square error before updates."""
+        errors = self.model_errors()
+        return tuple(
+            f"{size.name.replace('_', ' ')}: degree {size.degree}, {size.features} features, "
+            f"errs by {float(np.sqrt((errors[size.name] ** 2).mean())):.2g} {'rad' if place == 0 else 'm'}"
+            for place, size in enumerate(self.config.models)
+        )
+
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
         """Check u0 [m], shape (inputs,); there is nothing to forget.
 

@@ -5,6 +5,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from pipeline.evaluation.trials import evaluate_motion
 from pipeline.learner.body import Body, any_body, body_of
 from pipeline.learner.contract import LearningRuleContract
 from pipeline.learner.controller import Controller
@@ -256,3 +257,28 @@ def test_a_state_with_variances_below_zero_is_refused_and_changes_nothing() -> N
         with pytest.raises(ControllerError, match=f"at least 0 in state {name}"):
             learner.load_state({**state, name: -state[name]})
     assert state_digest(learner.state()) == digest
+
+
+def test_parts_of_commands_are_what_explains_them(taught: ForwardInverseLearner) -> None:
+    targets, _ = samples(postures(20, seed=11, spread=0.06))
+    curves, explained = taught.curves(targets), taught.explain(targets)
+    assert next(iter(curves)) == "Newton step [% of half the range]"
+    assert (curves["Newton step [% of half the range]"] > 0.0).all()
+    assert np.array_equal(curves["right hand: expected deviation [cm]"], 100.0 * explained.deviations[:, 1])
+    assert [line.split(",")[0] for line in taught.lines()] == [
+        "inverse: degree 3",
+        "forward left: degree 3",
+        "forward right: degree 3",
+    ]
+
+
+def test_what_a_controller_expects_is_evaluated_beside_what_it_errs(taught: ForwardInverseLearner) -> None:
+    texts = {"robot_toml": ROBOT.toml_text, "robot_urdf": ROBOT.urdf_text}
+    controllers = [Controller.from_learner(learner, joints=ROBOT.joints, **texts) for learner in (taught, learner_of())]
+    trial, untaught = (evaluate_motion(controller, "eight") for controller in controllers)
+    assert trial.deviations is not None
+    distances = np.linalg.norm(trial.reached - trial.targets.reshape(-1, 2, 3), axis=2)
+    summary = trial.summary()
+    assert summary["within_deviation"] == (distances <= trial.deviations).mean()
+    assert summary["deviation_cm"] == 100.0 * trial.deviations.mean()
+    assert not {"deviation_cm", "within_deviation"} & untaught.summary().keys()
