@@ -162,7 +162,7 @@ class ViewedTrainer(Trainer):
     ----------
     view : LearningView
         Shown all steps, cycles and progress.
-    config, robot, checkpoint, on_cycle, on_progress
+    config, robot, pairs, checkpoint, on_cycle, on_progress
         As for `Trainer`.
     """
 
@@ -172,6 +172,7 @@ class ViewedTrainer(Trainer):
         *,
         view: LearningView,
         robot: RobotConfig | None = None,
+        pairs: str | None = None,
         checkpoint: CheckpointConfig | None = None,
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
         on_progress: Callable[[int, float | None], None] = lambda ticks, share: None,
@@ -181,7 +182,9 @@ class ViewedTrainer(Trainer):
             on_progress(ticks, share)
             view.progress(ticks, self.controller)
 
-        super().__init__(config, robot=robot, checkpoint=checkpoint, on_cycle=on_cycle, on_progress=progress)
+        super().__init__(
+            config, robot=robot, pairs=pairs, checkpoint=checkpoint, on_cycle=on_cycle, on_progress=progress
+        )
         self._viewed = view
         super().show_steps_to(view.take)
         self.report_to(lambda report: view.cycle(report, self.controller))
