@@ -177,11 +177,7 @@ def recipe(
     LogError
         If it is unknown how many epochs a recorded session had.
     """
-    if old is None:
-        if not logs or (config is None and rule is None):
-            raise ConfigError("expected logs and --config for a new case")
-        settings = without_pairs(read_settings(config, rule=rule, pairs=pairs))
-        old = CaseSpec(tuple(logs), {}, settings.schedule(_EPOCHS))
+    old = old or _new_case(logs, config, rule=rule, pairs=pairs)
     learner = old.learner
     if not (config is None and rule is None):
         before = pairs_of(learner) if learner and rule is None else None
@@ -202,3 +198,10 @@ def recipe(
         session = RecordedSession(case.logs[0], epochs=epochs, topics=case.schedule.topics)
         return replace(case, schedule=Schedule.from_dict(session.offer().schedule))
     return case if epochs is None else replace(case, schedule=replace(case.schedule, epochs=epochs))
+
+
+def _new_case(logs: Sequence[Path], config: Path | None, *, rule: str | None, pairs: str | None) -> CaseSpec:
+    if not logs or (config is None and rule is None):
+        raise ConfigError("expected logs and --config for a new case")
+    settings = without_pairs(read_settings(config, rule=rule, pairs=pairs))
+    return CaseSpec(tuple(logs), {}, settings.schedule(_EPOCHS))

@@ -2,6 +2,7 @@
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 from pipeline.learner.controller import Controller
 from pipeline.training.run import LearningRun
@@ -29,6 +30,13 @@ class CheckpointConfig:
         """Check the range."""
         if self.every_ticks < 1:
             raise ConfigError(f"checkpoint: expected at least 1 tick between two, found {self.every_ticks}")
+
+
+class Whole(NamedTuple):
+    """A place between ticks: the stream index of the next message, and how many ticks came before it."""
+
+    next: int
+    ticks: int
 
 
 def find_checkpoint(path: Path, *, of: str = "a learner") -> Controller | None:

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import find_rule
@@ -13,7 +13,7 @@ from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import offered_robot, recorded_hands
 from pipeline.samples.pairing import PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
-from pipeline.training.checkpoints import CheckpointConfig, checkpoint_phase, resume
+from pipeline.training.checkpoints import CheckpointConfig, Whole, checkpoint_phase, resume
 from pipeline.training.run import CycleReport, LearningRun, Steps
 from recorders.errors import ConfigError, JointError, LearningError, MessageError
 from recorders.messages.phase import LEARN, Phase
@@ -27,13 +27,6 @@ from replay.transports.transport import InProcess, Source
 
 _NO_RENAMES: Mapping[str, str] = {}
 _PROGRESS_TICKS = 64  # between two words of progress
-
-
-class _Whole(NamedTuple):
-    """A place between ticks: the stream index of the next message, and how many ticks came before it."""
-
-    next: int
-    ticks: int
 
 
 class Trainer:
@@ -76,7 +69,7 @@ class Trainer:
         self._run: LearningRun | None = None
         self._offer: Offer | None = None
         self._next = 0  # stream index of the next message
-        self._whole = _Whole(0, 0)
+        self._whole = Whole(0, 0)
         self._busy = False  # whether a message is half-way in: a signal may interrupt anything
         self._saved_ticks = 0
 
@@ -97,7 +90,7 @@ class Trainer:
         run = LearningRun(config, robot, offer.run, pairing=self.pairing, on_steps=self._on_steps)
         self._next = 0 if self._checkpoint is None else resume(run, self._checkpoint.path, run_name=offer.run)
         self._saved_ticks = run.counts.ticks
-        self._whole = _Whole(self._next, run.counts.ticks)
+        self._whole = Whole(self._next, run.counts.ticks)
         self._run, self._offer = run, offer
         return self._next
 
@@ -307,7 +300,7 @@ class Trainer:
             run.feed(message)
         self._next += 1
         if run.between_ticks:
-            self._whole = _Whole(self._next, run.counts.ticks)
+            self._whole = Whole(self._next, run.counts.ticks)
 
     def _report_progress(self, run: LearningRun) -> None:
         self._reported_ticks = run.counts.ticks
