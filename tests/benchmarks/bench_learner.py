@@ -1,5 +1,7 @@
 """One training step of ours beside reservoirpy's, same sizes, same run: python tests/benchmarks/bench_learner.py.
 
+Beside them stand the steps and the commands of the rule `forward-inverse`, with the robot `asimo`.
+
 Ours is a complete step: forward with output feedback, BPDC, IP. reservoirpy's is its forward and IP step
 (`IPReservoir.partial_fit`) plus its LMS step (`LMS.partial_fit` on states computed beforehand), no output feedback.
 A plain numba loop over dense matrices, vectorised across neurons, shows what sparse tables are worth. Repetitions of
@@ -15,8 +17,13 @@ import numba
 import numpy as np
 from reservoirpy.nodes import LMS, IPReservoir
 
+from pipeline.learner.body import body_of
+from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
+from pipeline.learner.rules.forward_inverse.learner import ForwardInverseLearner
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.learner import Learner
+from pipeline.robot.config import load_robot
+from pipeline.robot.kinematics import Kinematics
 
 CONFIG = LearnerConfig()
 STEPS = 256
@@ -32,6 +39,19 @@ def data() -> tuple[np.ndarray, np.ndarray]:
 def ours(u: np.ndarray, d: np.ndarray) -> Callable[[], object]:
     learner = Learner(CONFIG, input_centre=np.zeros(CONFIG.inputs), output_centre=np.zeros(CONFIG.outputs))
     return lambda: learner.step(u, d, learning=True)
+
+
+def forward_inverse(*, learning: bool) -> Callable[[], object]:
+    robot = load_robot("asimo")
+    centre = np.concatenate([robot.input_centre, robot.comfort])
+    config = ForwardInverseConfig().with_body(body_of(robot))
+    learner = ForwardInverseLearner(config, input_centre=robot.input_centre, output_centre=centre)
+    span = robot.upper - robot.lower
+    q = robot.comfort + 0.1 * span * np.random.default_rng(0).uniform(-1.0, 1.0, (STEPS, len(span)))
+    hands = Kinematics(robot).hands_along(q).reshape(STEPS, -1)
+    taught = np.concatenate([hands, q], axis=1)
+    learner.step(hands, taught, learning=True)
+    return (lambda: learner.step(hands, taught, learning=True)) if learning else (lambda: learner.predict(hands))
 
 
 def reservoirpys(u: np.ndarray, d: np.ndarray) -> Callable[[], object]:
@@ -99,7 +119,13 @@ def microseconds_a_step(function: Callable[[], object]) -> float:
 def main() -> None:
     warnings.simplefilter("ignore")
     u, d = data()
-    subjects = {"reenact": ours(u, d), "reservoirpy": reservoirpys(u, d), "dense numba": dense(u, d)}
+    subjects = {
+        "reenact": ours(u, d),
+        "reservoirpy": reservoirpys(u, d),
+        "dense numba": dense(u, d),
+        "forward-inverse": forward_inverse(learning=True),
+        "its commands": forward_inverse(learning=False),
+    }
     for function in subjects.values():
         function()  # compile, initialise
     times: dict[str, list[float]] = {name: [] for name in subjects}
@@ -112,7 +138,7 @@ def main() -> None:
     print(f"training step, {CONFIG.reservoir} neurons, {CONFIG.inputs} inputs, {CONFIG.outputs} outputs")
     for name, values in times.items():
         print(
-            f"{name:12s} {statistics.median(values):8.2f} us (best {min(values):.2f})   {ratios[name]:6.1f} x reenact"
+            f"{name:15s} {statistics.median(values):8.2f} us (best {min(values):.2f})   {ratios[name]:6.1f} x reenact"
         )
 
 
