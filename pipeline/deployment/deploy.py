@@ -11,7 +11,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.deployment.processes import served_robot
 from pipeline.evaluation.errors import HandErrors, hand_errors
-from pipeline.exploration.episode import MotionPlan, TargetHold, TeacherRun
+from pipeline.exploration.episode import GuidedRun, MotionPlan, TargetHold
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
 from pipeline.robot.kinematics import Kinematics
@@ -224,7 +224,7 @@ def drive_with_teacher(
     start = robot.robot.comfort
     robot.reset(start)
     teacher = Teacher(Kinematics(robot.robot))
-    episode = TeacherRun(robot, teacher, start=start, on_hold=lambda time_ns: on_hold())
+    episode = GuidedRun(robot, teacher, start=start, on_hold=lambda time_ns: on_hold())
     holds = [TargetHold(target, config.period_ns) for target in _settled(targets, config)]
     motion_plan = MotionPlan(holds[: config.settle_steps], holds[config.settle_steps :], targets[-1])
     for _ in episode.settle(motion_plan):

@@ -1,8 +1,8 @@
-"""Episode: the teacher drives a robot, in this process or across a network, through a motion, tick by tick."""
+"""Episode: a guide drives a robot, in this process or across a network, through a motion, tick by tick."""
 
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 
@@ -13,7 +13,6 @@ from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.telemetry import TopicMessage, command_message, tick_messages
 from pipeline.seeding import uniforms
-from pipeline.teacher.teacher import Teacher
 from recorders.errors import ConfigError, MotionError
 
 
@@ -117,43 +116,69 @@ def start_posture(robot: RobotConfig, *, seed: int, spread: float) -> Floats:
     return np.clip(posture, robot.lower + 0.01 * span, robot.upper - 0.01 * span)
 
 
-class TeacherRun:
-    """One run of a robot under the teacher. Its messages come as they are asked for, and drive the robot on.
+class Guide(Protocol):
+    """Leads a robot through a motion: the teacher, or a learner that explores by itself."""
+
+    @property
+    def period_ns(self) -> int:
+        """Control period [ns]."""
+        ...
+
+    def observe(self, hands: Floats, joints: Floats) -> None:
+        """Take in hands [m] (hands, 3) and joints (n,) [rad or m] measured at a tick."""
+        ...
+
+    def step(self, q: Floats, targets: Floats) -> Floats:
+        """Return the posture to command next, one period after commanding `q` (n,), for `targets` [m] (hands, 3)."""
+        ...
+
+
+class GuidedRun:
+    """One run of a robot under its guide. Its messages come as they are asked for, and drive the robot on.
 
     Parameters
     ----------
     backend : RobotBackend
         The robot; it stands at `start`.
-    teacher : Teacher
+    guide : Guide
         Leads it.
     start : array, shape (n,)
-        The posture from which the teacher begins [rad or m].
+        The posture from which the guide begins [rad or m].
     noise : iterator of array, optional
         Offsets of the commands of a cycle (n,), see `joint_noise`; commands stay within the joints' limits.
     on_hold : callable
         Called with the robot's time [ns] after every hold.
+    is_done : callable
+        Asked after every hold of a cycle whether to end it there.
     """
 
     def __init__(
         self,
         backend: RobotBackend,
-        teacher: Teacher,
+        guide: Guide,
         *,
         start: Floats,
         noise: Iterator[Floats] | None = None,
         on_hold: Callable[[int], None] = lambda time_ns: None,
+        is_done: Callable[[], bool] = lambda: False,
     ) -> None:
         self._backend = backend
-        self._teacher = teacher
+        self._guide = guide
         self._command = start
         self._noise = noise
         self._on_hold = on_hold
+        self._is_done = is_done
         self._errors_m: list[float] = []
 
     @property
-    def teacher_error_cm(self) -> float:
+    def error_cm(self) -> float:
         """Distance of the hands from u(k) at the end of its hold [cm], mean over all samples so far and hands."""
         return 100.0 * sum(self._errors_m) / len(self._errors_m)
+
+    @property
+    def samples(self) -> int:
+        """Samples so far."""
+        return len(self._errors_m) // len(self._backend.robot.hands)
 
     def settle(self, plan: MotionPlan) -> Iterator[TopicMessage]:
         """Yield the commands of the settling, each before it takes effect."""
@@ -161,10 +186,10 @@ class TeacherRun:
             yield from self._drive(hold)
 
     def settle_placed(self, plan: MotionPlan, robot: ResettableRobot, *, driven_ns: int) -> None:
-        """Settle as `settle` does, in less time: the teacher goes ahead alone, and the robot joins it for the end.
+        """Settle as `settle` does, in less time: the guide goes ahead alone, and the robot joins it for the end.
 
-        What the teacher commands does not depend on the robot, and the robot forgets where it was put: of the 10 mrad
-        that the servos lag behind at first, less than 1e-11 rad are left after 2 s.
+        What the guide commands then does not depend on the robot, and the robot forgets where it was put: of the
+        10 mrad that the servos lag behind at first, less than 1e-11 rad are left after 2 s.
 
         Parameters
         ----------
@@ -175,31 +200,39 @@ class TeacherRun:
         driven_ns : int
             How long it is driven [ns]; at most, all of the settling.
         """
-        period_ns = self._teacher.config.period_ns
+        period_ns = self._guide.period_ns
         targets = [hold.target for hold in plan.settling for _ in range(hold.duration_ns // period_ns)]
         alone = max(0, len(targets) - driven_ns // period_ns)
         for target in targets[:alone]:
-            self._command = self._teacher.step(self._command, target)
+            self._command = self._guide.step(self._command, target)
         robot.reset(self._command, time_ns=alone * period_ns)
         for target in targets[alone:]:
-            self._command = self._teacher.step(self._command, target)
+            self._command = self._guide.step(self._command, target)
             robot.advance(self._command, period_ns)
         self._on_hold(robot.time_ns)
 
     def cycle(self, plan: MotionPlan) -> Iterator[TopicMessage]:
         """Yield one presentation: a tick at the start of every hold and one at the end, T + 1 in all, and commands."""
+        last = plan.closing
         for hold in plan.holds:
-            yield from tick_messages(self._backend, hold.target)
+            yield from self._tick(hold.target)
             yield from self._drive(hold, self._noise)
             self._errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
-        yield from tick_messages(self._backend, plan.closing)
+            if self._is_done():
+                last = hold.target
+                break
+        yield from self._tick(last)
+
+    def _tick(self, targets: Floats) -> Iterator[TopicMessage]:
+        self._guide.observe(self._backend.hands(), self._backend.positions)
+        yield from tick_messages(self._backend, targets)
 
     def _drive(self, hold: TargetHold, noise: Iterator[Floats] | None = None) -> Iterator[TopicMessage]:
         """Drive the robot towards a target while it is held, and yield each command before it takes effect."""
         robot = self._backend.robot
-        period_ns = self._teacher.config.period_ns
+        period_ns = self._guide.period_ns
         for _ in range(hold.duration_ns // period_ns):
-            self._command = self._teacher.step(self._command, hold.target)
+            self._command = self._guide.step(self._command, hold.target)
             sent = self._command if noise is None else np.clip(self._command + next(noise), robot.lower, robot.upper)
             yield command_message(self._backend, sent)
             self._backend.advance(sent, period_ns)

@@ -1,7 +1,7 @@
 """Exploration: the teacher drives the simulated robot through a motion, and the episode goes to a log.
 
 A closed motion goes round once to settle and once for the record; of an open one the first target is held to settle.
-The robot takes part in the last `ExplorationConfig.settle_ns` of it alone, see `TeacherRun.settle_placed`. A tick is
+The robot takes part in the last `ExplorationConfig.settle_ns` of it alone, see `GuidedRun.settle_placed`. A tick is
 written at the start of every hold and one after the last: T + 1 in all. The last tick of a closed motion carries its
 first target again, that of an open motion its last.
 """
@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, plan, start_posture
 from pipeline.exploration.motion_limits import MotionLimits
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import LinkPoseSource
@@ -70,6 +70,9 @@ def explore(
     simulation: SimulationConfig = _SIMULATION,
     config: ExplorationConfig = _EXPLORATION,
     notes: Mapping[str, Any] = _NOTHING,
+    guide: Guide | None = None,
+    settings: Mapping[str, Any] = _NOTHING,
+    is_done: Callable[[], bool] = lambda: False,
     must_reach: bool = True,
     keep_clear: bool = False,
     overwrite: bool = False,
@@ -90,6 +93,10 @@ def explore(
         Parameters, all of them written to the manifest.
     notes : mapping of str to object
         More entries of the manifest, such as the source of the motion.
+    guide, settings : Guide and mapping, optional
+        Leads the robot in place of the teacher, with these settings in the manifest.
+    is_done : callable
+        Asked after every sample whether to end there.
     must_reach : bool
         Whether a motion that leaves the robot's reach is refused.
     keep_clear : bool
@@ -103,22 +110,25 @@ def explore(
         If the motion leaves the robot's reach or is sampled faster than the teacher works, the parameters do not fit
         together, the robot cannot be simulated, or the log cannot be written.
     """
-    guide = Teacher(Kinematics(robot), teacher)
-    motion_plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
+    lead = Teacher(Kinematics(robot), teacher)
     if must_reach:
-        check_reach(guide, motion)
+        check_reach(lead, motion)
+    if guide is None:
+        guide, settings = lead, {"teacher": asdict(teacher)}
+    settings = {**settings, "simulation": asdict(simulation), "exploration": asdict(config)}
+    motion_plan = plan(motion, period_ns=guide.period_ns, settle_ns=config.settle_ns)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
-    settings = {"teacher": asdict(teacher), "simulation": asdict(simulation), "exploration": asdict(config)}
     manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **settings}
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
         total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
-        episode = TeacherRun(
+        episode = GuidedRun(
             backend,
             guide,
             start=start,
-            noise=config.noise(robot, seed=seed, period_ns=teacher.period_ns),
+            noise=config.noise(robot, seed=seed, period_ns=guide.period_ns),
             on_hold=lambda time_ns: progress(time_ns / total_ns),
+            is_done=is_done,
         )
         episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record
         limits = MotionLimits(robot)
@@ -127,7 +137,7 @@ def explore(
             limits.check_clearance()
         writer.note({"limits": limits.reached._asdict()})
     digest = str(LogReader(out).manifest["content_sha256"])
-    return ExplorationResult(Path(out), len(motion) + 1, episode.teacher_error_cm, digest, **limits.reached._asdict())
+    return ExplorationResult(Path(out), episode.samples + 1, episode.error_cm, digest, **limits.reached._asdict())
 
 
 def _description(robot: RobotConfig, motion: Motion, seed: int, start: list[float]) -> dict[str, Any]:

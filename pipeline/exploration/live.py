@@ -3,12 +3,14 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
 from itertools import count
+from types import MappingProxyType
 from typing import Any
 
-from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, plan, start_posture
+from pipeline.exploration.self_explorer import learned
 from pipeline.exploration.source import Source
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
@@ -20,7 +22,7 @@ from recorders.cdr.codec import encode
 from recorders.errors import WireError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE, commanded_tick
+from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE, commanded_tick
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -31,6 +33,7 @@ from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
 _TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
+_SETTINGS: Mapping[str, Any] = MappingProxyType({"teacher": asdict(_TEACHER)})
 
 
 class LiveSession:
@@ -51,8 +54,14 @@ class LiveSession:
         Seed of the start posture.
     schedule : Schedule
         Epochs and phases.
-    teacher, config : TeacherConfig, ExplorationConfig
+    guide : Guide, optional
+        Leads the robot; a teacher if left out.
+    settings : mapping
+        Settings of the guide.
+    config : ExplorationConfig
         Parameters.
+    is_done : callable
+        Asked after every sample whether to end the presentation there.
     must_reach : bool
         Whether a motion that leaves the robot's reach is refused.
     progress : callable
@@ -71,34 +80,38 @@ class LiveSession:
         *,
         seed: int,
         schedule: Schedule,
-        teacher: TeacherConfig = _TEACHER,
+        guide: Guide | None = None,
+        settings: Mapping[str, Any] = _SETTINGS,
         config: ExplorationConfig = _EXPLORATION,
+        is_done: Callable[[], bool] = lambda: False,
         must_reach: bool = True,
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> None:
         self._backend = backend
         self._motion = motion
         self._schedule = replace(schedule, topics=commanded_tick(backend.robot.hand_names))
-        self._parameters = {"seed": seed, "teacher": asdict(teacher), "exploration": asdict(config)}
-        guide = Teacher(Kinematics(backend.robot), teacher)
-        self._plan = plan(motion, period_ns=teacher.period_ns, settle_ns=config.settle_ns)
+        self._parameters = {"seed": seed, **settings, "exploration": asdict(config)}
+        teacher = Teacher(Kinematics(backend.robot), _TEACHER)
+        guide = guide or teacher
+        self._plan = plan(motion, period_ns=guide.period_ns, settle_ns=config.settle_ns)
         if must_reach:
-            check_reach(guide, motion)
+            check_reach(teacher, motion)
         self._start = start_posture(backend.robot, seed=seed, spread=config.start_spread)
         total_ns = self._duration_ns()
-        self._episode = TeacherRun(
+        self._episode = GuidedRun(
             backend,
             guide,
             start=self._start,
-            noise=config.noise(backend.robot, seed=seed, period_ns=teacher.period_ns),
+            noise=config.noise(backend.robot, seed=seed, period_ns=guide.period_ns),
             on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns)),
+            is_done=is_done,
         )
         self._numbered: Counter[str] = Counter()
 
     @property
     def ticks(self) -> int:
-        """Ticks of the whole session."""
-        return self._presentations * (len(self._motion) + 1)
+        """Ticks streamed so far."""
+        return self._numbered[SAMPLE_JOINTS]
 
     @property
     def messages(self) -> int:
@@ -108,7 +121,7 @@ class LiveSession:
     @property
     def teacher_error_cm(self) -> float:
         """Distance of the hands from u(k) at the end of its hold [cm], mean over what has been streamed."""
-        return self._episode.teacher_error_cm
+        return self._episode.error_cm
 
     @property
     def source(self) -> NodeSource:
@@ -186,6 +199,8 @@ class LiveExploration:
         Distance of the hands from u(k) at the end of its hold [cm], mean over samples and hands.
     consumers : dict of str to dict of str to object
         Result of each awaited consumer, by name.
+    learned : dict of str to str or float
+        Digest of a guide that learns, and the error that it expects [cm].
     """
 
     run: str
@@ -196,6 +211,7 @@ class LiveExploration:
     messages: int
     teacher_error_cm: float
     consumers: dict[str, dict[str, Any]]
+    learned: dict[str, str | float]
 
 
 def explore_live(
@@ -233,14 +249,16 @@ def explore_live(
     """
     with open_session(session) as opened:
         robot = RemoteRobot(opened, namespace=sender.namespace, wait_s=sender.wait_s)
-        presented = source.motion(robot.robot, seed=seed)
+        presented, guide = source.motion(robot.robot, seed=seed), source.guide(robot.robot, seed=seed)
         live = LiveSession(
             robot,
             presented,
             seed=seed,
             schedule=schedule,
-            teacher=source.teacher,
+            guide=guide,
+            settings=source.settings,
             config=source.config,
+            is_done=source.until(guide),
             must_reach=not source.drawn,
             progress=progress,
         )
@@ -258,4 +276,5 @@ def explore_live(
         messages=live.messages,
         teacher_error_cm=live.teacher_error_cm,
         consumers=consumers,
+        learned=learned(guide),
     )

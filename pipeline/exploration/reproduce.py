@@ -1,6 +1,6 @@
 """Reproduction of an exploration from its log: teacher and simulation of today follow the logged targets."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exploration.episode import ExplorationConfig, MotionPlan, TargetHold, TeacherRun, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, MotionPlan, TargetHold, start_posture
+from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
 from pipeline.robot.config import RobotConfig, load_robot, robot_names
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.recorded import require_recorded_robot
@@ -28,7 +29,7 @@ from replay.sources.scheduled import naming
 class _Settings:
     """Settings of an exploration, as its log has them."""
 
-    teacher: TeacherConfig
+    leader: TeacherConfig | SelfExplorerConfig
     simulation: SimulationConfig
     config: ExplorationConfig
     seed: int
@@ -59,8 +60,9 @@ def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     motion_plan = _plan(log, settings, robot, ticks=ticks)
     backend = Simulation(robot, settings.simulation)
     start = start_posture(robot, seed=settings.seed, spread=settings.config.start_spread)
-    noise = settings.config.noise(robot, seed=settings.seed, period_ns=settings.teacher.period_ns)
-    episode = TeacherRun(backend, Teacher(Kinematics(robot), settings.teacher), start=start, noise=noise)
+    guide = _guide(robot, settings)
+    noise = settings.config.noise(robot, seed=settings.seed, period_ns=guide.period_ns)
+    episode = GuidedRun(backend, guide, start=start, noise=noise)
     episode.settle_placed(motion_plan, backend, driven_ns=settings.config.settle_ns)
     for topic, message in episode.cycle(motion_plan):
         if topic != JOINT_COMMANDS:
@@ -97,7 +99,7 @@ def _exploration(log: Path) -> _Settings:
         raise LogError(f"{log}: expected a log of explore, found one of kind {value_text(manifest.get('kind'))}")
     try:
         return _Settings(
-            teacher=TeacherConfig(**manifest["teacher"]),
+            leader=_leader(manifest),
             simulation=SimulationConfig(**manifest["simulation"]),
             config=ExplorationConfig(**manifest["exploration"]),
             seed=_whole(manifest["seed"]),
@@ -105,6 +107,17 @@ def _exploration(log: Path) -> _Settings:
         )
     except (KeyError, TypeError) as error:
         raise LogError(f"{log}: the manifest does not hold the settings of the exploration: {error}") from error
+
+
+def _leader(manifest: Mapping[str, Any]) -> TeacherConfig | SelfExplorerConfig:
+    explorer = manifest.get("self_explorer")
+    return TeacherConfig(**manifest["teacher"]) if explorer is None else SelfExplorerConfig(**explorer)
+
+
+def _guide(robot: RobotConfig, settings: _Settings) -> Guide:
+    if isinstance(settings.leader, TeacherConfig):
+        return Teacher(Kinematics(robot), settings.leader)
+    return SelfExplorer(robot, seed=settings.seed, config=settings.leader)
 
 
 def _whole(value: Any) -> int:

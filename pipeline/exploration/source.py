@@ -1,20 +1,28 @@
 """Source of an exploration: the motion that the teacher follows, and the settings that go with it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
-from typing import Protocol
+from dataclasses import asdict, dataclass, replace
+from typing import Any, Protocol
 
 from pipeline.arrays import Floats
 from pipeline.exploration import sources
-from pipeline.exploration.episode import ExplorationConfig
+from pipeline.exploration.episode import ExplorationConfig, Guide
+from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
+from pipeline.exploration.via_points import VOLUME, unplanned_volume
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError
+from recorders.messages.phase import LEARN
 from recorders.registry import Registry
 from recorders.text.wording import names_text
+from replay.sources.schedule import Schedule
 
+JOINT_NOISE = 0.01
+"""Of explorations that a model is learned from, in parts of each joint's range: joints vary on their own."""
+
+_SELF_TICK_RATE_HZ = 25
 _SECOND_NS = 1_000_000_000
 _TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
 
@@ -108,16 +116,32 @@ class Source:
         Of a motion that is drawn; others have their own.
     teacher, config : TeacherConfig, ExplorationConfig
         Settings of the exploration.
+    explorer : SelfExplorerConfig or None
+        Settings of the learner that explores by itself, if no teacher leads.
+    until_cm : float or None
+        Error [cm] that this learner expects of itself when it has explored enough; None to go on to the end.
     """
 
     name: str
     pace: Pace
     teacher: TeacherConfig
     config: ExplorationConfig
+    explorer: SelfExplorerConfig | None = None
+    until_cm: float | None = None
+
+    @property
+    def settings(self) -> dict[str, Any]:
+        """Settings of who leads, for the manifest and the name of a session."""
+        return {"teacher": asdict(self.teacher)} if self.explorer is None else {"self_explorer": asdict(self.explorer)}
+
+    @property
+    def keeps_clear(self) -> bool:
+        """Whether the motion is planned to keep the hands clear of the robot's body."""
+        return self.drawn and self.explorer is None
 
     @property
     def drawn(self) -> bool:
-        """Whether the motion is drawn at random, within reach and clear of the robot's body."""
+        """Whether the motion is drawn at random."""
         return SOURCES.get(self.name) is not None
 
     def motion(
@@ -132,14 +156,33 @@ class Source:
         """
         if (drawn := SOURCES.get(self.name)) is None:
             return load_motion(self.name, robot)
+        duration_ns, tick_ns = round(self.pace.duration_s * _SECOND_NS), self.pace.tick_ns
+        if self.explorer is not None:
+            return unplanned_volume(robot, seed=seed, duration_ns=duration_ns, tick_ns=tick_ns)
         return drawn.draw(
             Teacher(Kinematics(robot), self.teacher),
             seed=seed,
-            duration_ns=round(self.pace.duration_s * _SECOND_NS),
-            tick_ns=self.pace.tick_ns,
+            duration_ns=duration_ns,
+            tick_ns=tick_ns,
             noise=self.config.noise(robot, seed=seed, period_ns=self.teacher.period_ns),
             progress=progress,
         )
+
+    def guide(self, robot: RobotConfig, *, seed: int) -> Teacher | SelfExplorer:
+        """Return who leads a robot: the teacher, or the learner that explores by itself."""
+        if self.explorer is None:
+            return Teacher(Kinematics(robot), self.teacher)
+        return SelfExplorer(robot, seed=seed, config=self.explorer)
+
+    def schedule(self, *, epochs: int) -> Schedule:
+        """Return the schedule of a live session: what is drawn is learned once, in each epoch."""
+        return Schedule(epochs=epochs, phases=((LEARN, 1),)) if self.drawn else Schedule(epochs=epochs)
+
+    def until(self, guide: Guide) -> Callable[[], bool]:
+        """Return a check of whether a guide has explored enough; never, unless it expects an error of itself."""
+        if isinstance(guide, SelfExplorer) and self.until_cm is not None:
+            return guide.until(self.until_cm)
+        return lambda: False
 
 
 def source(
@@ -163,3 +206,22 @@ def source(
     if comfort_gain is not None:
         teacher = replace(teacher, comfort_gain=comfort_gain)
     return Source(name, Pace(**wanted), teacher, config)  # type: ignore[arg-type]
+
+
+def self_exploration(
+    *, duration_s: float | None = None, tick_rate_hz: int | None = None, until_cm: float | None = None
+) -> Source:
+    """Return the source of an exploration without a teacher, for 120 s with ticks at 25 Hz unless told otherwise.
+
+    Raises
+    ------
+    ConfigError
+        A value is out of its range.
+    """
+    given = {"duration_s": duration_s, "tick_rate_hz": tick_rate_hz}
+    wanted = {key: value for key, value in given.items() if value is not None}
+    if until_cm is not None and not until_cm > 0.0:
+        raise ConfigError(f"error at which exploring ends: expected above 0 cm, found {until_cm:g} cm")
+    pace = Pace(**{"tick_rate_hz": _SELF_TICK_RATE_HZ, **wanted})  # type: ignore[arg-type]
+    explorer = SelfExplorerConfig(period_ns=pace.tick_ns)
+    return Source(VOLUME, pace, _TEACHER, ExplorationConfig(joint_noise=JOINT_NOISE), explorer, until_cm)

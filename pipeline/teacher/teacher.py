@@ -88,6 +88,14 @@ class Teacher:
         self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
         self._gaze = None if robot.gaze is None else robot.joints.index(robot.gaze.joint)
 
+    @property
+    def period_ns(self) -> int:
+        """Control period [ns]."""
+        return self.config.period_ns
+
+    def observe(self, hands: Floats, joints: Floats) -> None:
+        """Take no notice of what was measured: the teacher follows its own commands."""
+
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
         """Return the posture to command one period after commanding `q` (n,), for hand `targets` [m] (hands, 3)."""
         return self.step_for(q, targets, self.config.period_ns * 1e-9)

@@ -16,7 +16,7 @@ from numba.core.registry import CPUDispatcher
 from pipeline.evaluation import errors as evaluation
 from pipeline.evaluation import trials
 from pipeline.exploration import reproduce
-from pipeline.exploration.episode import TeacherRun, start_posture
+from pipeline.exploration.episode import GuidedRun, start_posture
 from pipeline.learner.rules.reservoir import kernels, learner, network
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.samples.rules import commanded
@@ -249,8 +249,8 @@ def another_start_posture(patch: Patch, folder: Path) -> None:
 
 
 def _simulating(patch: Patch, count: int) -> None:
-    right = TeacherRun.cycle
-    patch.setattr(TeacherRun, "cycle", lambda self, plan: islice(right(self, plan), count))
+    right = GuidedRun.cycle
+    patch.setattr(GuidedRun, "cycle", lambda self, plan: islice(right(self, plan), count))
 
 
 def simulation_makes_nothing(patch: Patch, folder: Path) -> None:

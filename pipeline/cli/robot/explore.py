@@ -50,19 +50,30 @@ class SourceOptions:
     """Motion that the robot is to follow, and how."""
 
     motion: Annotated[
-        str,
+        str | None,
         typer.Option(
             help=f"One of {MOTIONS}, a CSV file with t,lx,ly,lz,rx,ry,rz [s, m], or volume: random points in the "
             "hands' boxes.",
             metavar="MOTION",
             autocompletion=complete_motion,
         ),
-    ]
+    ] = None
+    no_teacher: Annotated[
+        bool,
+        typer.Option("--no-teacher", help="A learner leads the robot through volume, with what it has learned so far."),
+    ] = False
+    until: Annotated[
+        float | None,
+        typer.Option(help="With --no-teacher: end once it expects an error below this [cm].", metavar="CM"),
+    ] = None
     duration: Annotated[
-        float | None, typer.Option(help="With volume: how long [s]; 120 unless given.", metavar="SECONDS")
+        float | None, typer.Option(help="With volume: how long [s], at most; 120 unless given.", metavar="SECONDS")
     ] = None
     tick_rate: Annotated[
-        int | None, typer.Option(help="With volume: ticks in a second, 5 to 50; 5 unless given.", metavar="HZ")
+        int | None,
+        typer.Option(
+            help="With volume: ticks in a second, 5 to 50; 5 unless given, 25 with --no-teacher.", metavar="HZ"
+        ),
     ] = None
     comfort_gain: Annotated[
         float | None,
@@ -74,8 +85,14 @@ class SourceOptions:
 
     def source(self) -> "Source":
         """Return the source of the exploration; raises ConfigError if the options do not fit together."""
-        from pipeline.exploration.source import source
+        from pipeline.exploration.source import self_exploration, source
 
+        if self.no_teacher:
+            if self.motion not in (None, "volume") or self.comfort_gain is not None:
+                raise ConfigError("--no-teacher: it follows volume, and has no gain of a teacher's; leave these away")
+            return self_exploration(duration_s=self.duration, tick_rate_hz=self.tick_rate, until_cm=self.until)
+        if self.motion is None or self.until is not None:
+            raise ConfigError("expected --motion MOTION, or --no-teacher, which --until goes with")
         return source(
             self.motion, duration_s=self.duration, tick_rate_hz=self.tick_rate, comfort_gain=self.comfort_gain
         )
@@ -95,7 +112,7 @@ def explore(
     viewer: ViewOptions,
     as_json: Json = False,
 ) -> None:
-    """Let the teacher lead a robot through a motion.
+    """Let the teacher, or a learner, lead a robot through a motion.
 
     A simulated robot makes a log; one that runs already is driven live.
     """
@@ -120,13 +137,14 @@ def _simulate(
     source: "Source", robot: str, seed: int, out: Path, viewer: ViewOptions, *, overwrite: bool
 ) -> dict[str, Any]:
     from pipeline.exploration.explore import explore as run
+    from pipeline.exploration.self_explorer import learned
     from pipeline.robot.config import load_robot
     from recorders.writing.part_file import check_place
 
     check_place(out, overwrite=overwrite)
     config = load_robot(robot)
     title = f"explore {Path(source.name).stem}"
-    motion = source.motion(config, seed=seed)
+    motion, guide = source.motion(config, seed=seed), source.guide(config, seed=seed)
     with (
         note_partial_log(out),
         console.progress(title) as advance,
@@ -137,20 +155,21 @@ def _simulate(
             motion,
             seed=seed,
             out=out,
-            teacher=source.teacher,
+            guide=guide,
+            settings=source.settings,
             config=source.config,
+            is_done=source.until(guide),
             must_reach=not source.drawn,
-            keep_clear=source.drawn,
+            keep_clear=source.keeps_clear,
             overwrite=overwrite,
             progress=advance,
             on_message=on_message,
         )
-    return asdict(summary) | {"path": str(summary.path)}
+    return asdict(summary) | {"path": str(summary.path)} | learned(guide)
 
 
 def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
     from pipeline.exploration.live import explore_live
-    from replay.sources.schedule import Schedule
     from replay.transports.sender_config import SenderConfig
 
     sender = SenderConfig(
@@ -160,9 +179,11 @@ def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
         live = explore_live(
             source,
             seed=seed,
-            schedule=Schedule(epochs=drive.epochs),
+            schedule=source.schedule(epochs=drive.epochs),
             session=session_config(None, drive.connect, drive.zenoh_config, listens=False, wait_s=drive.wait),
             sender=sender,
             progress=advance,
         )
-    return asdict(live)
+    fields = asdict(live)
+    learned: dict[str, Any] = fields.pop("learned")
+    return fields | learned

@@ -9,16 +9,11 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.collision.self_distance import CLEARANCE_M, Nearest, SelfDistance
 from pipeline.exploration.episode import ExplorationConfig
-from pipeline.exploration.source import DrawnMotion
+from pipeline.exploration.source import JOINT_NOISE, DrawnMotion
+from pipeline.exploration.via_points import MOVE_NS, VOLUME, between, draw_point, motion_through
 from pipeline.motions.motion import Motion
-from pipeline.seeding import uniforms
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, TeacherConfig, approach
 from recorders.errors import MotionError
-
-VOLUME = "volume"
-"""Name of the motion, and of its source."""
-MOVE_NS = 500_000_000
-"""Time from one via point to the next [ns]."""
 
 _PLANNED = Nearest(CLEARANCE_M + 0.005, "", "")  # what the servos' lag takes away stays below the difference
 _STEP_NS = 20_000_000  # of the planned posture
@@ -65,21 +60,7 @@ def volume(
         No free way is found from one of the via points.
     """
     moves = -(-duration_ns // MOVE_NS)
-    points = _Planner(teacher, seed, noise).via_points(moves, progress)
-    ticks = range(0, duration_ns, tick_ns)
-    parts = [divmod(tick, MOVE_NS) for tick in ticks]
-    targets = np.array([_between(points[move], points[move + 1], since / MOVE_NS) for move, since in parts])
-    times_s = np.round(np.array(ticks) * 1e-9, 9)
-    return Motion(VOLUME, times_s, targets, closed=False)
-
-
-def _between(start: Floats, goal: Floats, part: float) -> Floats:
-    """Return the point of a minimum-jerk move at a part of its time, 0 to 1.
-
-    Source: T. Flash, N. Hogan, "The coordination of arm movements", 1985, doi:10.1523/JNEUROSCI.05-07-01688.1985.
-    """
-    blend = part * part * part * (10.0 - 15.0 * part + 6.0 * part * part)
-    return np.round(start + (goal - start) * blend, 9)
+    return motion_through(_Planner(teacher, seed, noise).via_points(moves, progress), duration_ns, tick_ns)
 
 
 class _Planner:
@@ -89,7 +70,6 @@ class _Planner:
         self._teacher = teacher
         self._seed = seed
         self._robot = teacher.kinematics.robot
-        self._boxes = np.array([hand.box for hand in self._robot.hands])
         self._distances = SelfDistance(self._robot)
         self._noise = repeat(np.zeros(len(self._robot.joints))) if noise is None else noise
         self._offsets: list[Floats] = []  # of the commands, by step
@@ -102,7 +82,7 @@ class _Planner:
         for _ in range(_DRAWS * (moves + 1)):
             if len(way) > moves:
                 return [state.point for state in way]
-            after = self._follow(way[-1], self._draw(len(way), drawn[-1]), move=len(way) - 1)
+            after = self._follow(way[-1], draw_point(self._robot, self._seed, len(way), drawn[-1]), move=len(way) - 1)
             drawn[-1] += 1
             if after is not None:
                 way.append(after)
@@ -116,15 +96,11 @@ class _Planner:
             f"after {len(way) - 1} of {moves} moves: make the hands' boxes smaller"
         )
 
-    def _draw(self, number: int, attempt: int) -> Floats:
-        drawn = uniforms(self._seed, "via point", number, attempt, count=self._boxes.size).reshape(self._boxes.shape)
-        return self._robot.centres + self._boxes * (2.0 * drawn - 1.0)
-
     def _follow(self, state: _State, goal: Floats, *, move: int) -> _State | None:
         """Go from a via point to the next; return where that ends, or None if the way is not free."""
         posture, steps = state.posture, MOVE_NS // _STEP_NS
         for step in range(1, steps + 1):
-            target = _between(state.point, goal, step / steps)
+            target = between(state.point, goal, step / steps)
             posture = self._teacher.step_for(posture, target, _STEP_NS * 1e-9)
             if not self._is_free(posture + self._offset(move * steps + step)):
                 return None
@@ -149,5 +125,5 @@ SOURCE = DrawnMotion(
     VOLUME,
     volume,
     teacher=TeacherConfig(comfort_gain=20.0, speed_share=0.7),
-    config=ExplorationConfig(joint_noise=0.01),
+    config=ExplorationConfig(joint_noise=JOINT_NOISE),
 )

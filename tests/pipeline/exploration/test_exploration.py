@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from pipeline.exploration.episode import ExplorationConfig, TeacherRun, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, GuidedRun, plan, start_posture
 from pipeline.exploration.explore import ExplorationResult, explore
 from pipeline.motions.motion import Motion, read_motion_csv
 from pipeline.motions.patterns.circles import circles
@@ -183,7 +183,7 @@ def test_a_robot_that_is_placed_is_where_one_that_was_led_all_the_way_is() -> No
     for way in ("led", "placed"):
         robot = Simulation(ROBOT)
         robot.reset(ROBOT.comfort)
-        episode = TeacherRun(robot, Teacher(KINEMATICS), start=ROBOT.comfort)
+        episode = GuidedRun(robot, Teacher(KINEMATICS), start=ROBOT.comfort)
         if way == "led":
             deque(episode.settle(motion_plan), maxlen=0)
         else:

@@ -548,3 +548,35 @@ def expect(
                 hands[k, m] = common.centre[m] + common.reach[m] * common.hands[m]
             variance = max(fill_gain(forward), 0.0)
             deviations[k, hand] = np.sqrt(squares / weight * (1.0 + variance)) if weight > 0.0 else np.inf
+
+
+@_compiled
+def linearise(
+    joints: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats, hands: Floats, jacobian: Floats
+) -> None:
+    """Fill where the forward models expect the hands at a posture, and how they move with it.
+
+    Parameters
+    ----------
+    joints : ndarray, shape (joints,)
+        Joints [rad or m].
+    sizes, tables, memory : ndarray
+        As `run` takes them; only scratch is written to.
+    hands : ndarray, shape (inputs,)
+        Filled with the hands [m].
+    jacobian : ndarray, shape (inputs, joints)
+        Filled with their derivatives [m/rad or 1].
+    """
+    common = common_views(sizes, memory)
+    for j in range(joints.size):
+        common.posture[j] = (joints[j] - common.comfort[j]) / common.half[j]
+    for hand in range(sizes[2]):
+        forward = model_views(sizes, tables, memory, 1 + hand)
+        first, last = hand * forward.weights.shape[1], (hand + 1) * forward.weights.shape[1]
+        fill_features(forward, common.posture, False)
+        fill_hand(forward, common.hands[first:last])
+        fill_jacobian(forward, common.jacobian[first:last])
+    for i in range(hands.size):
+        hands[i] = common.centre[i] + common.reach[i] * common.hands[i]
+        for j in range(joints.size):
+            jacobian[i, j] = common.jacobian[i, j] * common.reach[i] / common.half[j]

@@ -84,6 +84,7 @@ class ForwardInverseLearner:
             model.name: kernels.model_views(self._sizes, self._tables, self._memory, place)
             for place, model in enumerate(config.models)
         }
+        self._joints = config.outputs - config.inputs
         self._no_sample = np.empty((0, config.outputs))
         self._set_constants()
         for model in self._models.values():
@@ -201,6 +202,24 @@ class ForwardInverseLearner:
             self.predict(target[np.newaxis])
             estimate[row] = centre + common.half * common.estimate
         return Explained(estimate, joints, *self._expect(joints))
+
+    def linearise(self, joints: ArrayLike) -> tuple[Floats, Floats]:
+        """Return the hands that are expected at a posture, and how they move with it.
+
+        Parameters
+        ----------
+        joints : array_like, shape (joints,)
+            The posture [rad or m].
+
+        Returns
+        -------
+        (ndarray, ndarray)
+            Hands [m], shape (inputs,), and their derivatives [m/rad or 1], shape (inputs, joints).
+        """
+        posture = finite_rows("joints", np.asarray(joints, dtype=np.float64)[np.newaxis], self._joints)[0]
+        hands, jacobian = np.empty(self.config.inputs), np.empty((self.config.inputs, self._joints))
+        kernels.linearise(posture, self._sizes, self._tables, self._memory, hands, jacobian)
+        return hands, jacobian
 
     def model_errors(self) -> dict[str, Floats]:
         """Return the deviation of every model's outputs from what was measured, from before each update.
