@@ -110,6 +110,11 @@ class LiveSession:
 
     @property
     def ticks(self) -> int:
+        """Ticks of the whole session, if no presentation ends before the motion does."""
+        return self._presentations * (len(self._motion) + 1)
+
+    @property
+    def streamed_ticks(self) -> int:
         """Ticks streamed so far."""
         return self._numbered[SAMPLE_JOINTS]
 
@@ -272,7 +277,7 @@ def explore_live(
         robot=robot.robot.name,
         motion=presented.name,
         real_time=robot.status.real_time,
-        ticks=live.ticks,
+        ticks=live.streamed_ticks,
         messages=live.messages,
         teacher_error_cm=live.teacher_error_cm,
         consumers=consumers,
