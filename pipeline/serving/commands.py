@@ -44,13 +44,16 @@ class Commander:
 
     Attributes
     ----------
+    u : ndarray, shape (inputs,)
+        Targets of the last command [m].
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
     """
 
     def __init__(self, learner: OnlineLearner, joints: tuple[str, ...], *, limits: Floats) -> None:
         n, look_ahead = len(joints), look_ahead_of(learner)
-        u, outputs, self._limited = np.zeros(learner.config.inputs), np.empty(learner.config.outputs), np.empty(n)
+        self.u = u = np.zeros(learner.config.inputs)
+        outputs, self._limited = np.empty(learner.config.outputs), np.empty(n)
         self._targets, self._joints = u.data, outputs[-n:]
         self._fill = struct.Struct(f"={u.size}d").pack_into  # several times as fast as an assignment
         self._look_ahead = look_ahead.bind_look_ahead(u, limits=limits, outputs=outputs, limited=self._limited)

@@ -11,6 +11,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
+from pipeline.learner.insight import KnowsDeviation
 from pipeline.learner.state import state_digest
 from pipeline.robot.range_check import is_within, range_check
 from pipeline.samples.pairing import COMMANDED
@@ -239,9 +240,19 @@ class ServedController:
             "clipped": {name: count for name, count in clipped if count},
             "learned_steps": self._learned_steps,
         }
+        if (deviation_cm := self._deviation_cm()) is not None:
+            figures["deviation_cm"] = deviation_cm
         state, pending = self._learner.state(), self._pending
         error_cm = self._online.error_later() if self._online is not None else lambda: None
         return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": error_cm()}
+
+    def _deviation_cm(self) -> dict[str, float] | None:
+        """Return how far from its target each hand may be after the last command, if the learner knows it."""
+        if not (self._accepted and isinstance(self._learner, KnowsDeviation)):
+            return None
+        (deviations,) = self._learner.deviations(self._commander.u[np.newaxis]) * 100.0
+        known = bool(np.isfinite(deviations).all())
+        return dict(zip(self._robot.hand_names, deviations.tolist(), strict=True)) if known else None
 
     def counts(self) -> dict[str, int]:
         """Return what was counted so far; may be called from any thread."""

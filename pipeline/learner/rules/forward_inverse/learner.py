@@ -85,6 +85,9 @@ class ForwardInverseLearner:
             for place, model in enumerate(config.models)
         }
         self._joints = config.outputs - config.inputs
+        self._triangles = {
+            name: np.flatnonzero(np.triu(np.ones(model.covariance.shape))) for name, model in self._models.items()
+        }
         self._no_sample = np.empty((0, config.outputs))
         self._set_constants()
         for model in self._models.values():
@@ -272,7 +275,7 @@ class ForwardInverseLearner:
         state: dict[str, Floats] = {}
         for name, model in self._models.items():
             state[f"{name}_weights"] = model.weights.copy()
-            state[f"{name}_covariance"] = model.covariance[np.triu_indices(len(model.covariance))]
+            state[f"{name}_covariance"] = model.covariance.reshape(-1)[self._triangles[name]]
             state[f"{name}_errors"] = model.errors.copy()
         return state
 
@@ -289,7 +292,7 @@ class ForwardInverseLearner:
             _check_signs(name, model, state)
         for name, model in self._models.items():
             model.weights[:] = state[f"{name}_weights"]
-            rows, columns = np.triu_indices(len(model.covariance))
+            rows, columns = np.divmod(self._triangles[name], len(model.covariance))
             model.covariance[rows, columns] = state[f"{name}_covariance"]
             model.covariance[columns, rows] = state[f"{name}_covariance"]
             model.errors[:] = state[f"{name}_errors"]

@@ -1,9 +1,11 @@
 """The rule `forward-inverse`: it does all that a rule does, and it reaches what it is to reach."""
 
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
 import pytest
+from episodes import write_plain_episode
 
 from pipeline.evaluation.trials import evaluate_motion
 from pipeline.learner.body import Body, any_body, body_of
@@ -18,10 +20,16 @@ from pipeline.learner.rules.forward_inverse.learner import ForwardInverseLearner
 from pipeline.learner.state import state_digest
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.serving.served_controller import ServedController
+from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, ControllerError
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.topics import hand_target
+from recorders.reading.reader import LogReader
 
 ROBOT = load_robot("asimo")
 BODY = body_of(ROBOT)
+TARGETS = [hand_target(hand) for hand in ("left", "right")]
 CENTRE = np.concatenate([ROBOT.input_centre, ROBOT.comfort])
 
 
@@ -282,3 +290,22 @@ def test_what_a_controller_expects_is_evaluated_beside_what_it_errs(taught: Forw
     assert summary["within_deviation"] == (distances <= trial.deviations).mean()
     assert summary["deviation_cm"] == 100.0 * trial.deviations.mean()
     assert not {"deviation_cm", "within_deviation"} & untaught.summary().keys()
+
+
+def test_a_served_controller_reports_the_deviation_of_its_last_command(
+    taught: ForwardInverseLearner, tmp_path: Path
+) -> None:
+    texts = {"robot_toml": ROBOT.toml_text, "robot_urdf": ROBOT.urdf_text}
+    log, found = write_plain_episode(tmp_path / "log.mcap"), []
+    for learner in (taught, learner_of()):
+        served = ServedController(Controller.from_learner(learner, joints=ROBOT.joints, **texts))
+        assert "deviation_cm" not in served.status()
+        for record in LogReader(log):
+            if record.topic in served.topics:
+                served.take(record)
+        found.append(served.status())
+    last = {record.topic: decode_as(PoseStamped, record.data).position for record in LogReader(log).records(TARGETS)}
+    target = np.concatenate([last[topic] for topic in TARGETS])
+    (expected,) = taught.deviations(target[np.newaxis]) * 100.0
+    assert found[0]["deviation_cm"] == dict(zip(("left", "right"), expected.tolist(), strict=True))
+    assert "deviation_cm" not in found[1]  # nothing was learned
