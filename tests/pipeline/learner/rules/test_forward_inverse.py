@@ -304,7 +304,9 @@ def test_a_served_controller_reports_the_deviation_of_its_last_command(
             if record.topic in served.topics:
                 served.take(record)
         found.append(served.status())
-    last = {record.topic: decode_as(PoseStamped, record.data).position for record in LogReader(log).records(TARGETS)}
+    last = {
+        record.topic: decode_as(PoseStamped, record.data).position for record in LogReader(log).records(topics=TARGETS)
+    }
     target = np.concatenate([last[topic] for topic in TARGETS])
     (expected,) = taught.deviations(target[np.newaxis]) * 100.0
     assert found[0]["deviation_cm"] == dict(zip(("left", "right"), expected.tolist(), strict=True))
