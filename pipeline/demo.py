@@ -20,6 +20,7 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner_node.node import replay
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS
+from pipeline.published import published_digests
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.terminal import console
 from pipeline.training.trainer import train
@@ -30,6 +31,7 @@ from pipeline.views.view import view_controller
 from recorders.errors import CheckFailed, ConfigError, WireError
 from recorders.files.anonymous_file import write_json
 from recorders.messages.topics import JOINT_STATES
+from recorders.reading.reader import LogReader
 from recorders.rerun_scene.hands import FrontalPlane
 from recorders.rerun_scene.recording import Destination, record_motion
 from recorders.wire.loopback import free_endpoint
@@ -68,6 +70,8 @@ class Demo:
         Time of each stage [s].
     controller, logs : Path and list of Path
         Files.
+    published : dict of str to str, or None
+        Digests that are published for the same settings, as `digests` has them.
     """
 
     trials: tuple[Trial, Trial, Trial]
@@ -77,6 +81,13 @@ class Demo:
     seconds: dict[str, float]
     controller: Path
     logs: list[Path]
+    published: dict[str, str] | None
+
+    @property
+    def digests(self) -> dict[str, str]:
+        """Digest of each file, by name: content hashes of the logs, the state of the controller."""
+        contents = {log.name: str(LogReader(log).manifest["content_sha256"]) for log in self.logs}
+        return {**contents, self.controller.name: self.file_digest}
 
     def summary(self, out: Path) -> dict[str, Any]:
         """Return the summary, with paths relative to the folder `out`."""
@@ -89,6 +100,8 @@ class Demo:
             "linear_cm": trained.linear.mean_cm if trained.linear else None,
             "file_digest": self.file_digest,
             "zenoh_digest": self.zenoh_digest,
+            "digests": self.digests,
+            "as_published": None if self.published is None else self.digests == self.published,
             "seconds": self.seconds,
             "controller": str(self.controller.relative_to(out)),
             "logs": [str(log.relative_to(out)) for log in self.logs],
@@ -139,7 +152,8 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | No
         if view is not None:
             _show(view, controller_path, motion=PATTERNS[1])
     file_digest = str(trainer.result()["digest"])
-    result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs)
+    published = published_digests(seed=seed, epochs=epochs)
+    result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs, published)
     write_json(out / SUMMARY, result.summary(out))
     if zenoh_digest != file_digest:
         raise CheckFailed(

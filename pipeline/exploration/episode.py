@@ -11,6 +11,7 @@ from pipeline.exploration.joint_noise import joint_noise
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.resolution import on_grid
 from pipeline.robot.telemetry import TopicMessage, command_message, tick_messages
 from pipeline.seeding import uniforms
 from recorders.errors import ConfigError, MotionError
@@ -234,6 +235,7 @@ class GuidedRun:
         for _ in range(hold.duration_ns // period_ns):
             self._command = self._guide.step(self._command, hold.target)
             sent = self._command if noise is None else np.clip(self._command + next(noise), robot.lower, robot.upper)
+            sent = on_grid(sent, robot.resolution.commands)  # as the motors will take it
             yield command_message(self._backend, sent)
             self._backend.advance(sent, period_ns)
         self._on_hold(self._backend.time_ns)

@@ -1,7 +1,7 @@
 """Reproduction of an exploration from its log: teacher and simulation of today follow the logged targets."""
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
 from typing import Any
@@ -13,6 +13,7 @@ from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
 from pipeline.robot.config import RobotConfig, load_robot, robot_names
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.recorded import require_recorded_robot
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
@@ -39,7 +40,8 @@ class _Settings:
 def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     """Yield targets, joints and hands of the first ticks of an exploration, simulated again.
 
-    The robot is the one of that name that comes with the program, so that a change to it shows, else the log's.
+    The robot is the one of that name that comes with the program, so that a change to it shows, else the log's. Where
+    that of the log had no resolution, it has none here either.
 
     Parameters
     ----------
@@ -85,8 +87,9 @@ def changed_robot(log: Path) -> str:
 
 
 def _present(log: Path) -> RobotConfig:
-    name = LogReader(log).manifest.get("robot")
-    return load_robot(name) if isinstance(name, str) and name in robot_names() else _logged(log)
+    name, logged = LogReader(log).manifest.get("robot"), _logged(log)
+    present = load_robot(name) if isinstance(name, str) and name in robot_names() else logged
+    return present if logged.resolution != UNLIMITED else replace(present, resolution=UNLIMITED)
 
 
 def _logged(log: Path) -> RobotConfig:

@@ -15,7 +15,8 @@ from pipeline.golden.own_settings import pairs_of, read_settings, with_pairs, wi
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
-from pipeline.robot.recorded import recorded_hands
+from pipeline.robot.recorded import recorded_hands, require_recorded_robot
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.samples.pairing import find_pairing
 from pipeline.samples.pairs import read_samples
 from pipeline.training.checkpoints import CheckpointConfig
@@ -24,6 +25,7 @@ from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError
 from recorders.messages.message_types import Message
 from recorders.messages.record import RecordedMessage
+from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
 from replay.golden.recipe import MAX_CASE_BYTES, CaseSpec, EpochEnd, State, TickDigests
 from replay.sources.schedule import Schedule
@@ -79,6 +81,10 @@ class GoldenRunner:
         from pipeline.exploration.reproduce import changed_robot  # noqa: PLC0415
 
         return changed_robot(log)
+
+    def has_resolution(self, log: Path) -> bool:
+        """Return whether the sensors of a log's robot had a resolution."""
+        return require_recorded_robot(LogReader(log)).resolution != UNLIMITED
 
     def pack(self, states: Sequence[State]) -> bytes:
         """Return the states at the ends of the epochs as the bytes of an .npz."""

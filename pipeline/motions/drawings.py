@@ -16,6 +16,7 @@ from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion, csv_columns
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.seeding import uniforms
+from pipeline.trigonometry import cosine, sine
 
 EXTENT_M = 0.18  # of the scribble: farthest from the centre, in each direction of the plane
 WIDE_M = 0.20  # of house and spiral
@@ -61,9 +62,9 @@ def spiral(robot: RobotConfig, *, seed: int = 4) -> Motion:
     part = np.linspace(0.0, 1.0, 4001)
     angle = 2.0 * np.pi * (_TURNS * part + uniforms(seed, "spiral", "start", count=1))
     phases = 2.0 * np.pi * uniforms(seed, "spiral", "wobble", count=2)
-    wobble = np.sin(2.3 * angle + phases[0]) + np.sin(0.7 * angle + phases[1])
+    wobble = sine(2.3 * angle + phases[0]) + sine(0.7 * angle + phases[1])
     radius = part * (1.0 + _WOBBLE * wobble)
-    line = _fitted(radius[:, None] * np.stack([np.cos(angle), np.sin(angle)], axis=1))
+    line = _fitted(radius[:, None] * np.stack([cosine(angle), sine(angle)], axis=1))
     return _drawn("spiral", robot, _sampled([_paced(line)]))
 
 
@@ -97,7 +98,7 @@ def _stroke(seed: int, name: str) -> Floats:
     orders = np.arange(1, _HARMONICS + 1)
     phases = uniforms(seed, "free hand", name, count=_HARMONICS)
     turns = np.linspace(0.0, 1.0, _SAMPLES)[:, None] * orders + phases  # (T, harmonics)
-    stroke = (np.sin(2.0 * np.pi * turns) / np.sqrt(orders)).sum(axis=1)
+    stroke = (sine(2.0 * np.pi * turns) / np.sqrt(orders)).sum(axis=1)
     scaled: Floats = np.interp(stroke, [stroke.min(), stroke.max()], [-1.0, 1.0])
     return scaled
 
@@ -118,7 +119,7 @@ def _bowed_line(begin: Floats, end: Floats, bow: float) -> Floats:
     """Return a line between two points (2,) that bows aside by a part of its length, shape (M, 2)."""
     part = np.linspace(0.0, 1.0, 201)[:, None]
     aside = np.array([begin[1] - end[1], end[0] - begin[0]])
-    bowed: Floats = begin + part * (end - begin) + bow * np.sin(np.pi * part) * aside
+    bowed: Floats = begin + part * (end - begin) + bow * sine(np.pi * part) * aside
     return bowed
 
 

@@ -22,9 +22,8 @@ def turning_angles(turns: Sequence[int], *, samples: int, start: float) -> Float
 
 def plane_pattern(name: str, robot: RobotConfig, paths: Sequence[tuple[Floats, Floats]]) -> Motion:
     """Make a closed motion from each hand's (lateral, up) coordinates in radii, in the robot's plane."""
-    plane = np.stack([robot.lateral, robot.up])  # (2, 3)
-    offsets = [RADIUS_M * np.stack(hand, axis=1) @ plane for hand in paths]
-    # To the nanometre: the same targets, to the bit, whichever library computed the sines.
+    # Sums and products written out, to the nanometre: the same targets, to the bit, on every machine.
+    offsets = [RADIUS_M * (np.outer(aside, robot.lateral) + np.outer(up, robot.up)) for aside, up in paths]
     hands = [np.round(centre + offset, 9) for centre, offset in zip(robot.centres, offsets, strict=True)]
     times_s = np.round(PATTERN_PERIOD_S * np.arange(len(hands[0])), 9)
     return Motion(name, times_s, np.stack(hands, axis=1), closed=True)

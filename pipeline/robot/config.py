@@ -15,6 +15,7 @@ from pipeline.resources import data_path
 from pipeline.robot.hands import Hand, parse_hands
 from pipeline.robot.importing.import_spec import parse_source, read_source, read_text
 from pipeline.robot.importing.urdf_import import import_urdf
+from pipeline.robot.resolution import UNLIMITED, Resolution, parse_resolution
 from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
 from pipeline.robot.upgrade import upgraded
 from pipeline.urdf.bodies import check_bodies
@@ -28,7 +29,7 @@ TOML_FILE = "robot.toml"
 IMPORT_FILE = "import.toml"
 
 _KEYS = frozenset({"name", "joints", "hands"})
-_OPTIONAL_KEYS = frozenset({"gaze", "pattern"})
+_OPTIONAL_KEYS = frozenset({"gaze", "pattern", "resolution"})
 _JOINT_KEYS = frozenset({"name", "weight", "comfort"})
 _GAZE_KEYS = frozenset({"joint", "frame"})
 _PLANE = {"lateral": (0.0, 1.0, 0.0), "up": (0.0, 0.0, 1.0)}  # of the patterns, where a config names none: for x ahead
@@ -62,6 +63,8 @@ class RobotConfig:
         What turns towards the targets, if anything does.
     lateral, up : ndarray
         Unit vectors of the plane in which the hands draw, world frame, shape (3,).
+    resolution : Resolution
+        Of the simulated robot's sensors and motors.
     urdf_text, toml_text : str
         The two files as they were read, for a log's attachments.
     """
@@ -76,6 +79,7 @@ class RobotConfig:
     gaze: Gaze | None
     lateral: Floats
     up: Floats
+    resolution: Resolution
     urdf_text: str
     toml_text: str
 
@@ -210,6 +214,7 @@ def _parse_config(toml_text: str) -> dict[str, Any]:
         "hands": parse_hands(table["hands"]),
         "gaze": _gaze(table["gaze"], joints) if "gaze" in table else None,
         **_plane(table.get("pattern", {key: list(vector) for key, vector in _PLANE.items()})),
+        "resolution": parse_resolution(table["resolution"]) if "resolution" in table else UNLIMITED,
     }
 
 

@@ -13,6 +13,7 @@ from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPose
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.resolution import on_grid
 from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.urdf.description import joint_links
 from recorders.errors import ConfigError, JointError, RobotError
@@ -59,6 +60,8 @@ class Simulation:
     A servo's stiffness is M_ii * bandwidth^2, with M_ii the joint's inertia at the comfort posture, so that all joints
     answer alike. No motor exerts more than the URDF's effort limit. Implements `pipeline.robot.backend.RobotBackend`.
 
+    What is measured, and the commands that motors take, have the robot's resolution; the state in between has none.
+
     Raises
     ------
     RobotError
@@ -92,12 +95,12 @@ class Simulation:
     @property
     def positions(self) -> Floats:
         """Joint positions [rad or m], shape (n,)."""
-        return self._servos.positions
+        return on_grid(self._servos.positions, self._robot.resolution.positions)
 
     @property
     def velocities(self) -> Floats:
         """Joint velocities [rad/s or m/s], shape (n,)."""
-        return self._servos.velocities
+        return on_grid(self._servos.velocities, self._robot.resolution.velocities)
 
     def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
         """Stand still at posture `q` (n,), at a time [ns].
@@ -121,7 +124,7 @@ class Simulation:
         ConfigError
             `duration_ns` is not a multiple of the control period.
         """
-        command = self._checked(q_command)
+        command = on_grid(self._checked(q_command), self._robot.resolution.commands)
         if duration_ns < 0 or duration_ns % self._config.control_ns:
             period_ns = self._config.control_ns
             raise ConfigError(f"simulation: expected a duration in multiples of {period_ns} ns, found {duration_ns} ns")
@@ -130,14 +133,16 @@ class Simulation:
 
     def hands(self) -> Floats:
         """Positions of the hands [m], world frame, shape (hands, 3)."""
-        return np.array([self._pose(body).translation() for body in self._hands])
+        computed = [self._pose(body).translation() for body in self._hands]
+        return on_grid(computed, self._robot.resolution.hands)
 
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link, in the canonical order of the joints."""
+        step = self._robot.resolution.tf
         poses_PC = [self._plant.CalcRelativeTransform(self._context, *frames) for frames in self._frames]
         wxyz = np.array([X_PC.rotation().ToQuaternion().wxyz() for X_PC in poses_PC])
         return [
-            LinkPose(parent, child, X_PC.translation(), rotation)
+            LinkPose(parent, child, on_grid(X_PC.translation(), step), on_grid(rotation, step))
             for (parent, child), X_PC, rotation in zip(self._links, poses_PC, wxyz[:, _XYZW], strict=True)
         ]
 
@@ -168,7 +173,8 @@ class Simulation:
         """Simulate a control period: with effort limits only if without them a motor would have exceeded its own."""
         begin_ns, end_ns = self.time_ns, self.time_ns + self._config.control_ns
         if not self._servos.advance(demand, until_ns=end_ns):
-            q, v = self._limited.advance(self.positions, self.velocities, demand, time_ns=begin_ns, until_ns=end_ns)
+            q, v = self._servos.positions, self._servos.velocities
+            q, v = self._limited.advance(q, v, demand, time_ns=begin_ns, until_ns=end_ns)
             self._servos.set_state(q, v, time_ns=end_ns)
 
 

@@ -34,6 +34,8 @@ KEYS = {
     "linear_cm",
     "file_digest",
     "zenoh_digest",
+    "digests",
+    "as_published",
     "seconds",
     "controller",
     "logs",

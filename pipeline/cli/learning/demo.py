@@ -24,9 +24,11 @@ def demo(
 ) -> None:
     """Run the main job end to end.
 
-    Explore, record, replay over Zenoh, learn, check and report.
+    Explore, record, replay over Zenoh, learn, check and report. Whether the digests are those that are published is
+    printed, and no error: exit status 1 means that the learners over Zenoh and from the file differ.
     """
     from pipeline.demo import REPORT, results_table, run_demo
+    from pipeline.published import published_line
 
     with viewer.open() as view:
         result = run_demo(out, seed=seed, epochs=epochs, view=view)
@@ -35,4 +37,5 @@ def demo(
         return
     console.table(results_table(result))
     digest, took = result.file_digest[:16], sum(result.seconds.values())
+    console.line(published_line(result.digests, result.published))
     console.line(f"State digest {digest}…, over Zenoh and from the file alike. {took:.0f} s. Look at {out / REPORT}")

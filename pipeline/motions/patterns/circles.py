@@ -1,10 +1,9 @@
 """Pattern 1 of the paper: circles of both hands."""
 
-import numpy as np
-
 from pipeline.motions.motion import Motion, NamedMotion
 from pipeline.motions.plane_pattern import plane_pattern, turning_angles
 from pipeline.robot.config import RobotConfig
+from pipeline.trigonometry import cosine, sine
 
 
 def circles(robot: RobotConfig) -> Motion:
@@ -17,7 +16,7 @@ def circles(robot: RobotConfig) -> Motion:
     """
     turns = ((6, -7), (-7, 6))
     angles = [turning_angles(turns[hand % 2], samples=256, start=0.3 + 0.8 * hand) for hand in range(len(robot.hands))]
-    return plane_pattern("circles", robot, [(np.cos(angle), np.sin(angle)) for angle in angles])
+    return plane_pattern("circles", robot, [(cosine(angle), sine(angle)) for angle in angles])
 
 
 MOTION = NamedMotion("circles", circles)

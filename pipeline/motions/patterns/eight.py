@@ -1,10 +1,9 @@
 """Pattern 2 of the paper: an eight, and a circle."""
 
-import numpy as np
-
 from pipeline.motions.motion import Motion, NamedMotion
 from pipeline.motions.plane_pattern import plane_pattern, turning_angles
 from pipeline.robot.config import RobotConfig
+from pipeline.trigonometry import cosine, sine
 
 
 def eight(robot: RobotConfig) -> Motion:
@@ -14,7 +13,7 @@ def eight(robot: RobotConfig) -> Motion:
     A third hand goes as the first, a fourth as the second, and so on.
     """
     angle = turning_angles((2,), samples=64, start=0.0)
-    paths = ((np.sin(angle), np.sin(2.0 * angle)), (np.sin(angle), np.cos(angle)))
+    paths = ((sine(angle), sine(2.0 * angle)), (sine(angle), cosine(angle)))
     return plane_pattern("eight", robot, [paths[hand % 2] for hand in range(len(robot.hands))])
 
 

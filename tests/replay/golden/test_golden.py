@@ -56,6 +56,9 @@ class CountingRunner:
     def changed_robot(self, log: Path) -> str:
         return ""
 
+    def has_resolution(self, log: Path) -> bool:
+        return False
+
     def pack(self, states: Sequence[State]) -> bytes:
         return json.dumps([state["count"].tolist() for state in states]).encode()
 
