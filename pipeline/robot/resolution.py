@@ -1,4 +1,4 @@
-"""Resolution of a simulated robot's sensors and motors: what is measured and commanded lies on a grid of powers of two."""
+"""Resolution of a simulated robot: what its sensors measure and its motors take lies on grids of powers of two."""
 
 import math
 from dataclasses import dataclass, fields
@@ -8,8 +8,8 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
 from pipeline.robot.toml_values import as_number, as_table
-from pipeline.urdf.description import shown
 from recorders.errors import RobotError
+from recorders.text.wording import value_text
 
 FINEST, COARSEST = 2.0**-40, 1.0
 """A finer grid would be no protection from the last bits of a computation, a coarser one no robot's."""
@@ -54,7 +54,11 @@ def on_grid(values: ArrayLike, step: float) -> Floats:
     [0.25, 0.0, 1.0]
     """
     computed = np.asarray(values, dtype=np.float64)
-    return np.rint(computed / step) * step + 0.0 if step else computed  # + 0.0: there is no -0.0, whose sign is noise
+    if not step:
+        return computed
+    with np.errstate(over="ignore"):
+        rounded = np.rint(computed / step) * step + 0.0  # + 0.0: no -0.0, whose sign is noise
+    return np.where(np.isfinite(rounded), rounded, computed)  # what is too large to be divided is on the grid
 
 
 def parse_resolution(value: object) -> Resolution:
@@ -74,5 +78,5 @@ def _step(value: object, where: str) -> float:
     step = as_number(value, where)
     if not FINEST <= step <= COARSEST or math.frexp(step)[0] != 0.5:
         expected = f"expected a power of two from {FINEST!r} to {COARSEST!r}, such as {2.0**-20!r}"
-        raise RobotError(f"{where} of the robot config: {expected}, found {shown(value)}")
+        raise RobotError(f"{where} of the robot config: {expected}, found {value_text(value)}")
     return step

@@ -3,6 +3,7 @@
 import json
 import re
 import shutil
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -19,6 +20,7 @@ from pipeline.resources import data_path
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
 from pipeline.robot.importing.import_spec import parse_source
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.samples.pairs import read_samples
 from pipeline.simulation.simulation import Simulation
 from pipeline.teacher.teacher import Teacher, find_unreachable
@@ -72,7 +74,7 @@ def test_a_robot_stands_as_its_config_says(name: str, joints: int) -> None:
 @pytest.mark.parametrize("name", [*IMPORTED, "small"])
 def test_every_joint_of_an_arm_moves_its_hand_and_drake_agrees(name: str, tmp_path: Path) -> None:
     robot = load(name, tmp_path)
-    kinematics, simulation = Kinematics(robot), Simulation(robot)
+    kinematics, simulation = Kinematics(robot), Simulation(replace(robot, resolution=UNLIMITED))
     q = robot.comfort + 0.1 * np.linspace(-1.0, 1.0, len(robot.joints)) * (robot.upper - robot.lower)
     simulation.reset(np.clip(q, robot.lower, robot.upper))
     np.testing.assert_allclose(simulation.hands(), kinematics.hands(simulation.positions), atol=1e-12)

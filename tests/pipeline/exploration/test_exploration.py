@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 from collections import deque
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +18,7 @@ from pipeline.motions.patterns.circles import circles
 from pipeline.motions.patterns.eight import eight
 from pipeline.robot.config import load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.telemetry import TopicMessage
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
@@ -48,6 +50,13 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> ExplorationResult:
     return explore(ROBOT, short_motion(), seed=5, out=tmp_path_factory.mktemp("log") / "short.mcap")
 
 
+@pytest.fixture(scope="module")
+def unrounded(tmp_path_factory: pytest.TempPathFactory) -> ExplorationResult:
+    """The same of a robot whose sensors have no resolution."""
+    robot = replace(ROBOT, resolution=UNLIMITED)
+    return explore(robot, short_motion(), seed=5, out=tmp_path_factory.mktemp("unrounded") / "short.mcap")
+
+
 def ticks_of(path: Path) -> list[Tick]:
     return list(join_ticks(LogReader(path)))
 
@@ -72,15 +81,15 @@ def test_t_samples_give_t_plus_one_ticks_and_the_last_repeats_the_first(log: Exp
     assert stamps[0] == SAMPLES * PERIOD_NS  # the first cycle settles
 
 
-def test_joints_of_a_tick_are_measured_before_its_target_is_held(log: ExplorationResult) -> None:
+def test_joints_of_a_tick_are_measured_before_its_target_is_held(unrounded: ExplorationResult) -> None:
     """q at tick k+1 belongs to u(k): the hands are near the target before, not near the new one."""
-    ticks = ticks_of(log.path)
+    ticks = ticks_of(unrounded.path)
     hands = KINEMATICS.hands_along(joints_of(ticks))
     targets = np.array([tick.hands for tick in ticks])
     to_held = np.linalg.norm(hands[1:] - targets[:-1], axis=2)
     to_new = np.linalg.norm(hands[1:] - targets[1:], axis=2)
     assert to_held.mean() < to_new.mean()
-    assert log.teacher_error_cm == pytest.approx(100 * to_held.mean(), abs=1e-9)
+    assert unrounded.teacher_error_cm == pytest.approx(100 * to_held.mean(), abs=1e-9)
 
 
 def test_the_recorded_cycle_closes(log: ExplorationResult) -> None:
@@ -88,11 +97,11 @@ def test_the_recorded_cycle_closes(log: ExplorationResult) -> None:
     np.testing.assert_allclose(joints[-1], joints[0], atol=2e-3)
 
 
-def test_measured_hands_are_those_of_the_joints_at_the_same_instant(log: ExplorationResult) -> None:
-    ticks = ticks_of(log.path)
+def test_measured_hands_are_those_of_the_joints_at_the_same_instant(unrounded: ExplorationResult) -> None:
+    ticks = ticks_of(unrounded.path)
     expected = KINEMATICS.hands_along(joints_of(ticks))
     for side, topic in enumerate((topics.LEFT_MEASURED, topics.RIGHT_MEASURED)):
-        measured = [decode(record.type, record.data) for record in records_of(log.path, topic)]
+        measured = [decode(record.type, record.data) for record in records_of(unrounded.path, topic)]
         assert all(isinstance(message, PoseStamped) for message in measured)
         assert [message.stamp_ns for message in measured] == [tick.stamp_ns for tick in ticks]
         np.testing.assert_allclose([message.position for message in measured], expected[:, side], atol=1e-12)

@@ -9,6 +9,7 @@ import pytest
 from pipeline.resources import data_path
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot, robot_names
 from pipeline.robot.recorded import recorded_robot
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.size import hand_joints
 from recorders.errors import RobotError
 from recorders.reading.reader import LogReader
@@ -20,9 +21,10 @@ BOX = (0.069, 0.25, 0.25)
 
 
 def check_same(older: RobotConfig, today: RobotConfig) -> None:
-    """Check that two robots differ in their texts and boxes alone."""
+    """Check that two robots differ in their texts and boxes alone, and that the older one has no resolution."""
+    assert older.resolution == UNLIMITED != today.resolution
     for field in fields(RobotConfig):
-        if field.name not in ("hands", "toml_text"):
+        if field.name not in ("hands", "resolution", "toml_text"):
             np.testing.assert_array_equal(getattr(older, field.name), getattr(today, field.name))
     hands = [[(hand.name, hand.link, hand.controls, hand.centre) for hand in robot.hands] for robot in (older, today)]
     assert hands[0] == hands[1]

@@ -10,10 +10,11 @@ import pytest
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.resolution import UNLIMITED
 from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
 from pipeline.simulation.simulation import Simulation
 
-ROBOT = load_robot("asimo")
+ROBOT = replace(load_robot("asimo"), resolution=UNLIMITED)
 MS = 1_000_000
 PERIOD = 5 * MS
 N = len(ROBOT.joints)

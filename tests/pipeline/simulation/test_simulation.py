@@ -9,10 +9,12 @@ import pytest
 
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.resolution import UNLIMITED, on_grid
 from pipeline.simulation.simulation import Simulation, SimulationConfig
 from recorders.errors import ConfigError, JointError, RobotError
 
-ROBOT = load_robot("asimo")
+ASIMO = load_robot("asimo")
+ROBOT = replace(ASIMO, resolution=UNLIMITED)
 MS = 1_000_000
 
 
@@ -26,7 +28,8 @@ def shuffled(robot: RobotConfig, seed: int) -> RobotConfig:
     elements = list(urdf)
     random.Random(seed).shuffle(elements)
     urdf[:] = elements
-    return parse_robot(robot.toml_text, ElementTree.tostring(urdf, encoding="unicode"))
+    text = ElementTree.tostring(urdf, encoding="unicode")
+    return replace(parse_robot(robot.toml_text, text), resolution=robot.resolution)
 
 
 def wave(simulation: Simulation, start: np.ndarray) -> np.ndarray:
@@ -190,3 +193,20 @@ def test_an_impossible_inertia_is_one_clear_line() -> None:
         urdf = urdf.replace(moment, f"{moment}-")
     with pytest.raises(RobotError, match="link legs of the URDF: expected the inertia of a body"):
         Simulation(parse_robot(ROBOT.toml_text, urdf))
+
+
+def test_sensors_and_motors_have_a_resolution_and_the_state_has_none() -> None:
+    """A robot without one that is commanded on the grid moves alike, to the last bit of what is measured."""
+    rounded, whole, steps = Simulation(ASIMO), Simulation(ROBOT), ASIMO.resolution
+    for k in range(60):
+        command = ROBOT.comfort + 0.05 * np.sin(k + np.arange(15))
+        rounded.advance(command, 10 * MS)
+        whole.advance(on_grid(command, steps.commands), 10 * MS)
+        assert not np.array_equal(rounded.positions, whole.positions)
+        for name in ("positions", "velocities"):
+            expected = on_grid(getattr(whole, name), getattr(steps, name))
+            assert getattr(rounded, name).tobytes() == expected.tobytes()
+        assert rounded.hands().tobytes() == on_grid(whole.hands(), steps.hands).tobytes()
+        for found, pose in zip(rounded.link_poses(), whole.link_poses(), strict=True):
+            assert found.translation.tobytes() == on_grid(pose.translation, steps.tf).tobytes()
+            assert found.rotation.tobytes() == on_grid(pose.rotation, steps.tf).tobytes()
