@@ -3,11 +3,10 @@
 import sys
 from pathlib import Path
 
-from recorders.reader import LogReader
-from recorders.writer import RESERVED, LogWriter
-
-from recorders.cdr import decode
-from recorders.messages import JointState
+from recorders.cdr.codec import decode
+from recorders.messages.message_types import JointState
+from recorders.reading.reader import LogReader
+from recorders.writing.writer import RESERVED, LogWriter
 
 source = LogReader(Path(sys.argv[1]))
 files = {name: source.attachment(name) for name in source.attachments}

@@ -20,6 +20,7 @@ from pipeline import demo
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.published import published_digests
 from pipeline.training.trainer import train
 from recorders.reading.reader import LogReader
 from replay.sources.schedule import Schedule
@@ -50,6 +51,7 @@ def checkout_demo(tmp_path_factory: pytest.TempPathFactory) -> Path:
     assert run.returncode == 0, run.stderr
     assert run.stderr == ""  # no terminal, no progress
     assert all(part in run.stdout for part in ("circles", "eight", "drawing", "2.79", "2.95"))
+    assert "As published: yes." in run.stdout, run.stdout
     return folder / "out" / "demo"
 
 
@@ -116,6 +118,9 @@ def summary(folder: Path) -> dict[str, Any]:
 def test_the_summary_has_the_agreed_keys(checkout_demo: Path) -> None:
     result = summary(checkout_demo)
     assert result.keys() == KEYS
+    assert result["as_published"] is True
+    assert result["digests"] == published_digests(seed=0, epochs=150)
+    assert result["digests"]["controller.npz"] == result["file_digest"]
     assert all(isinstance(value, float) for value in result["seconds"].values())
 
 
