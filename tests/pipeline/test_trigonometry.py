@@ -34,5 +34,5 @@ def test_their_bits_are_these() -> None:
 
 @pytest.mark.parametrize("angle", [2.0 * MOST_TURNED_RAD, -np.inf, np.nan])
 def test_beyond_what_they_are_made_for_is_an_error(angle: float) -> None:
-    with pytest.raises(ConfigError, match="expected angles within 1e.06 rad, found"):
+    with pytest.raises(ConfigError, match=r"expected angles within 1e\+06 rad, found"):
         sine([0.5, angle])
