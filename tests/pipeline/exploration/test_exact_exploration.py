@@ -65,12 +65,13 @@ def usual_demo(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
 @pytest.fixture(scope="module")
 def python_312(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Make an environment of CPython 3.12 with the locked packages."""
-    if (found := shutil.which("python3.12")) is None:
-        pytest.skip("no python3.12 on the path")
-    if subprocess.run([found, "-c", ""], check=False, capture_output=True).returncode:
-        pytest.skip(f"{found} does not run")
+    pyenv = Path(os.environ.get("PYENV_ROOT", Path.home() / ".pyenv"))
+    paths = [shutil.which("python3.12"), *sorted(map(str, pyenv.glob("versions/3.12*/bin/python")))]
+    running = [path for path in paths if path and not subprocess.run([path, "-c", ""], check=False).returncode]
+    if not running:
+        pytest.skip("no python3.12 on the path nor of pyenv")
     folder = tmp_path_factory.mktemp("python") / "venv"
-    subprocess.run([found, "-m", "venv", str(folder)], check=True, capture_output=True)
+    subprocess.run([running[0], "-m", "venv", str(folder)], check=True, capture_output=True)
     python = folder / "bin" / "python"
     install = [str(python), "-m", "pip", "install", "--quiet", "--require-hashes", "-r", str(LOCK)]
     subprocess.run(install, check=True, capture_output=True, text=True)

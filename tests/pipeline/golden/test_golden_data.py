@@ -23,6 +23,11 @@ def test_it_holds(folder: Path) -> None:
     assert check_case(folder, GoldenRunner()).finding is None
 
 
+def test_physics_is_exact_but_for_the_oldest_log() -> None:
+    logs = [log for case in map(load_case, CASES) if case.recipe.physics for log in case.recipe.logs]
+    assert {log.name for log in logs if not GoldenRunner().has_resolution(log)} == {"eight_v1.mcap"}
+
+
 def test_what_the_cases_are() -> None:
     cases = {path.name: load_case(path) for path in CASES}
     assert {"circles", "eight_v1", "right_hand_drawing", "live_session", "resumed", "two_logs"} <= set(cases)

@@ -429,6 +429,36 @@ def test_physics_is_compared_within_its_tolerance(tmp_path: Path) -> None:
     assert nan.found == "nan"
 
 
+class SimulatingRunner(CountingRunner):
+    """Counts, and simulates what the log has, its joints off by a little."""
+
+    def __init__(self, *, shift: float, resolution: bool) -> None:
+        super().__init__()
+        self._shift, self._resolution = shift, resolution
+
+    def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
+        for record in LogReader(log):
+            message = decode(record.type, record.data)
+            if isinstance(message, JointState):
+                message = replace(message, position=message.position + self._shift)
+            yield record.topic, message
+
+    def has_resolution(self, log: Path) -> bool:
+        return self._resolution
+
+
+def test_physics_of_a_robot_with_a_resolution_is_exact(tmp_path: Path) -> None:
+    log = write_plain_episode(tmp_path / "log.mcap", samples=4)
+    spec, exact = CaseSpec((log,), {}, Schedule(epochs=2), physics=True), SimulatingRunner(shift=0.0, resolution=True)
+    folder = add_case(tmp_path / "cases" / "a", spec, exact).folder
+    assert check_case(folder, exact).finding is None
+    assert check_case(folder, SimulatingRunner(shift=1e-10, resolution=False)).finding is None  # within the tolerance
+    finding = check_case(folder, SimulatingRunner(shift=1e-10, resolution=True)).finding
+    assert finding is not None
+    assert (finding.tier, finding.field) == ("physics", "position[0] (hip_height)")
+    assert finding.note == "tolerance 0"
+
+
 def test_a_simulation_that_stops_early_does_not_hold(tmp_path: Path) -> None:
     log = write_plain_episode(tmp_path / "log.mcap", samples=4)
     messages = [(record.topic, decode(record.type, record.data)) for record in LogReader(log)]
