@@ -64,7 +64,7 @@ def wheel(tmp_path_factory: pytest.TempPathFactory) -> Path:
     shutil.copytree(ROOT, source, ignore=ignored)
     command = [sys.executable, "-m", "pip", "wheel", "--quiet", "--no-deps", "--no-build-isolation", str(source)]
     subprocess.run([*command, "--wheel-dir", str(folder)], check=True, capture_output=True, text=True)
-    (built,) = folder.glob("reenact-*.whl")
+    (built,) = folder.glob("reenact_robot-*.whl")
     return built
 
 
