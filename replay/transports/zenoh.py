@@ -36,7 +36,7 @@ from replay.transports.transport import StreamFrom
 logger = logging.getLogger(__name__)
 
 _VERBS = {"learner": "learn", "recorder": "record", "controller": "serve"}  # by the name that each has by default
-_POLL_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
+_ACK_TIMEOUT_S = 1.0  # how long an acknowledgement may be missing before the consumer is asked
 _ANSWER_S = 5.0  # how long one answer may take
 _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
 _ALIVE_S = 1.0  # how often a sender that has nothing to send shows the consumers that it still lives
@@ -258,7 +258,7 @@ class _Delivery:
         watch = Patience(self._config.patience_s)
         while True:
             with self._changed:
-                advanced = self._changed.wait_for(lambda: self._window.failed or done(), timeout=_POLL_S)
+                advanced = self._changed.wait_for(lambda: self._window.failed or done(), timeout=_ACK_TIMEOUT_S)
             self._window.check()
             self._on_progress(self._window.discard_consumed())
             if advanced:
