@@ -167,7 +167,7 @@ class ServedController:
         except RejectionError as error:
             self.reject(error.kind, str(error))
             command = None
-        self.between_ticks = not self._ticks
+        self.between_ticks = not self._ticks.open
         return command
 
     def answer_pair(self, left: bytes, right: bytes) -> tuple[int, bytes] | None:

@@ -4,6 +4,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import lru_cache
 from math import isfinite
+from operator import itemgetter
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -23,6 +24,8 @@ Check: TypeAlias = Callable[[FloatArray | JointState], None]
 """Raises JointError or MessageError for a position [m] (3,) or joints that cannot be the robot's."""
 
 _Reader: TypeAlias = Callable[[bytes], tuple[int, Any]]
+
+_RECORD, _VALUE = itemgetter(0), itemgetter(1)  # of what the stamp joiner returns for a message
 
 _MAX_LAYOUTS = 64
 _MAX_TOPICS = 64
@@ -106,14 +109,14 @@ class TickJoiner:
         parts = self._ticks.add(stamp, rank, record, value)
         if parts is None:
             return ()
-        records, values = zip(*parts, strict=True)
-        hands = (*values[: self._joints], *values[self._joints + 1 :])
-        return (Tick(stamp, hands, values[self._joints], records),)
+        hands = [*map(_VALUE, parts)]
+        joints = hands.pop(self._joints)
+        return (Tick(stamp, tuple(hands), joints, tuple(map(_RECORD, parts))),)
 
     @property
     def idle(self) -> bool:
         """Whether no tick waits for more of its messages."""
-        return not self._ticks
+        return not self._ticks.open
 
     def finish(self) -> None:
         """End the cycle; raises MessageError, naming what is missing, if a tick is not complete."""

@@ -38,6 +38,11 @@ class StampJoiner(Generic[_Value]):
         How many ticks may wait: a publisher that stays silent must not fill the memory.
     give_up : callable
         Called for each tick that is given up, while it still waits; if it raises, the tick waits on.
+
+    Attributes
+    ----------
+    open : dict of int to list
+        Ticks that wait, by stamp [ns], in order of arrival; to be read only.
     """
 
     def __init__(self, topics: Sequence[str], *, limit: int, give_up: GiveUp) -> None:
@@ -45,11 +50,7 @@ class StampJoiner(Generic[_Value]):
         self._limit = limit
         self._give_up = give_up
         self._nothing: list[tuple[RecordedMessage, _Value] | None] = [None] * len(self._topics)
-        self._open: dict[int, list[tuple[RecordedMessage, _Value] | None]] = {}  # by stamp, in order of arrival
-
-    def __len__(self) -> int:
-        """Return how many ticks wait."""
-        return len(self._open)
+        self.open: dict[int, list[tuple[RecordedMessage, _Value] | None]] = {}
 
     def add(
         self, stamp_ns: int, rank: int, record: RecordedMessage, value: _Value
@@ -61,7 +62,7 @@ class StampJoiner(Generic[_Value]):
         RejectionError
             If a message of this topic and stamp waits already.
         """
-        tick = self._open.get(stamp_ns)
+        tick = self.open.get(stamp_ns)
         if tick is None:
             tick = self._begin(stamp_ns, record)
         elif tick[rank] is not None:
@@ -70,14 +71,14 @@ class StampJoiner(Generic[_Value]):
         tick[rank] = record, value
         if None in tick:
             return None
-        del self._open[stamp_ns]
-        if self._open:
+        del self.open[stamp_ns]
+        if self.open:
             self._give_up_before(stamp_ns)
         return tick  # type: ignore[return-value]  # None is none of them
 
     def waiting(self) -> list[tuple[int, OpenTick]]:
         """Return the stamps that wait [ns], the smallest first, and what there is of their ticks."""
-        return sorted(self._open.items(), key=lambda item: item[0])
+        return sorted(self.open.items(), key=lambda item: item[0])
 
     def absent(self, tick: OpenTick) -> list[str]:
         """Return the topics of which a tick lacks a message."""
@@ -85,20 +86,20 @@ class StampJoiner(Generic[_Value]):
 
     def clear(self) -> None:
         """Forget the ticks that wait."""
-        self._open.clear()
+        self.open.clear()
 
     def _begin(self, stamp_ns: int, record: RecordedMessage) -> list[tuple[RecordedMessage, _Value] | None]:
-        if len(self._open) >= self._limit:
-            first = next(iter(self._open))
-            self._give_up(first, self._open[first], f"{name_of(record)} is {self._limit} ticks ahead of it")
-            del self._open[first]
-        tick = self._open[stamp_ns] = self._nothing.copy()
+        if len(self.open) >= self._limit:
+            first = next(iter(self.open))
+            self._give_up(first, self.open[first], f"{name_of(record)} is {self._limit} ticks ahead of it")
+            del self.open[first]
+        tick = self.open[stamp_ns] = self._nothing.copy()
         return tick
 
     def _give_up_before(self, stamp_ns: int) -> None:
-        for earlier in sorted(stamp for stamp in self._open if stamp < stamp_ns):
-            self._give_up(earlier, self._open[earlier], f"the tick at {stamp_ns} ns is complete")
-            del self._open[earlier]
+        for earlier in sorted(stamp for stamp in self.open if stamp < stamp_ns):
+            self._give_up(earlier, self.open[earlier], f"the tick at {stamp_ns} ns is complete")
+            del self.open[earlier]
 
 
 def name_of(record: RecordedMessage) -> str:

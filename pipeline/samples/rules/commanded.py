@@ -23,8 +23,9 @@ class CommandedPairs:
     """
 
     def __init__(self, joints: tuple[str, ...], hands: int) -> None:
-        self._joints = JointMap(joints)
-        self._held: Floats = np.empty(3 * hands)
+        self._joints, self._size = JointMap(joints), 3 * hands
+        self._held: Floats = np.empty(self._size)
+        self._held_hands = self._held.reshape(hands, 3)
         self._held_since_ns = 0
         self._waiting = False
         self.stamp_ns = 0
@@ -50,9 +51,10 @@ class CommandedPairs:
         joints = self._joints.positions(tick.joints)
         if complete:
             u[:] = self._held
-        self._held[:] = np.concatenate(tick.hands)
-        d[: self._held.size] = self._held
-        d[self._held.size :] = joints
+        for hand, position in enumerate(tick.hands):
+            self._held_hands[hand] = position
+        d[: self._size] = self._held
+        d[self._size :] = joints
         self._waiting = True
         self.stamp_ns, self._held_since_ns = self._held_since_ns, tick.stamp_ns
         return complete

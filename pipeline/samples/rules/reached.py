@@ -39,7 +39,7 @@ class ReachedPairs:
     def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
         """Complete the step of this tick."""
         joints = self._joints.positions(tick.joints)
-        u[:] = np.concatenate(tick.hands)
+        np.concatenate(tick.hands, out=u)
         d[: self._size] = u
         d[self._size :] = joints
         self.stamp_ns = tick.stamp_ns

@@ -205,7 +205,7 @@ def test_stamps_from_nowhere_neither_move_time_nor_fill_the_memory(ticks: list[l
     live, stream = made(flat(ticks[:5]) + far + flat(ticks[5:]))
     assert [record for record in stream if record.topic != SESSION_PHASE] == flat(ticks)
     assert live.dropped == 1000
-    assert len(live._joiner._ticks) <= MAX_PENDING
+    assert len(live._joiner._ticks.open) <= MAX_PENDING
 
 
 def test_markers_are_followed_and_begin_time_anew(ticks: list[list[RecordedMessage]]) -> None:
