@@ -77,6 +77,12 @@ class SelfDistance:
         """Number of pairs of shapes that are checked; without any, nothing is."""
         return len(self._first)
 
+    @property
+    def link_pairs(self) -> set[frozenset[str]]:
+        """Pairs of links whose shapes are checked."""
+        links = [shape.link for shape in self._shapes]
+        return {frozenset((links[one], links[other])) for one, other in zip(self._first, self._second, strict=True)}
+
     def nearest(self, q: ArrayLike, *, below: Nearest = NOTHING_NEAR) -> Nearest:
         """Return the nearest pair at posture `q` (n,) [rad or m] that is nearer than `below`; else `below` itself."""
         best = below

@@ -1,6 +1,6 @@
 """Reproduction of an exploration from its log: teacher and simulation of today follow the logged targets."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -8,15 +8,13 @@ from typing import Any
 
 import numpy as np
 
-from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, MotionPlan, TargetHold, start_posture
-from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
+from pipeline.exploration.episode import ExplorationConfig, GuidedRun, MotionPlan, TargetHold, start_posture
+from pipeline.exploration.leader import Leader, leader_of, make_guide
 from pipeline.robot.config import RobotConfig, load_robot, robot_names
-from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
-from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError, LogError
 from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, commanded_tick
 from recorders.reading.reader import LogReader
@@ -30,7 +28,7 @@ from replay.sources.scheduled import naming
 class _Settings:
     """Settings of an exploration, as its log has them."""
 
-    leader: TeacherConfig | SelfExplorerConfig
+    leader: Leader
     simulation: SimulationConfig
     config: ExplorationConfig
     seed: int
@@ -62,7 +60,7 @@ def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
     motion_plan = _plan(log, settings, robot, ticks=ticks)
     backend = Simulation(robot, settings.simulation)
     start = start_posture(robot, seed=settings.seed, spread=settings.config.start_spread)
-    guide = _guide(robot, settings)
+    guide = make_guide(robot, settings.leader, seed=settings.seed)
     noise = settings.config.noise(robot, seed=settings.seed, period_ns=guide.period_ns)
     episode = GuidedRun(backend, guide, start=start, noise=noise)
     episode.settle_placed(motion_plan, backend, driven_ns=settings.config.settle_ns)
@@ -102,7 +100,7 @@ def _exploration(log: Path) -> _Settings:
         raise LogError(f"{log}: expected a log of explore, found one of kind {value_text(manifest.get('kind'))}")
     try:
         return _Settings(
-            leader=_leader(manifest),
+            leader=leader_of(manifest),
             simulation=SimulationConfig(**manifest["simulation"]),
             config=ExplorationConfig(**manifest["exploration"]),
             seed=_whole(manifest["seed"]),
@@ -110,17 +108,6 @@ def _exploration(log: Path) -> _Settings:
         )
     except (KeyError, TypeError) as error:
         raise LogError(f"{log}: the manifest does not hold the settings of the exploration: {error}") from error
-
-
-def _leader(manifest: Mapping[str, Any]) -> TeacherConfig | SelfExplorerConfig:
-    explorer = manifest.get("self_explorer")
-    return TeacherConfig(**manifest["teacher"]) if explorer is None else SelfExplorerConfig(**explorer)
-
-
-def _guide(robot: RobotConfig, settings: _Settings) -> Guide:
-    if isinstance(settings.leader, TeacherConfig):
-        return Teacher(Kinematics(robot), settings.leader)
-    return SelfExplorer(robot, seed=settings.seed, config=settings.leader)
 
 
 def _whole(value: Any) -> int:

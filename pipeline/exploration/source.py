@@ -1,17 +1,19 @@
 """Source of an exploration: the motion that the teacher follows, and the settings that go with it."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 from pipeline.arrays import Floats
 from pipeline.exploration import sources
 from pipeline.exploration.episode import ExplorationConfig, Guide
+from pipeline.exploration.leader import TEACHERS, leader_settings, make_guide
 from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
 from pipeline.exploration.via_points import VOLUME, unplanned_volume
 from pipeline.motions.motion import Motion, load_motion
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
+from pipeline.teacher.qp_config import QpTeacherConfig
 from pipeline.teacher.teacher import Teacher, TeacherConfig
 from recorders.errors import ConfigError
 from recorders.messages.phase import LEARN
@@ -116,6 +118,8 @@ class Source:
         Of a motion that is drawn; others have their own.
     teacher, config : TeacherConfig, ExplorationConfig
         Settings of the exploration.
+    qp : QpTeacherConfig or None
+        Settings of the second teacher, if it leads in place of the first.
     explorer : SelfExplorerConfig or None
         Settings of the learner that explores by itself, if no teacher leads.
     until_cm : float or None
@@ -126,13 +130,14 @@ class Source:
     pace: Pace
     teacher: TeacherConfig
     config: ExplorationConfig
+    qp: QpTeacherConfig | None = None
     explorer: SelfExplorerConfig | None = None
     until_cm: float | None = None
 
     @property
     def settings(self) -> dict[str, Any]:
         """Settings of who leads, for the manifest and the name of a session."""
-        return {"teacher": asdict(self.teacher)} if self.explorer is None else {"self_explorer": asdict(self.explorer)}
+        return leader_settings(self.explorer or self.qp or self.teacher)
 
     @property
     def keeps_clear(self) -> bool:
@@ -168,11 +173,9 @@ class Source:
             progress=progress,
         )
 
-    def guide(self, robot: RobotConfig, *, seed: int) -> Teacher | SelfExplorer:
-        """Return who leads a robot: the teacher, or the learner that explores by itself."""
-        if self.explorer is None:
-            return Teacher(Kinematics(robot), self.teacher)
-        return SelfExplorer(robot, seed=seed, config=self.explorer)
+    def guide(self, robot: RobotConfig, *, seed: int) -> Guide:
+        """Return who leads a robot: one of the teachers, or the learner that explores by itself."""
+        return make_guide(robot, self.explorer or self.qp or self.teacher, seed=seed)
 
     def schedule(self, *, epochs: int) -> Schedule:
         """Return the schedule of a live session: what is drawn is learned once, in each epoch."""
@@ -186,9 +189,16 @@ class Source:
 
 
 def source(
-    name: str, *, duration_s: float | None = None, tick_rate_hz: int | None = None, comfort_gain: float | None = None
+    name: str,
+    *,
+    duration_s: float | None = None,
+    tick_rate_hz: int | None = None,
+    comfort_gain: float | None = None,
+    teacher: str = TEACHERS[0],
 ) -> Source:
-    """Return the source of an exploration; what is None has the default of this motion.
+    """Return the source of an exploration by one of `TEACHERS`; what is None has the default of this motion.
+
+    A motion that is drawn is drawn for the first teacher, whichever leads.
 
     Raises
     ------
@@ -202,10 +212,13 @@ def source(
     if wanted and drawn is None:
         measured = names_text(f"'{known}'" for known in SOURCES.names())
         raise ConfigError(f"motion '{name}' has its own duration and tick rate; only {measured} is made to measure")
-    teacher, config = (_TEACHER, _EXPLORATION) if drawn is None else (drawn.teacher, drawn.config)
+    if teacher not in TEACHERS:
+        raise ConfigError(f"teacher of an exploration: expected one of {', '.join(TEACHERS)}, found '{teacher:.40}'")
+    first, config = (_TEACHER, _EXPLORATION) if drawn is None else (drawn.teacher, drawn.config)
     if comfort_gain is not None:
-        teacher = replace(teacher, comfort_gain=comfort_gain)
-    return Source(name, Pace(**wanted), teacher, config)  # type: ignore[arg-type]
+        first = replace(first, comfort_gain=comfort_gain)
+    qp = QpTeacherConfig(comfort_gain=first.comfort_gain) if teacher == "qp" else None
+    return Source(name, Pace(**wanted), first, config, qp)  # type: ignore[arg-type]
 
 
 def self_exploration(
@@ -224,4 +237,4 @@ def self_exploration(
         raise ConfigError(f"error at which exploring ends: expected above 0 cm, found {until_cm:g} cm")
     pace = Pace(**{"tick_rate_hz": _SELF_TICK_RATE_HZ, **wanted})  # type: ignore[arg-type]
     explorer = SelfExplorerConfig(period_ns=pace.tick_ns)
-    return Source(VOLUME, pace, _TEACHER, ExplorationConfig(joint_noise=JOINT_NOISE), explorer, until_cm)
+    return Source(VOLUME, pace, _TEACHER, ExplorationConfig(joint_noise=JOINT_NOISE), None, explorer, until_cm)

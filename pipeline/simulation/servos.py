@@ -195,12 +195,49 @@ class SaturatedServos:
         return joints.positions(self._context), joints.velocities(self._context)
 
 
-class UnsaturatedServos:
-    """Servos without effort limits: the same equation, which is linear then, and solved in one go.
+def known_forces(demand: Demand, gains: Gains) -> Floats:
+    """Return the part of the servos' forces that does not depend on the state [N m or N], shape (n,)."""
+    return gains.stiffness * demand.positions + gains.damping * demand.velocities + demand.feed_forward
+
+
+def add_servos(builder: DiagramBuilder, joints: DrakePlant, gains: Gains) -> Any:
+    """Add a plant and servos without effort limits to a diagram; returns the input port for what they are to exert.
 
     In a step of length h from q and v, a servo exerts  K (q_d - q - h v') + D (v_d - v'),  where v' is the velocity
     after it. All that depends on v' is joint damping, of D + h K, which Drake has in the mass matrix of a discrete
-    step. The rest is known before, and fed back from the state. Only a joint at the end of its range takes iterations.
+    step. -K q is fed back from the state. What is left, `known_forces` in the order of the plant's velocities, goes
+    into the port.
+
+    Parameters
+    ----------
+    builder : DiagramBuilder
+        Of the diagram.
+    joints : DrakePlant
+        Not finalized; taken over.
+    gains : Gains
+        Of the servos.
+    """
+    plant, n = joints.plant, len(joints.joints)
+    for joint, stiffness, damping in zip(joints.joints, *gains, strict=True):
+        (own,) = joint.default_damping_vector()
+        joint.set_default_damping_vector(np.array([own + damping + stiffness * plant.time_step()]))
+    builder.AddSystem(plant)
+    joints.finalize()
+    springs = np.zeros((plant.num_velocities(), plant.num_multibody_states()))
+    springs[joints.v, joints.x[:n]] = -gains.stiffness
+    feedback, sum_of_forces = MatrixGain(springs), Adder(2, plant.num_velocities())
+    builder.AddSystem(feedback)
+    builder.AddSystem(sum_of_forces)
+    builder.Connect(plant.get_state_output_port(), feedback.get_input_port())
+    builder.Connect(feedback.get_output_port(), sum_of_forces.get_input_port(0))
+    builder.Connect(sum_of_forces.get_output_port(), plant.get_applied_generalized_force_input_port())
+    return sum_of_forces.get_input_port(1)
+
+
+class UnsaturatedServos:
+    """Servos without effort limits: the same equation, which is linear then, and solved in one go, by `add_servos`.
+
+    Only a joint at the end of its range takes iterations.
 
     Parameters
     ----------
@@ -222,22 +259,9 @@ class UnsaturatedServos:
     def __init__(self, joints: DrakePlant, gains: Gains) -> None:
         self.joints = joints
         self._gains = gains
-        plant, n = joints.plant, len(joints.joints)
-        for joint, stiffness, damping in zip(joints.joints, *gains, strict=True):
-            (own,) = joint.default_damping_vector()
-            joint.set_default_damping_vector(np.array([own + damping + stiffness * plant.time_step()]))
         builder = DiagramBuilder()
-        builder.AddSystem(plant)
-        joints.finalize()
-        springs = np.zeros((plant.num_velocities(), plant.num_multibody_states()))
-        springs[joints.v, joints.x[:n]] = -gains.stiffness
-        feedback, sum_of_forces = MatrixGain(springs), Adder(2, plant.num_velocities())
-        builder.AddSystem(feedback)
-        builder.AddSystem(sum_of_forces)
-        builder.Connect(plant.get_state_output_port(), feedback.get_input_port())
-        builder.Connect(feedback.get_output_port(), sum_of_forces.get_input_port(0))
-        builder.Connect(sum_of_forces.get_output_port(), plant.get_applied_generalized_force_input_port())
-        builder.ExportInput(sum_of_forces.get_input_port(1))
+        builder.ExportInput(add_servos(builder, joints, gains))
+        plant, n = joints.plant, len(joints.joints)
         log = LogVectorOutput(plant.get_state_output_port(), builder, {TriggerType.kPerStep})
         self._simulator = Simulator(builder.Build())
         root = self._simulator.get_mutable_context()
@@ -274,7 +298,7 @@ class UnsaturatedServos:
 
     def _advance(self, demand: Demand, until_ns: int) -> bool:
         stiffness, damping = self._gains
-        known = stiffness * demand.positions + damping * demand.velocities + demand.feed_forward
+        known = known_forces(demand, self._gains)
         self._known[self.joints.v] = known
         self._input.GetMutableData().get_mutable_value().SetFromVector(self._known)
         self._steps.Clear()

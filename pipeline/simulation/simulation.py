@@ -73,7 +73,7 @@ class Simulation:
         self._robot = robot
         self._config = config
         self._joints = DrakePlant(robot, step_ns=config.step_ns)
-        gains = _gains(robot, config.bandwidth)
+        gains = servo_gains(robot, config.bandwidth)
         self._servos = UnsaturatedServos(self._joints, gains)
         self._limited = SaturatedServos(DrakePlant(robot, step_ns=config.step_ns), gains)
         self._plant, self._context = self._joints.plant, self._servos.context
@@ -161,13 +161,9 @@ class Simulation:
 
     def _demand(self, command: Floats) -> Demand:
         """Renew set point and gravity feed-forward for the next control period."""
-        period_s = self._config.control_ns * 1e-9
-        step = (command - self._set_point) * (period_s / (self._config.lag_s + period_s))
-        halfway = self._set_point + step / 2  # as it stays for the whole period
-        self._set_point = self._set_point + step
-        with np.errstate(over="ignore"):
-            velocities = step / period_s
-        return Demand(halfway, velocities, -self._joints.gravity(self._context))
+        gravity = self._joints.gravity(self._context)
+        self._set_point, demand = next_demand(command, self._set_point, gravity, self._config)
+        return demand
 
     def _follow(self, demand: Demand) -> None:
         """Simulate a control period: with effort limits only if without them a motor would have exceeded its own."""
@@ -178,7 +174,27 @@ class Simulation:
             self._servos.set_state(q, v, time_ns=end_ns)
 
 
-def _gains(robot: RobotConfig, bandwidth: float) -> Gains:
+def next_demand(command: Floats, set_point: Floats, gravity: Floats, config: SimulationConfig) -> tuple[Floats, Demand]:
+    """Return the set point (n,) after the next control period, and the demand on the servos during it.
+
+    Parameters
+    ----------
+    command, set_point : ndarray
+        Posture commanded, and set point so far [rad or m], shape (n,).
+    gravity : ndarray
+        Gravity's forces on the joints at the beginning of the period [N m or N], shape (n,).
+    config : SimulationConfig
+        Period and lag.
+    """
+    period_s = config.control_ns * 1e-9
+    step = (command - set_point) * (period_s / (config.lag_s + period_s))
+    halfway = set_point + step / 2  # as it stays for the whole period
+    with np.errstate(over="ignore"):
+        velocities = step / period_s
+    return set_point + step, Demand(halfway, velocities, -gravity)
+
+
+def servo_gains(robot: RobotConfig, bandwidth: float) -> Gains:
     """Gains of critically damped servos of the same natural frequency [rad/s]."""
     inertias = Kinematics(robot).inertia_diagonal(robot.comfort)
     for name, inertia in zip(robot.joints, inertias, strict=True):

@@ -1,1 +1,1 @@
-"""The inverse kinematics teacher, and what it can reach."""
+"""The inverse kinematics teachers, and what can be reached."""

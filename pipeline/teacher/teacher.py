@@ -86,7 +86,6 @@ class Teacher:
         speeds = speed_limits(parse_urdf(robot.urdf_text), robot.joints)
         self._speeds = config.speed_share * speeds if config.speed_share else np.full(len(speeds), np.inf)
         self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
-        self._gaze = None if robot.gaze is None else robot.joints.index(robot.gaze.joint)
 
     @property
     def period_ns(self) -> int:
@@ -103,7 +102,7 @@ class Teacher:
     def step_for(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
         """Return the posture as `step` does, with a given period [s]."""
         posture, goal = self._within(np.asarray(q, dtype=np.float64)), np.asarray(targets, dtype=np.float64)
-        gradient, hessian = self._cost(posture, self._comfort(posture, goal))
+        gradient, hessian = self._cost(posture, self._within(comfort_posture(self.kinematics, posture, goal)))
         hands, jacobian = self.kinematics.hands_and_jacobian(posture)
         z = gradient / hessian * -self.config.comfort_gain  # (n,)
         xd = self.config.gain * (goal - hands).ravel()
@@ -115,22 +114,25 @@ class Teacher:
         within: Floats = np.minimum(np.maximum(q, self._lower), self._upper)
         return within
 
-    def _comfort(self, q: Floats, targets: Floats) -> Floats:
-        """Return the comfort posture (n,) with the gaze joint, if there is one, turned to the middle of the targets."""
-        comfort = self.kinematics.robot.comfort.copy()
-        if self._gaze is None:
-            return self._within(comfort)
-        ahead, aside, _ = self.kinematics.in_gaze_frame(q, targets.mean(axis=0))
-        gaze = q[self._gaze] + math.atan2(aside, ahead)
-        comfort[self._gaze] = gaze
-        return self._within(comfort)
-
     def _cost(self, q: Floats, comfort: Floats) -> tuple[Floats, Floats]:
         """Gradient and diagonal Hessian of H at `q`, both (n,)."""
         below, above = 1.0 / (q - self.kinematics.lower), 1.0 / (self.kinematics.upper - q)
         gradient = self._stiffness * (q - comfort) + self.config.barrier * (above - below)
         hessian = self._stiffness + self.config.barrier * (above * above + below * below)
         return gradient, hessian
+
+
+def comfort_posture(kinematics: Kinematics, q: Floats, targets: Floats) -> Floats:
+    """Return the comfort posture (n,), its gaze joint, if any, turned to the middle of the targets [m] (hands, 3).
+
+    The turn is measured at posture `q` (n,); it is not kept within the joint's limits.
+    """
+    comfort, robot = kinematics.robot.comfort.copy(), kinematics.robot
+    if robot.gaze is not None:
+        gaze = robot.joints.index(robot.gaze.joint)
+        ahead, aside, _ = kinematics.in_gaze_frame(q, targets.mean(axis=0))
+        comfort[gaze] = q[gaze] + math.atan2(aside, ahead)
+    return comfort
 
 
 @dataclass(frozen=True)

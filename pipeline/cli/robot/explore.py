@@ -17,7 +17,7 @@ from recorders.errors import ConfigError
 if TYPE_CHECKING:
     from pipeline.exploration.source import Source
 
-_ROBOT, _WAIT_S = "asimo", 10.0
+_ROBOT, _WAIT_S, _RATES = "asimo", 10.0, "rates"
 
 
 @dataclass(frozen=True)
@@ -75,6 +75,14 @@ class SourceOptions:
             help="With volume: ticks in a second, 5 to 50; 5 unless given, 25 with --no-teacher.", metavar="HZ"
         ),
     ] = None
+    teacher: Annotated[
+        str,
+        typer.Option(
+            help="Teacher: rates (resolved rates, after Gienger), or qp (Drake's differential inverse kinematics with "
+            "limits and distances).",
+            metavar="rates|qp",
+        ),
+    ] = _RATES
     comfort_gain: Annotated[
         float | None,
         typer.Option(
@@ -88,13 +96,17 @@ class SourceOptions:
         from pipeline.exploration.source import self_exploration, source
 
         if self.no_teacher:
-            if self.motion not in (None, "volume") or self.comfort_gain is not None:
-                raise ConfigError("--no-teacher: it follows volume, and has no gain of a teacher's; leave these away")
+            if self.motion not in (None, "volume") or self.comfort_gain is not None or self.teacher != _RATES:
+                raise ConfigError("--no-teacher: it follows volume, without a teacher or a gain; leave these away")
             return self_exploration(duration_s=self.duration, tick_rate_hz=self.tick_rate, until_cm=self.until)
         if self.motion is None or self.until is not None:
             raise ConfigError("expected --motion MOTION, or --no-teacher, which --until goes with")
         return source(
-            self.motion, duration_s=self.duration, tick_rate_hz=self.tick_rate, comfort_gain=self.comfort_gain
+            self.motion,
+            duration_s=self.duration,
+            tick_rate_hz=self.tick_rate,
+            comfort_gain=self.comfort_gain,
+            teacher=self.teacher,
         )
 
 

@@ -91,10 +91,12 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
     rooms = {".".join(module.split(".")[:2]): extra for module, extra in lacking.items()}
     assert rooms == {
         "pipeline.demo": "sim",
+        "pipeline.drake_systems": "sim",
         "pipeline.exploration": "sim",
         "pipeline.paper": "sim",
         "pipeline.robot_node": "sim",
         "pipeline.simulation": "sim",
+        "pipeline.teacher": "sim",
         "pipeline.training": "dask",
         "pipeline.views": "view",
         "recorders.rerun_scene": "view",

@@ -1,0 +1,1 @@
+"""Robots, teachers and controllers as systems of Drake, for diagrams of anybody's own."""
