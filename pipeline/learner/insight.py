@@ -14,8 +14,11 @@ class KnowsDeviation(Protocol):
     def deviations(self, u: ArrayLike) -> Floats:
         """Return the standard deviation [m] of each hand, shape (n, hands), after the commands to targets u [m].
 
-        It is infinite before anything was learned.
+        It is infinite before anything was learned. The state stays as it is.
         """
+
+    def least_deviations(self) -> Floats:
+        """Return the deviation [m] of each hand, shape (hands,), where there is nothing left to learn."""
 
 
 @runtime_checkable

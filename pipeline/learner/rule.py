@@ -62,6 +62,8 @@ class Settings:
     ----------
     rule : str
         Name of the rule.
+    remembers : bool
+        Whether a command depends on targets before its own: then no other step may come between commands.
     phases : tuple of (str, int)
         Phases of an epoch with their numbers of cycles, in order, where logs are learned without more being said.
 
@@ -72,6 +74,7 @@ class Settings:
     """
 
     rule: ClassVar[str] = DEFAULT
+    remembers: ClassVar[bool] = True
     phases: ClassVar[tuple[tuple[str, int], ...]] = Schedule.phases
     inputs: int
     outputs: int

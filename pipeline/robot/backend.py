@@ -79,3 +79,11 @@ class LinkPoseSource(RobotBackend, Protocol):
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link."""
         ...
+
+
+class ResettableLinkPoseSource(ResettableRobot, LinkPoseSource, Protocol):
+    """A simulated robot that measures the poses of its links."""
+
+    def reset(self, q: ArrayLike, *, time_ns: int = 0) -> None:
+        """Stand still at posture `q` (n,), at a time [ns]."""
+        ...

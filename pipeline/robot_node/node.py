@@ -11,11 +11,13 @@ from typing import NamedTuple, NoReturn, Self, TypeAlias
 import zenoh
 from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
+from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.telemetry import joints_message
 from pipeline.robot_node.follower import Follower, FollowerConfig
 from pipeline.robot_node.protocol import MAX_COMMAND, config_key, robot_digest, robot_key, unpack_commands
+from pipeline.simulation.joint_offset import OffsetRobot
 from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError, ReenactError, WireError
@@ -289,10 +291,12 @@ def run_robot(
     namespace: str = DEFAULT_NAMESPACE,
     config: FollowerConfig | None = None,
     metrics_port: int | None = None,
+    joint_offsets: Floats | None = None,
 ) -> NoReturn:
     """Simulate a robot and let it follow commands over Zenoh, until an exception ends it, such as a signal's.
 
-    With a `metrics_port`, its status is there for Prometheus too, on 127.0.0.1.
+    With a `metrics_port`, its status is there for Prometheus too, on 127.0.0.1. With `joint_offsets` [rad or m], shape
+    (n,), its joints are wrongly zeroed, as `pipeline.simulation.joint_offset` has it.
 
     Raises
     ------
@@ -301,7 +305,8 @@ def run_robot(
     WireError
         If no session can be opened, or another robot stands in the namespace.
     """
-    backend = Simulation(robot)
+    simulation = Simulation(robot)
+    backend = simulation if joint_offsets is None else OffsetRobot(simulation, joint_offsets)
     with (
         open_session(session) as opened,
         RobotNode(backend, opened, namespace=namespace, config=config) as node,

@@ -1,8 +1,9 @@
-"""Writes a node's log and reports its lines on a thread of its own, so that neither delays a command."""
+"""Writes a node's log, reports its lines and does what else can wait on a thread of its own: no command is delayed."""
 
 import logging
 import queue
 import threading
+from collections.abc import Callable
 from types import TracebackType
 from typing import Self
 
@@ -17,7 +18,7 @@ UNNUMBERED = -1
 
 
 class BackgroundWriter:
-    """Takes records to write and lines to report, from any thread; a context manager.
+    """Takes records to write, lines to report and work to do, from any thread; a context manager.
 
     A signal, which Python handles on the main thread, cannot cut a record in two. A log that cannot be written any
     longer is given up, and what it is of goes on; the error is raised at the end.
@@ -40,7 +41,7 @@ class BackgroundWriter:
 
     def __init__(self, writer: LogWriter | None) -> None:
         self._writer = writer
-        self._inbox: queue.SimpleQueue[RecordedMessage | str | None] = queue.SimpleQueue()
+        self._inbox: queue.SimpleQueue[RecordedMessage | str | Callable[[], None] | None] = queue.SimpleQueue()
         self._thread = threading.Thread(target=self._work, name="background writer")
         self._error: ReenactError | None = None
         self.written = 0
@@ -81,10 +82,22 @@ class BackgroundWriter:
         """Have a line logged as a warning."""
         self._inbox.put(line)
 
+    def do(self, work: Callable[[], None]) -> None:
+        """Have something done that can wait."""
+        self._inbox.put(work)
+
+    def flush(self) -> None:
+        """Wait until everything handed in so far is done; the thread must be at work."""
+        done = threading.Event()
+        self.do(done.set)
+        done.wait()
+
     def _work(self) -> None:
         while (item := self._inbox.get()) is not None:
             if isinstance(item, str):
                 logger.warning(item)
+            elif callable(item):
+                item()
             else:
                 self._write(item)
 

@@ -1,5 +1,7 @@
 """Reads and checks the messages of a tick: hand targets, and the joints that were measured."""
 
+import math
+
 from pipeline.robot.range_check import OutOfRange, RangeCheck, is_within
 from pipeline.serving.rejections import Rejection, undecodable, unusable, wrong_type
 from recorders.cdr.codec import decode_as
@@ -7,6 +9,7 @@ from recorders.cdr.templates import Position
 from recorders.errors import JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import type_of
 from recorders.ticks.stamp_joiner import RejectionError
 
 
@@ -86,3 +89,8 @@ class JointsReader:
         except MessageError as error:
             raise undecodable(record, error) from None
         return joints.stamp_ns, joints
+
+
+def reader_of(topic: str, check: RangeCheck) -> TargetReader | JointsReader:
+    """Return a reader of a topic that is learned from: joints, or a position anywhere."""
+    return JointsReader(check) if type_of(topic) == JointState.TYPE else TargetReader((0.0, 0.0, 0.0), check, math.inf)

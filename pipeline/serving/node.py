@@ -18,6 +18,7 @@ from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_controllers
 from pipeline.robot_node.protocol import robot_digest
 from pipeline.serving.background_writer import UNNUMBERED, BackgroundWriter
+from pipeline.serving.deviation_publisher import DeviationPublisher
 from pipeline.serving.low_latency import low_latency
 from pipeline.serving.node_config import ServeConfig
 from pipeline.serving.rejections import Rejection
@@ -133,7 +134,14 @@ class Node:
         on_command: Callable[[bytes, tuple[RecordedMessage, ...]], None] | None = None,
     ) -> None:
         self._on_command = on_command
-        self._served = served = ServedController(controller, config=config.serving, report=writer.report)
+        self._deviations = DeviationPublisher(writer)
+        self._served = served = ServedController(
+            controller,
+            config=config.serving,
+            report=writer.report,
+            on_learned=self._record,
+            on_deviation=self._deviations.hand_in,
+        )
         self._config = config
         self._writer = writer
         self._lock = threading.Lock()  # several connections have several reading threads
@@ -181,6 +189,7 @@ class Node:
                     priority=zenoh.Priority.REAL_TIME,
                 )
             )
+            stack.enter_context(self._deviations.declared(session, namespace))
             for topic, reader in self._readers.items():
                 handler = on_network_thread(self._handler(reader))
                 stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
@@ -333,12 +342,17 @@ class Node:
         self._recent.append((arrival_ns, time.perf_counter_ns() - arrival_ns))
         self._commands += 1
 
+    def _record(self, messages: tuple[RecordedMessage, ...]) -> None:
+        """Record the messages of a tick that was learned."""
+        if self._writer.records:
+            for message in messages:
+                self._writer.write(message)
+
     def _pass_on(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
         """Pass a command on to whoever records and watches."""
         if self._writer.records:
             sent = RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, self._commands - 1, time.time_ns())
-            for message in (*answered, sent):
-                self._writer.write(message)
+            self._record((*answered, sent))
         if self._on_command is not None:
             self._on_command(command, answered)
 

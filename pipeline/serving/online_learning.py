@@ -1,4 +1,4 @@
-"""Learning while serving: each tick completes the step before it, which is scored and learned from."""
+"""Learning while serving: the learner's steps, each scored and learned from once its tick has come."""
 
 from collections import deque
 from collections.abc import Callable
@@ -11,9 +11,9 @@ from pipeline.evaluation.errors import hand_errors
 from pipeline.learner.rule import OnlineLearner
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
-from pipeline.samples.rules.commanded import CommandedPairs
+from pipeline.samples.pairing import COMMANDED, PairingRule
 from recorders.messages.record import RecordedMessage
-from recorders.ticks.joiner import Tick
+from recorders.ticks.joiner import Tick, joints_rank
 
 _SCORED = 64  # predictions over which the error in the status is taken: half a millisecond of kinematics
 
@@ -27,6 +27,8 @@ class OnlineLearning:
         It is changed.
     robot : RobotConfig
         Its joints, in the order of the outputs; its kinematics give the errors of the predictions.
+    pairing : PairingRule
+        Makes steps of ticks.
 
     Attributes
     ----------
@@ -34,32 +36,37 @@ class OnlineLearning:
         Steps learned from so far.
     """
 
-    def __init__(self, learner: OnlineLearner, robot: RobotConfig) -> None:
+    def __init__(self, learner: OnlineLearner, robot: RobotConfig, pairing: PairingRule) -> None:
         self._learner = learner
-        self._pairs = CommandedPairs(robot.joints, len(robot.hands))
+        self._pairs = pairing.pairs(robot.joints, len(robot.hands))
+        self._joints = joints_rank(pairing.topics(robot.hand_names))
         self._u = np.empty((1, learner.config.inputs))  # u(k), d(k) of one step
         self._d = np.empty((1, learner.config.outputs))
         self._kinematics = Kinematics(robot)
+        self._scores = pairing.name == COMMANDED  # with others no command is an answer to the u that is learned
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self.steps = 0
 
     @property
     def pending(self) -> Floats:
-        """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) before the first tick of a cycle."""
+        """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) if none does."""
         return self._pairs.pending
 
     def begin(self) -> None:
         """Begin a cycle: nothing is pending."""
         self._pairs.begin()
 
-    def take(self, stamp_ns: int, parts: list[tuple[RecordedMessage, Any]], *, learning: bool) -> None:
-        """Take the step that a tick completes: predict, score, then update if `learning`."""
-        records, (*hands, joints) = zip(*parts, strict=True)
-        tick = Tick(stamp_ns, tuple(map(np.array, hands)), joints, records)
-        if self._pairs.fill(tick, self._u[0], self._d[0]):
-            outputs = self._learner.step(self._u, self._d, learning=learning)
+    def take(self, stamp_ns: int, parts: list[tuple[RecordedMessage, Any]], *, learning: bool) -> bool:
+        """Take the step that a tick completes: predict, score, then update if `learning`; returns if it has learned."""
+        records, values = zip(*parts, strict=True)
+        hands = tuple(np.array(value) for rank, value in enumerate(values) if rank != self._joints)
+        if not self._pairs.fill(Tick(stamp_ns, hands, values[self._joints], records), self._u[0], self._d[0]):
+            return False
+        outputs = self._learner.step(self._u, self._d, learning=learning)
+        if self._scores:
             self._scored.append((self._u[0].copy(), outputs[0, self._u.size :]))
-            self.steps += learning
+        self.steps += learning
+        return learning
 
     def error_later(self) -> Callable[[], float | None]:
         """Return a function that computes the mean error of the last predictions that met their d [cm], eq. (10)."""

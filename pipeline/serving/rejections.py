@@ -25,6 +25,7 @@ class Rejection(StrEnum):
     NOT_FINITE = "not finite"
     OUT_OF_RANGE = "out of range"
     WRONG_JOINTS = "wrong joints"
+    BEYOND = "beyond"  # farther from what was explored than is served, if that was asked for
     NO_PARTNER = "no partner"  # the rest of its tick had not come when a newer tick was complete
 
 

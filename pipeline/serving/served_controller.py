@@ -14,26 +14,25 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.insight import KnowsDeviation
 from pipeline.learner.state import state_digest
 from pipeline.robot.range_check import is_within, range_check
-from pipeline.samples.pairing import COMMANDED
-from pipeline.serving.clock_reset import LEAP_NS, RESTART_AFTER, StampOrder
+from pipeline.samples.pairing import COMMANDED, find_pairing
+from pipeline.serving.clock_reset import LEAP_NS, RESTART_AFTER
 from pipeline.serving.commands import Command, Commander
 from pipeline.serving.config import ServingConfig
-from pipeline.serving.inputs import JointsReader, TargetReader
+from pipeline.serving.deviations import Deviations
+from pipeline.serving.inputs import JointsReader, TargetReader, reader_of
 from pipeline.serving.online_learning import OnlineLearning
 from pipeline.serving.rejections import Rejection, Rejections, undecodable
+from pipeline.serving.tick_stream import MAX_OPEN, Parts, TickStream
 from recorders.cdr.codec import decode_as, encode
 from recorders.cdr.templates import pose_layout
-from recorders.errors import ConfigError, MessageError
+from recorders.errors import MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE, hand_target
-from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner
+from recorders.messages.topics import SESSION_PHASE, hand_target
+from recorders.ticks.stamp_joiner import RejectionError
 
 logger = logging.getLogger(__name__)
-
-MAX_OPEN = 64
-"""Ticks that wait for a partner; whoever sends halves alone must not fill the memory."""
 
 
 class _Step(Enum):
@@ -76,6 +75,11 @@ class ServedController:
     report : callable, optional
         Takes a line for the first message rejected for each reason, and for the first clock that began anew; must
         return at once, as a command may wait for it. They are logged if it is not given.
+    on_learned : callable, optional
+        Takes the messages of each tick that was learned from apart from the targets; must return at once.
+    on_deviation : callable, optional
+        Takes stamp [ns] and predicted deviation of each hand [m], shape (hands,), of each command, once that is sent,
+        if the learner knows it; must return at once.
 
     Attributes
     ----------
@@ -87,7 +91,8 @@ class ServedController:
     ControllerError, RobotError
         If the controller is not for the hands and the joints of its own robot.
     ConfigError
-        If it is to learn, and was trained with other pairs than a served controller sees.
+        If it is to learn, and commands depend on targets that its pairs do not have; or if it is to refuse targets
+        beyond what was explored, and knows of none.
     """
 
     def __init__(
@@ -96,32 +101,46 @@ class ServedController:
         *,
         config: ServingConfig | None = None,
         report: Callable[[str], None] = logger.warning,
+        on_learned: Callable[[tuple[RecordedMessage, ...]], None] = lambda records: None,
+        on_deviation: Callable[[int, Floats], None] = lambda stamp_ns, deviations: None,
     ) -> None:
         self._controller = controller
         self._report = report
         self._config = config or ServingConfig()
-        if self._config.learn and controller.pairs != COMMANDED:
-            raise ConfigError(
-                f"--learn: expected a controller of pairs {COMMANDED}, found one of {controller.pairs}; serve "
-                "it without"
-            )
         self._robot = robot = robot_of(controller)
         self._learner = learner = controller.learner()
+        self._config.check_offers(learner, pairs=controller.pairs)
         self._commander = Commander(learner, robot.joints, limits=np.array([robot.lower, robot.upper]))
         check, self._centres = range_check(robot), robot.centres.tolist()
         self._targets = tuple(TargetReader(centre, check, self._config.outside_m) for centre in self._centres)
         self._layout = pose_layout()
         self._usual_m = min(self._config.outside_m, *map(check.margin_m, self._centres))
-        self._readers: tuple[TargetReader | JointsReader, ...] = self._targets
         self._topics: tuple[str, ...] = tuple(map(hand_target, robot.hand_names))
-        if self._config.learn:
-            self._readers, self._topics = (*self._readers, JointsReader(check)), (*self._topics, SAMPLE_JOINTS)
-        self._indices = {topic: index for index, topic in enumerate(self._topics)}
+        self._learned_topics: tuple[str, ...] = ()
         self._rejections = Rejections(report)
-        self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._give_up)
-        self._order = StampOrder(len(self._topics))
-        self._online = OnlineLearning(learner, robot) if self._config.learn else None
-        self._is_pair = len(self._topics) == 2 and not self._config.learn
+        self._on_learned = on_learned
+        self._online: OnlineLearning | None = None
+        self._measured: TickStream | None = None
+        self._deviations: Deviations | None = None
+        if isinstance(learner, KnowsDeviation):
+            self._deviations = Deviations(learner, robot.hand_names, report=report, on_deviation=on_deviation)
+        readers: tuple[TargetReader | JointsReader, ...] = self._targets
+        if self._config.learn:
+            pairing = find_pairing(controller.pairs)
+            self._online = OnlineLearning(learner, robot, pairing)
+            self._learned_topics = pairing.topics(robot.hand_names)
+            if pairing.name == COMMANDED:
+                readers, self._topics = (*readers, JointsReader(check)), self._learned_topics
+            else:
+                self._measured = TickStream(
+                    self._learned_topics,
+                    [reader_of(topic, check) for topic in self._learned_topics],
+                    reject=self.reject,
+                    restart=self._begin_measuring,
+                )
+        self._ticks = TickStream(self._topics, readers, reject=self.reject, restart=self._begin_anew)
+        self._order = self._ticks.order
+        self._is_pair = len(self._topics) == len(self._targets) == 2 and not self._config.refuse_beyond
         self._learning = self._config.learn
         self._accepted = 0
         self._restarted = False
@@ -132,8 +151,8 @@ class ServedController:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The topics of which a tick consists."""
-        return self._topics
+        """The topics that it takes: of the ticks that are answered, and of those that are learned."""
+        return tuple(dict.fromkeys((*self._topics, *self._learned_topics)))
 
     @property
     def pair(self) -> tuple[str, str] | None:
@@ -213,6 +232,13 @@ class ServedController:
         self._accepted += 1
         self._order.note_answer()
         self._commander.finish(advance=self._online is None)
+        if self._measured is not None and self._accepted == MAX_OPEN and not self._learned_steps:
+            absent = ", ".join(self._learned_topics)
+            self._report(
+                f"--learn: nothing is learned: {MAX_OPEN} commands were sent, and {absent} of one stamp never came"
+            )
+        if self._deviations is not None:
+            self._deviations.account(self._order.last_ns, self._commander.u)
 
     def reject(self, reason: str, line: str) -> None:
         """Count a message that is not served, and remember the line that names why."""
@@ -240,19 +266,11 @@ class ServedController:
             "clipped": {name: count for name, count in clipped if count},
             "learned_steps": self._learned_steps,
         }
-        if (deviation_cm := self._deviation_cm()) is not None:
-            figures["deviation_cm"] = deviation_cm
+        if self._deviations is not None:
+            figures |= self._deviations.summary()
         state, pending = self._learner.state(), self._pending
         error_cm = self._online.error_later() if self._online is not None else lambda: None
         return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": error_cm()}
-
-    def _deviation_cm(self) -> dict[str, float] | None:
-        """Return how far from its target each hand may be after the last command, if the learner knows it."""
-        if not (self._accepted and isinstance(self._learner, KnowsDeviation)):
-            return None
-        (deviations,) = self._learner.deviations(self._commander.u[np.newaxis]) * 100.0
-        known = bool(np.isfinite(deviations).all())
-        return dict(zip(self._robot.hand_names, deviations.tolist(), strict=True)) if known else None
 
     def counts(self) -> dict[str, int]:
         """Return what was counted so far; may be called from any thread."""
@@ -262,6 +280,7 @@ class ServedController:
             "refused": sum(rejected.values()),
             "outside": self._outside,
             "learned_steps": self._learned_steps,
+            **({} if self._deviations is None else self._deviations.counts()),
         } | {f"refused {reason}": count for reason, count in rejected.items()}
 
     def controller(self) -> Controller:
@@ -303,8 +322,9 @@ class ServedController:
 
     def _begin(self) -> None:
         """Begin a cycle: stamps start anew, nothing is pending, the next target is held for the washout."""
-        self._ticks.clear()
-        self._order.begin()
+        self._ticks.begin()
+        if self._measured is not None:
+            self._measured.begin()
         if self._online is not None:
             self._online.begin()
         self._step = _WASHOUT
@@ -320,6 +340,11 @@ class ServedController:
         self._begin()
         self._order.begin(stamp)
 
+    def _begin_measuring(self, stamp: int, _reason: Rejection) -> None:
+        """Go on with the clock that hands and joints have from now on."""
+        if self._measured is not None:
+            self._measured.begin(stamp)
+
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
@@ -327,40 +352,40 @@ class ServedController:
         self._controller.learner().predict([self._robot.input_centre])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
-    def _give_up(self, stamp: int, tick: OpenTick, _but: str) -> None:
-        absent = ", ".join(self._ticks.absent(tick))
-        for record, _ in filter(None, tick):
-            self.reject(Rejection.NO_PARTNER, f"{record.topic}: {absent} at {stamp} ns never came")
-
-    def _check_stamp(self, record: RecordedMessage, index: int, stamp: int) -> None:
-        """Reject a stamp that cannot follow the last; after enough of them a clock has begun anew."""
-        reason = self._order.rejection(stamp)
-        if reason is None:
-            return
-        soon = "soon " if reason is Rejection.AHEAD else ""
-        line = f"{record.topic}: expected a stamp {soon}after {self._order.last_ns} ns, found {stamp} ns"
-        if self._order.goes_on(reason, index, stamp):
-            self._begin_anew(stamp, reason)
-        raise RejectionError(reason, line)
-
     def _take(self, record: RecordedMessage) -> Command | None:
-        index = self._indices.get(record.topic)
-        if index is None:
-            if record.topic == SESSION_PHASE:
-                self._follow(record)
+        if record.topic == SESSION_PHASE:
+            self._follow(record)
+        if self._measured is not None and record.topic in self._measured:
+            self._learn(self._measured, record)
+        if record.topic not in self._ticks:
             return None
-        stamp, value = self._readers[index].read(record)
-        self._check_stamp(record, index, stamp)
-        parts = self._ticks.add(stamp, index, record, value)
-        return None if parts is None else self._answer(stamp, parts)
+        tick = self._ticks.take(record)
+        return None if tick is None else self._answer(*tick)
 
-    def _answer(self, stamp: int, parts: list[tuple[RecordedMessage, Any]]) -> Command:
+    def _learn(self, measured: TickStream, record: RecordedMessage) -> None:
+        """Learn from a tick that was measured, once it is complete, whatever is asked for meanwhile."""
+        tick = measured.take(record)
+        if tick is not None:
+            self._take_step(*tick)
+            measured.order.last_ns = tick[0]
+            measured.order.note_answer()
+            self._on_learned(tuple(part for part, _ in tick[1]))
+
+    def _take_step(self, stamp: int, parts: Parts) -> None:
+        """Take the step that a tick completes."""
+        learned = self._online is not None and self._online.take(stamp, parts, learning=self._learning)
+        if learned and self._deviations is not None:
+            self._deviations.learned()
+
+    def _answer(self, stamp: int, parts: Parts) -> Command:
         """Command what the next step's outputs will be."""
         targets = list(chain.from_iterable(value for _, value in parts[: len(self._targets)]))
+        if self._deviations is not None and self._config.refuse_beyond:
+            self._deviations.refuse_beyond(stamp, np.array(targets))
         if self._step is _WASHOUT and self._config.washout_steps:
             self._learner.washout(np.array(targets), steps=self._config.washout_steps)
-        if self._online is not None:
-            self._online.take(stamp, parts, learning=self._learning)
+        if self._measured is None:
+            self._take_step(stamp, parts)
         command = self._commander.command(stamp, *targets)
         self._step = _TAKE
         self._order.last_ns = stamp

@@ -70,6 +70,7 @@ LEARNER_STATUS = "/learner/status"
 ROBOT_DESCRIPTION = "/robot_description"
 TF = "/tf"
 CLOCK = "/clock"
+CONTROLLER_DEVIATION = "/controller/deviation"
 
 _ROWS = (
     (LEFT_TARGET, PoseStamped.TYPE, "commanded position of the left hand [m], world frame"),
@@ -87,6 +88,7 @@ _ROWS = (
     (ROBOT_DESCRIPTION, String.TYPE, "the robot's URDF, once"),
     (TF, TFMessage.TYPE, "poses of the robot's links, for viewers"),
     (CLOCK, Clock.TYPE, "the simulation's time"),
+    (CONTROLLER_DEVIATION, Float64MultiArray.TYPE, "how far off each hand may be after a command, as predicted [m]"),
 )
 
 TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}

@@ -26,13 +26,20 @@ class ServeOptions:
     name: Annotated[str, typer.Option(help="Name in the keys of liveliness token and status.", metavar="NAME")] = (
         "controller"
     )
-    learn: Annotated[bool, typer.Option("--learn", help="Go on learning; needs /sample/joint_states.")] = False
+    learn: Annotated[
+        bool,
+        typer.Option("--learn", help="Go on learning, from /sample/joint_states and targets, or hands as measured."),
+    ] = False
     out: Annotated[
         Path | None, typer.Option(help="Controller to write at the end, as it is then.", metavar="CONTROLLER.npz")
     ] = None
     record: Annotated[
         Path | None, typer.Option(help="Log to write: answered targets, and commands.", metavar="LOG.mcap")
     ] = None
+    refuse_beyond: Annotated[
+        bool,
+        typer.Option("--refuse-beyond", help="Refuse targets beyond what the controller has explored, if it knows."),
+    ] = False
     allow_multiple: Annotated[
         bool, typer.Option("--allow-multiple", help="Serve although another controller does, in the same namespace.")
     ] = False
@@ -45,7 +52,7 @@ class ServeOptions:
         return ServeConfig(
             name=self.name,
             namespace=node.namespace,
-            serving=ServingConfig(learn=self.learn),
+            serving=ServingConfig(learn=self.learn, refuse_beyond=self.refuse_beyond),
             record=self.record,
             overwrite=overwrite,
             allow_multiple=self.allow_multiple,
@@ -97,17 +104,20 @@ def serve(
         if not last:
             raise
         if options.learn:
-            _check_learned(last)
+            _check_learned(last, loaded.pairs)
         raise typer.Exit(exit_line(stop)[1]) from stop  # its status is the message
 
 
-def _check_learned(status: dict[str, Any]) -> None:
+def _check_learned(status: dict[str, Any], pairs: str) -> None:
     """Raise LearningError if a controller that was to go on learning did not: what it was stays where it is."""
+    from pipeline.samples.pairing import COMMANDED
+
     if status["learned_steps"]:
         return
+    hands = "targets" if pairs == COMMANDED else "hands as measured"
     refused = f", refused {sum(status['refused'].values())}" if status["refused"] else ""
     last = f"; the last: {status['last_refusal']}" if status["last_refusal"] else ""
     raise LearningError(
-        "nothing was learned, and no controller written: --learn: expected targets and joints of one stamp, tick after "
-        f"tick, found {status['accepted']} ticks answered{refused}{last}"
+        f"nothing was learned, and no controller written: --learn: expected {hands} and joints of one stamp, tick "
+        f"after tick, found {status['accepted']} ticks answered{refused}{last}"
     )

@@ -19,6 +19,14 @@ def robot(
     real_time: Annotated[
         bool, typer.Option("--real-time", help="Run with the clock on the wall, not as fast as the driver goes.")
     ] = False,
+    joint_offset: Annotated[
+        int | None,
+        typer.Option(help="Seed of wrongly zeroed joints: sensors and motors are off alike.", metavar="SEED", min=0),
+    ] = None,
+    offset_rad: Annotated[
+        float,
+        typer.Option(help="Largest offset of a joint with --joint-offset; the least is 60 % of it.", metavar="RAD"),
+    ] = 0.05,
     node: ListeningNode,
 ) -> None:
     """Simulate a robot that follows joint commands over Zenoh.
@@ -28,10 +36,12 @@ def robot(
     from pipeline.robot.config import load_robot
     from pipeline.robot_node.follower import FollowerConfig
     from pipeline.robot_node.node import run_robot
+    from pipeline.simulation.joint_offset import joint_offsets
     from recorders.nodes.metrics import check_metrics
 
     check_metrics(node.prometheus)
     config = load_robot(robot)
+    offsets = None if joint_offset is None else joint_offsets(joint_offset, len(config.joints), largest=offset_rad)
     following = FollowerConfig(rate_hz=rate, real_time=real_time)
     run_robot(
         config,
@@ -39,4 +49,5 @@ def robot(
         namespace=node.namespace,
         config=following,
         metrics_port=node.prometheus,
+        joint_offsets=offsets,
     )

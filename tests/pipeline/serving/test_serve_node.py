@@ -17,11 +17,13 @@ import pytest
 import zenoh
 from episodes import write_episode
 from processes import complaint, reenact, start, wait_for_line, zenoh_pools
+from small_inverse import asked, hands_at, measured, postures, taught
 from waiting import wait_until
 
 from pipeline.evaluation.errors import predicted_joints
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.learner.state import state_digest
 from pipeline.robot_node.protocol import RobotStatus, robot_key
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.serving.config import ServingConfig
@@ -29,9 +31,16 @@ from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import LogError, WireError
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_COMMANDS, LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.messages.topics import (
+    CONTROLLER_DEVIATION,
+    JOINT_COMMANDS,
+    LEARNER_TOPICS,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    SAMPLE_JOINTS,
+)
 from recorders.reading.reader import LogReader
 from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack, unpack
 from recorders.wire.loopback import free_endpoint
@@ -113,6 +122,12 @@ class Watcher:
         message = decode_as(JointState, record.data)
         return message.stamp_ns, message.position, record
 
+    def listen(self, topic: str) -> "queue.SimpleQueue[zenoh.Sample]":
+        """Return a queue of what comes on a topic from now on."""
+        samples: queue.SimpleQueue[zenoh.Sample] = queue.SimpleQueue()
+        self._others = self._session.declare_subscriber(message_key(self._namespace, topic), samples.put)
+        return samples
+
     def heard_nothing(self) -> bool:
         return self._commands.empty()
 
@@ -147,6 +162,13 @@ def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM
     assert process.returncode == {signal.SIGTERM: 143, signal.SIGINT: 130}[signum], said
     assert "reenact: " not in said  # the summary says it all
     return json.loads(summary), said
+
+
+def stamp_of_attachment(sample: zenoh.Sample) -> int:
+    """Return the stamp under which a sample without one of its own came [ns]."""
+    assert sample.attachment is not None
+    (message,) = unpack(CONTROLLER_DEVIATION, sample.payload.to_bytes(), sample.attachment.to_bytes()).messages
+    return message.log_time_ns
 
 
 def targets(stamp_ns: int, u: Iterable[float], *, sequence: int = 0) -> list[RecordedMessage]:
@@ -285,6 +307,34 @@ def test_learning_over_zenoh_is_learning_in_process_and_its_log_trains(
     assert sorted(r.data for r in recorded) == sorted(r.data for r in records)
     assert np.array_equal(read_samples(tmp_path / "s.mcap").targets, read_samples(log).targets)
     assert SAMPLE_JOINTS in {record.topic for record in recorded}
+
+
+def test_what_was_reached_is_learned_over_zenoh_and_its_log_trains_to_the_same_state(tmp_path: Path) -> None:
+    """Deviations come in the order of the commands; what was learned is written, and can be gone on from."""
+    before = taught()
+    joints = postures(12, seed=1)
+    hands = hands_at(joints) + 0.002
+    with serving(before, tmp_path, "--learn", "--record", "s.mcap", "--out", "learned.npz") as (watcher, process):
+        deviations = watcher.listen(CONTROLLER_DEVIATION)
+        for k in range(12):
+            for message in (*asked(2 * k, hands[k]), *measured(2 * k + 1, joints[k], hands[k])):
+                watcher.put(message)
+            assert watcher.command()[0] == 2 * k
+        watcher.status_where(accepted=12, learned_steps=12)
+        stamps = [stamp_of_attachment(deviations.get(timeout=WAIT_S)) for _ in range(12)]
+        summary, _ = stop(process)
+    assert stamps == [2 * k for k in range(12)]
+    assert all(value > 0.0 for value in summary["deviation_cm"].values())
+    learned, recorded = Controller.load(tmp_path / "learned.npz"), read_samples(tmp_path / "s.mcap", pairs="reached")
+    learner = before.learner()
+    learner.step(recorded.targets, np.concatenate([recorded.targets, recorded.joints], axis=1), learning=True)
+    assert len(recorded.targets) == 12
+    assert summary["digest"] == learned.digest == state_digest(learner.state(), np.empty(0)) != before.digest
+    assert ServedController(learned, config=ServingConfig(learn=True)).status()["digest"] == learned.digest
+    shown = [
+        decode_as(Float64MultiArray, r.data) for r in LogReader(tmp_path / "s.mcap") if r.topic == CONTROLLER_DEVIATION
+    ]
+    assert [message.data.shape for message in shown] == [(2,)] * 12
 
 
 def test_one_that_was_to_learn_and_could_not_writes_no_controller(

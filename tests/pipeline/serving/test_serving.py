@@ -22,7 +22,8 @@ from pipeline.serving.clock_reset import RESTART_AFTER
 from pipeline.serving.commands import Command
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.rejections import Rejection
-from pipeline.serving.served_controller import MAX_OPEN, ServedController
+from pipeline.serving.served_controller import ServedController
+from pipeline.serving.tick_stream import MAX_OPEN
 from pipeline.training.trainer import Trainer, train
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, ControllerError

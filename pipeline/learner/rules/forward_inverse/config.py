@@ -60,6 +60,7 @@ class ForwardInverseConfig(Settings):
     """
 
     rule = "forward-inverse"
+    remembers = False
     phases = ((LEARN, 1), (EVALUATE, 1))
     inputs: int = 6
     outputs: int = 21

@@ -186,6 +186,11 @@ class ForwardInverseLearner:
         """
         return self._expect(self.predict(u)[:, self.config.inputs :])[1]
 
+    def least_deviations(self) -> Floats:
+        """Return s [m] of each hand, shape (hands,): the deviation where f' P f is 0; infinite before learning."""
+        errors = self.model_errors()
+        return np.array([float(np.sqrt((errors[model.name] ** 2).sum())) for model in self.config.models[1:]])
+
     def explain(self, u: ArrayLike) -> Explained:
         """Return how the commands to targets u (n, inputs) [m] come about.
 
