@@ -57,9 +57,10 @@ class TickStream:
         """Whether messages of a topic are parts of a tick."""
         return topic in self._ranks
 
-    def __len__(self) -> int:
-        """Return how many ticks wait."""
-        return len(self._ticks)
+    @property
+    def open(self) -> bool:
+        """Whether a message waits for others of its tick."""
+        return bool(self._ticks.open)
 
     def begin(self, last_ns: int = -1) -> None:
         """Begin a cycle: with any stamp, or after one of the clock that is followed from now on."""
