@@ -26,7 +26,8 @@ class LimitsReached(NamedTuple):
     speed_joint : str
         The joint that was so fast.
     self_distance_cm : float or None
-        Smallest distance between hands or forearms and other parts of the robot [cm]; None if it has no parts to check.
+        Smallest distance between hands or forearms and other parts of the robot [cm], to the micrometre, as finely as
+        distances are computed; None if it has no parts to check.
     nearest_links : (str, str) or None
         The links of these parts.
     """
@@ -83,6 +84,6 @@ class MotionLimits:
             limit_joint=self._robot.joints[tight],
             joint_speed=float(self._fastest[fast]),
             speed_joint=self._robot.joints[fast],
-            self_distance_cm=100.0 * self._nearest.distance_m if checked else None,
+            self_distance_cm=round(100.0 * self._nearest.distance_m, 4) if checked else None,
             nearest_links=(self._nearest.first, self._nearest.second) if checked else None,
         )
