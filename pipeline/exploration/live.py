@@ -5,7 +5,7 @@ import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import asdict, dataclass, replace
-from itertools import count
+from itertools import count, islice
 from types import MappingProxyType
 from typing import Any
 
@@ -106,6 +106,8 @@ class LiveSession:
             on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns)),
             is_done=is_done,
         )
+        self._settling_periods = self._plan.settling_ns // guide.period_ns
+        self._arrival: Iterator[TopicMessage] = iter(())  # the end of the settling
         self._numbered: Counter[str] = Counter()
 
     @property
@@ -141,7 +143,8 @@ class LiveSession:
     def settle(self) -> None:
         """Bring the robot to the start of the motion; nothing of it is streamed."""
         self._backend.reset(self._start)
-        for _ in self._episode.settle(self._plan):
+        self._arrival = self._episode.settle(self._plan)
+        for _ in islice(self._arrival, self._settling_periods - 1):
             pass
 
     def offer(self) -> Offer:
@@ -168,13 +171,22 @@ class LiveSession:
             yield RecordedMessage(topic, message.TYPE, encode(message), number, self._backend.time_ns)
 
     def _session(self) -> Iterator[TopicMessage]:
+        """Yield marker, ticks and commands of every presentation.
+
+        A marker comes before the robot has arrived at the first tick: robots publish their hands as they get there.
+        """
         run = self.offer().run
         presented = count()
         for epoch in range(self._schedule.epochs):
             for cycle, phase in self._schedule.cycles_of_epoch():
-                if next(presented) and not self._motion.closed:
-                    yield from self._episode.settle(self._plan)
+                first = next(presented) == 0
+                if not first and not self._motion.closed:
+                    self._arrival = self._episode.settle(self._plan)
+                    yield from islice(self._arrival, self._settling_periods - 1)
                 yield SESSION_PHASE, Phase(run, epoch, cycle, phase, log="").to_message()
+                for command in self._arrival:
+                    if not first:
+                        yield command
                 yield from self._episode.cycle(self._plan)
 
     @property
