@@ -125,8 +125,8 @@ class Guide(Protocol):
         """Control period [ns]."""
         ...
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
-        """Take in hands [m] (hands, 3) and joints (n,) [rad or m] measured at a tick."""
+    def observe(self, robot: RobotBackend) -> None:
+        """Take in what the robot measures at a tick."""
         ...
 
     def step(self, q: Floats, targets: Floats) -> Floats:
@@ -225,7 +225,7 @@ class GuidedRun:
         yield from self._tick(last)
 
     def _tick(self, targets: Floats) -> Iterator[TopicMessage]:
-        self._guide.observe(self._backend.hands(), self._backend.positions)
+        self._guide.observe(self._backend)
         yield from tick_messages(self._backend, targets)
 
     def _drive(self, hold: TargetHold, noise: Iterator[Floats] | None = None) -> Iterator[TopicMessage]:

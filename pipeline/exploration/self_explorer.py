@@ -13,6 +13,7 @@ from pipeline.learner.body import body_of
 from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
 from pipeline.learner.rules.forward_inverse.learner import ForwardInverseLearner
 from pipeline.learner.state import state_digest
+from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
 from pipeline.urdf.description import parse_urdf
@@ -116,10 +117,10 @@ class SelfExplorer:
         """Error of the hands that the learner expects of itself [cm], mean over their boxes; infinite at first."""
         return 100.0 * float(self.learner.deviations(self._points).mean())
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
-        """Learn from hands [m] (hands, 3) and joints (n,) measured at a tick."""
-        u = hands.reshape(1, self._inputs)
-        self.learner.step(u, np.concatenate([u, joints[np.newaxis]], axis=1), learning=True)
+    def observe(self, robot: RobotBackend) -> None:
+        """Learn from hands and joints that the robot measures at a tick."""
+        u = robot.hands().reshape(1, self._inputs)
+        self.learner.step(u, np.concatenate([u, robot.positions[np.newaxis]], axis=1), learning=True)
         self.ticks += 1
 
     def step(self, q: Floats, targets: Floats) -> Floats:

@@ -7,11 +7,10 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, parse_robot
-from pipeline.robot.kinematics import Kinematics
-from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, config_key, pack_commands, robot_key
+from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, config_key, pack_messages, robot_key, unpack_messages
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, WireError
-from recorders.messages.message_types import JointState, String
+from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_namespace, message_key
@@ -68,7 +67,6 @@ class RemoteRobot:
             self._ask_text(message_key(namespace, ROBOT_DESCRIPTION)),
             origin=f"the robot in namespace {namespace}",
         )
-        self._kinematics = Kinematics(self._robot)
         self._joints = JointMap(self._robot.joints)
         self._take(self._ask(robot_key(namespace, "joints")))
         self._name = self._robot.name
@@ -118,20 +116,24 @@ class RemoteRobot:
             command = self._command(q_command, stamp_ns=self.time_ns)
             self._waiting.append(command)
             # Now, and not before the next command: its topic may bring that one first, and the robot is further then.
-            full = (len(self._waiting) + 1) * len(pack_commands([command])) > MAX_COMMAND
+            full = (len(self._waiting) + 1) * len(pack_messages([command])) > MAX_COMMAND
             if full or self.status.real_time:
                 self.wait()
 
     def wait(self) -> None:
         """Wait until the robot has carried out every command."""
         if self._waiting:
-            commands, expected_ns = pack_commands(self._waiting), self.time_ns
+            commands, expected_ns = pack_messages(self._waiting), self.time_ns
             self._waiting = []
             self._request_move("command", commands, expected_ns=expected_ns)
 
     def hands(self) -> Floats:
         """Positions of the hands [m], world frame, shape (hands, 3)."""
-        return self._kinematics.hands(self.positions)
+        self.wait()
+        poses = unpack_messages(self._ask(robot_key(self._namespace, "hands")))
+        if len(poses) != len(self._robot.hands):
+            raise WireError(f"robot '{self._robot.name}': expected {len(self._robot.hands)} hands, found {len(poses)}")
+        return np.array([decode_as(PoseStamped, pose).position for pose in poses])
 
     def _command(self, q: ArrayLike, *, stamp_ns: int) -> bytes:
         return encode(JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64)))

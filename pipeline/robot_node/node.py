@@ -14,9 +14,16 @@ from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publish
 from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.telemetry import joints_message
+from pipeline.robot.telemetry import hand_messages, joints_message
 from pipeline.robot_node.follower import Follower, FollowerConfig
-from pipeline.robot_node.protocol import MAX_COMMAND, config_key, robot_digest, robot_key, unpack_commands
+from pipeline.robot_node.protocol import (
+    MAX_COMMAND,
+    config_key,
+    pack_messages,
+    robot_digest,
+    robot_key,
+    unpack_messages,
+)
 from pipeline.simulation.joint_offset import OffsetRobot
 from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import encode
@@ -111,7 +118,7 @@ class RobotNode:
         with ExitStack() as stack:
             stack.enter_context(self._producer)
             self._describe(stack)
-            for verb in ("command", "reset", "joints", "status"):
+            for verb in ("command", "reset", "joints", "hands", "status"):
                 answering = on_network_thread(self._on_query(verb))
                 stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
             listening = on_network_thread(self._on_sample)
@@ -246,11 +253,15 @@ class RobotNode:
         if verb == "joints":
             self._answer(query)
             return
+        if verb == "hands":
+            with query:
+                query.reply(query.key_expr, pack_messages(encode(pose) for _, pose in hand_messages(self._backend)))
+            return
         data = _whole(None if query.payload is None else _small(query.payload))
         if verb == "reset":
             self._robot.reset(data)
         else:
-            for command in unpack_commands(data):
+            for command in unpack_messages(data):
                 self._robot.follow(command)
             if self._config.real_time:
                 self._unanswered.append(query)

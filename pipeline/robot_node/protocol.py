@@ -3,10 +3,11 @@
 One robot stands in a namespace:
 
 - `NAMESPACE/joint_commands`: commands for it, from anyone; it is also what is recorded.
-- `NAMESPACE/@robot/command`: a query that carries commands, as `pack_commands` packs them; answered with the joints
+- `NAMESPACE/@robot/command`: a query that carries commands, as `pack_messages` packs them; answered with the joints
   when the last one is over.
 - `NAMESPACE/@robot/reset`: a query that carries a posture; the robot stands there at time 0 and answers alike.
 - `NAMESPACE/@robot/joints`: a query; answered with the joints as they are.
+- `NAMESPACE/@robot/hands`: a query; answered with a PoseStamped of each hand, packed as commands are.
 - `NAMESPACE/@robot/status`: a query; answered with a `RobotStatus` as JSON.
 - `NAMESPACE/@robot/alive`: a liveliness token; whoever only watches looks at `recorders.nodes.keys`.
 - `NAMESPACE/robot_description` and `NAMESPACE/robot_config`: queries for the texts of URDF and TOML, for late joiners.
@@ -53,7 +54,7 @@ _STATUS_TYPES: dict[str, type] = {
 
 
 def robot_key(namespace: str, verb: str) -> str:
-    """Return the key of `command`, `reset`, `joints`, `status` or `alive`."""
+    """Return the key of `command`, `reset`, `joints`, `hands`, `status` or `alive`."""
     return f"{namespace}/@robot/{verb}"
 
 
@@ -67,29 +68,29 @@ def robot_digest(toml: str, urdf: str) -> str:
     return hashlib.sha256(f"{toml}\0{urdf}".encode()).hexdigest()
 
 
-def pack_commands(commands: Iterable[bytes]) -> bytes:
-    """Return commands as the payload of one query: each behind its length."""
-    return b"".join(len(command).to_bytes(_LENGTH, "little") + command for command in commands)
+def pack_messages(messages: Iterable[bytes]) -> bytes:
+    """Return messages as the payload of one query or answer: each behind its length."""
+    return b"".join(len(message).to_bytes(_LENGTH, "little") + message for message in messages)
 
 
-def unpack_commands(payload: bytes) -> list[bytes]:
-    """Return the commands of a query.
+def unpack_messages(payload: bytes) -> list[bytes]:
+    """Return the messages of a query or an answer.
 
     Raises
     ------
     MessageError
-        If the payload holds none, or is not what `pack_commands` makes.
+        If the payload holds none, or is not what `pack_messages` makes.
     """
-    commands: list[bytes] = []
+    messages: list[bytes] = []
     offset = 0
-    while offset < len(payload) or not commands:
+    while offset < len(payload) or not messages:
         begin = offset + _LENGTH
         length = int.from_bytes(payload[offset:begin], "little")
         offset = begin + length
         if offset > len(payload):
             raise MessageError(f"expected commands behind their lengths, found {len(payload)} bytes that are none")
-        commands.append(payload[begin:offset])
-    return commands
+        messages.append(payload[begin:offset])
+    return messages
 
 
 class CommandReader:

@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
+from pipeline.robot.backend import RobotBackend
 from pipeline.robot.kinematics import Kinematics
 from pipeline.urdf.description import parse_urdf
 from pipeline.urdf.joints import speed_limits
@@ -92,7 +93,7 @@ class Teacher:
         """Control period [ns]."""
         return self.config.period_ns
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
+    def observe(self, robot: RobotBackend) -> None:
         """Take no notice of what was measured: the teacher follows its own commands."""
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:

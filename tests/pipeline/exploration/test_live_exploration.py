@@ -19,6 +19,8 @@ from visitor import await_ready, refusal, visitor
 
 from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.live import LiveSession
+from pipeline.exploration.self_explorer import SelfExplorer
+from pipeline.exploration.source import self_exploration
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.motion import Motion, read_motion_csv
 from pipeline.motions.patterns.eight import eight
@@ -150,6 +152,29 @@ def test_an_open_motion_settles_before_each_presentation(remote: RemoteRobot) ->
     np.testing.assert_array_equal([ticks[-1].hands[1] for _, ticks in found], [motion.targets[:, 1][-1]] * 3)
     numbers = [record.sequence for record in stream if record.topic == topics.JOINT_COMMANDS]
     assert numbers == list(range((3 * gap_ns - PERIOD_NS) // 5_000_000))
+
+
+def test_a_learner_explores_across_the_network_as_it_does_in_process(remote: RemoteRobot) -> None:
+    source = self_exploration(duration_s=4.0)
+    digests, streams = set(), []
+    for backend in (remote, Simulation(ASIMO)):
+        guide = source.guide(ASIMO, seed=0)
+        session = LiveSession(
+            backend,
+            source.motion(ASIMO, seed=0),
+            seed=0,
+            schedule=source.schedule(epochs=1),
+            guide=guide,
+            settings=source.settings,
+            config=source.config,
+            must_reach=False,
+        )
+        session.settle()
+        streams.append(list(session.stream_from(0)))
+        assert isinstance(guide, SelfExplorer)
+        digests.add(guide.digest)
+    assert len(digests) == 1
+    assert streams[0] == streams[1]
 
 
 def test_a_live_session_cannot_go_back() -> None:
