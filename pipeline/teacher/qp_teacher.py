@@ -8,6 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.solvers import MathematicalProgram, OsqpSolver
 
 from pipeline.arrays import Floats
+from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.part_distances import PartDistances
@@ -69,7 +70,7 @@ class QpTeacher:
         """Control period [ns]."""
         return self.config.period_ns
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
+    def observe(self, robot: RobotBackend) -> None:
         """Take no notice of what was measured: the teacher follows its own commands."""
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
