@@ -53,6 +53,11 @@ class Trial:
     linear: HandErrors | None = None
     deviations: Floats | None = None
 
+    @property
+    def distances(self) -> Floats:
+        """Distances of the hands from their targets [m], shape (T, hands)."""
+        return np.asarray(np.linalg.norm(self.reached - self.targets.reshape(self.reached.shape), axis=2))
+
     def summary(self) -> dict[str, Any]:
         """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
         result = dict[str, Any](self.errors.to_dict())
@@ -61,9 +66,8 @@ class Trial:
                 result[f"{name}_cm"] = errors.mean_cm
                 result |= {f"{name}_{hand}_cm": error_cm for hand, error_cm in errors.hands_cm.items()}
         if self.deviations is not None:
-            distances = np.linalg.norm(self.reached - self.targets.reshape(self.reached.shape), axis=2)
             result["deviation_cm"] = float(self.deviations.mean() * 100.0)
-            result["within_deviation"] = float((distances <= self.deviations).mean())
+            result["within_deviation"] = float((self.distances <= self.deviations).mean())
         return result
 
 

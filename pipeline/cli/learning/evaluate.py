@@ -10,6 +10,7 @@ from pipeline.terminal import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pipeline.evaluation.trials import Trial
     from pipeline.learner.controller import Controller as Learned
 
 _NOT_COMPARED = {
@@ -37,6 +38,10 @@ def evaluate(
         bool,
         typer.Option("--deploy", help="Let it move the simulated robot, through serve, at 10 Hz; then the teacher."),
     ] = False,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Picture to write: true distances beside the deviations expected.", metavar="FILE.png"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Try a controller on a motion or a recording.
@@ -48,13 +53,26 @@ def evaluate(
 
     if deploy and linear_from is not None:
         raise ConfigError("expected one of --deploy and --linear-from, found both")
-    loaded = Loaded.load(controller)
-    result: dict[str, Any] = (
-        _deployed(loaded, motion) if deploy else evaluate_motion(loaded, motion, linear_from=linear_from).summary()
-    )
+    if deploy and plot is not None:
+        raise ConfigError("expected one of --deploy and --plot, found both")
+    loaded, result = Loaded.load(controller), dict[str, Any]()
+    if deploy:
+        result |= _deployed(loaded, motion)
+    else:
+        trial = evaluate_motion(loaded, motion, linear_from=linear_from)
+        if plot is not None:
+            _draw(plot, trial)
+        result |= trial.summary()
     if not (deploy or as_json):
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
+
+
+def _draw(path: Path, trial: "Trial") -> None:
+    """Draw the calibration of a trial."""
+    from pipeline.views.calibration import draw_calibration
+
+    draw_calibration(path, trial)
 
 
 def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
