@@ -4,6 +4,7 @@ from recorders.errors import MissingExtra
 
 EXTRAS = {
     "pydrake": "sim",
+    "scipy": "sim",
     "rerun": "view",
     "matplotlib": "view",
     "distributed": "dask",

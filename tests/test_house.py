@@ -1,9 +1,11 @@
 """The house keeps its own rules: pages are true, lock files name no host, nothing large is committed."""
 
+import ast
 import doctest
 import re
 import shutil
 import tomllib
+from importlib.metadata import packages_distributions
 from pathlib import Path
 
 import pytest
@@ -121,6 +123,22 @@ def test_each_extra_that_an_error_names_can_be_installed() -> None:
     assert PROJECT["name"] == DISTRIBUTION
     assert set(EXTRAS.values()) <= set(extras)
     assert extras["all"] == [f"{DISTRIBUTION}[{','.join(name for name in extras if name != 'all')}]"]
+
+
+def test_each_package_beyond_the_core_has_its_extra_named() -> None:
+    trees = [ast.parse(path.read_text()) for package in PACKAGES for path in (ROOT / package).rglob("*.py")]
+    nodes = [node for tree in trees for node in ast.walk(tree)]
+    imported = {alias.name for node in nodes if isinstance(node, ast.Import) for alias in node.names}
+    imported |= {node.module or "" for node in nodes if isinstance(node, ast.ImportFrom)}
+    locked = set(re.findall(r"^[\w-]+", (ROOT / "requirements-core.lock").read_text(), re.MULTILINE))
+    wanted = set()
+    for package, distributions in packages_distributions().items():
+        if any(name.split(".")[0] == package for name in imported):
+            names = {distribution.lower().replace("_", "-") for distribution in distributions}
+            wanted |= set() if names & locked else {package}
+    wanted -= {*PACKAGES}
+    assert {"pydrake", "rerun", "matplotlib"} <= wanted
+    assert wanted - {"example_robot_data"} <= set(EXTRAS)  # an error of its own says which robot needs it
 
 
 def test_every_page_tells_of_the_same_pythons() -> None:

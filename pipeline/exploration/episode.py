@@ -67,7 +67,7 @@ class MotionPlan:
     ----------
     settling, holds : sequence of TargetHold
     closing : ndarray
-        Target of the last tick [m], shape (2, 3): the first one of a closed motion, the last one of an open one.
+        Target of the last tick [m], shape (hands, 3): the first one of a closed motion, the last one of an open one.
     """
 
     settling: Sequence[TargetHold]
