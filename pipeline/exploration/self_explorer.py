@@ -5,7 +5,6 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from scipy.stats import qmc
 
 from pipeline.arrays import Floats
 from pipeline.collision.self_distance import CLEARANCE_M, Nearest, SelfDistance
@@ -166,6 +165,8 @@ def learned(guide: object) -> dict[str, str | float]:
 
 def _box_points(robot: RobotConfig) -> Floats:
     """Return points spread evenly over the boxes of all hands [m], shape (points, 3 hands)."""
+    from scipy.stats import qmc  # noqa: PLC0415  # an extra, and slow to import: only who explores alone needs it
+
     boxes = np.array([hand.box for hand in robot.hands]).ravel()
     unit = qmc.Halton(d=len(boxes), scramble=False).random(_POINTS + 1)[1:]  # the first is a corner
     points: Floats = robot.input_centre + boxes * (2.0 * unit - 1.0)

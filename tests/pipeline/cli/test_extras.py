@@ -91,6 +91,7 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
     rooms = {".".join(module.split(".")[:2]): extra for module, extra in lacking.items()}
     assert rooms == {
         "pipeline.demo": "sim",
+        "pipeline.deployment": "sim",
         "pipeline.drake_systems": "sim",
         "pipeline.exploration": "sim",
         "pipeline.paper": "sim",
