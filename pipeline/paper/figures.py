@@ -10,7 +10,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
 from pipeline.arrays import Floats
-from pipeline.demo import PAPER_CM
+from pipeline.demo.run import PAPER_CM
 from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults, drawing_title
 from pipeline.robot.config import RobotConfig
 from pipeline.views.figures import (

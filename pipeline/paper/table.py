@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from rich.table import Table
 
 from pipeline.arrays import Floats
-from pipeline.demo import PAPER_CM
+from pipeline.demo.run import PAPER_CM
 from pipeline.paper.results import (
     CONTROLLERS,
     PATTERN_1,

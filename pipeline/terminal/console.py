@@ -22,6 +22,7 @@ from rich.progress import (
 from rich.table import Table
 
 from pipeline.terminal.escaping import wrapped
+from recorders.text.quantities import decimal_text
 from recorders.text.wording import escape_control
 
 
@@ -161,4 +162,4 @@ def _text(value: Any) -> str:
         return "yes" if value else "no"
     if isinstance(value, Sequence) and not isinstance(value, str):
         return ", ".join(map(_text, value))
-    return f"{value:.2f}" if isinstance(value, float) else str(value)
+    return decimal_text(value) if isinstance(value, float) else str(value)

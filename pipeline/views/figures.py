@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import HandErrors
 from recorders.errors import ConfigError, MotionError
+from recorders.text.quantities import decimal_text
 
 HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kinds of colour vision distinguish them
 BLACK, GREY, _TARGET_GREY, _BAND = "#000000", "#6B6B6B", "#BDBDBD", "#B8D4E8"
@@ -106,6 +107,7 @@ def draw_report(
     linear_cm: float,
     paper_cm: float,
     title: str,
+    beside: MotionTest | None = None,
 ) -> None:
     """Draw the report of a learner as PNG; the same input gives the same bytes with the same matplotlib.
 
@@ -124,6 +126,8 @@ def draw_report(
         Mean error of the teacher, of linear least squares on the same data, and of the paper [cm].
     title : str
         What the picture shows, as a sentence.
+    beside : MotionTest, optional
+        A test of another learner, drawn below the last of `tests` and beside the curve.
 
     Raises
     ------
@@ -134,7 +138,7 @@ def draw_report(
     levels = {"the paper": paper_cm, "the teacher": teacher_cm, "linear least squares": linear_cm}
     _check(tests, curve, levels)
     with matplotlib.style.context(["default", STYLE]):
-        save_figure(_figure(tests, curve, levels, title), path)
+        save_figure(_figure(tests, curve, levels, title, beside), path)
 
 
 def save_figure(figure: Figure, path: Path) -> None:
@@ -160,21 +164,32 @@ def _check(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float])
         raise ConfigError(f"expected errors above zero, found {unfit[0]} cm")
 
 
-def _figure(tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float], title: str) -> Figure:
-    low, high = plane_limits(tests)
+def _figure(
+    tests: Sequence[MotionTest], curve: Floats, levels: dict[str, float], title: str, beside: MotionTest | None
+) -> Figure:
+    low, high = plane_limits(tests if beside is None else [*tests, beside])
     width, height = high - low
     panel_height_in = WIDTH_IN / len(tests) * height / width
-    figure = Figure((WIDTH_IN, panel_height_in + _CURVE_HEIGHT_IN + _TEXT_HEIGHT_IN), layout="constrained")
+    curve_height_in = _CURVE_HEIGHT_IN if beside is None else panel_height_in + 0.25 * _TEXT_HEIGHT_IN
+    figure = Figure((WIDTH_IN, panel_height_in + curve_height_in + _TEXT_HEIGHT_IN), layout="constrained")
     figure.suptitle(textwrap.fill(title, _TITLE_CHARACTERS), x=0.01, ha="left", fontsize=12, fontweight="bold")
-    heights = [panel_height_in + 0.5 * _TEXT_HEIGHT_IN, _CURVE_HEIGHT_IN]
+    heights = [panel_height_in + 0.5 * _TEXT_HEIGHT_IN, curve_height_in]
     above, below = figure.subfigures(2, 1, squeeze=False, height_ratios=heights)[:, 0]
     write_key(above, KEY)
     panels = above.subplots(1, len(tests), squeeze=False, sharex=True, sharey=True)[0]
+    _draw_panels(panels, tests, low, high)
+    if beside is not None:
+        below, right = below.subfigures(1, 2, width_ratios=[len(tests) - 1, 1])
+        _draw_panels([right.subplots()], [beside], low, high)
+    draw_errors(below.subplots(), curve, levels)
+    return figure
+
+
+def _draw_panels(panels: Sequence[Axes], tests: Sequence[MotionTest], low: Floats, high: Floats) -> None:
+    """Draw a row of tests within the same corners [cm]."""
     panels[0].set(xlim=(high[0], low[0]), ylim=(low[1], high[1]), ylabel="height (cm)")  # left on the left
     for panel, test in zip(panels, tests, strict=True):
         draw_panel(panel, test)
-    draw_errors(below.subplots(), curve, levels)
-    return figure
 
 
 def write_key(figure: FigureBase, key: str) -> None:
@@ -198,7 +213,7 @@ def draw_panel(panel: Axes, test: MotionTest) -> None:
         panel.plot(*target[0], color=GREY, marker="o", markersize=5, markeredgecolor="white")
     panel.set_title(test.title, loc="left", fontweight="bold", fontsize=9, pad=16)
     for x, (name, error_cm) in enumerate(test.errors.hands_cm.items()):
-        label = f"{name} hand: {error_cm:.2f} cm"
+        label = f"{name} hand: {decimal_text(error_cm)} cm"
         panel.text(x, 1.03, label, color=HAND_COLOURS[name], ha=name, transform=panel.transAxes)
     panel.set_aspect("equal")
     panel.set_xlabel("left of the robot's middle (cm)")

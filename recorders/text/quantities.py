@@ -1,4 +1,4 @@
-"""Times and sizes as people write them, read exactly, and times as text."""
+"""Times and sizes as people write them, read exactly, and times and decimals as text."""
 
 import re
 from decimal import Decimal
@@ -66,3 +66,14 @@ def seconds_text(time_ns: int) -> str:
     seconds, rest = divmod(abs(time_ns), _NS_PER_S)
     decimals = f".{rest:09d}".rstrip("0") if rest else ""
     return f"{'-' if time_ns < 0 else ''}{seconds}{decimals}"
+
+
+def decimal_text(value: float) -> str:
+    """Return a number to two decimals, or to three digits that count where that shows more.
+
+    Examples
+    --------
+    >>> decimal_text(1.2236), decimal_text(0.0203), decimal_text(0.0)
+    ('1.22', '0.0203', '0.00')
+    """
+    return f"{value:#.3g}" if 0.0 < abs(value) <= 0.1 else f"{value:.2f}"

@@ -1,8 +1,5 @@
-"""The main job end to end: explore, record, replay over Zenoh, learn, check against the recording, report."""
+"""The chain of the main job: explore, record, replay over Zenoh, learn, check against the recording, report."""
 
-import json
-import subprocess
-import sys
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -13,35 +10,31 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from pipeline.evaluation.trials import Trial, evaluate_motion, robot_of
+from pipeline.demo import deployables
+from pipeline.demo.beside import beside, learn_over_zenoh
+from pipeline.demo.deployables import CONTROLLERS, DURATION_S, Deployable, learn_self_taught, learn_taught
+from pipeline.demo.trials import Trials, try_motions
+from pipeline.evaluation.trials import Trial, robot_of
 from pipeline.exploration.explore import explore
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
-from pipeline.learner_node.node import replay
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS
 from pipeline.published import published_digests
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.terminal import console
-from pipeline.training.trainer import train
+from pipeline.training.trainer import Trainer, train
 from pipeline.views.figures import MotionTest, draw_report
 from pipeline.views.live import LiveView
 from pipeline.views.motion import MotionView
 from pipeline.views.view import view_controller
-from recorders.errors import CheckFailed, ConfigError, WireError
+from recorders.errors import CheckFailed, ConfigError
 from recorders.files.anonymous_file import write_json
 from recorders.messages.topics import JOINT_STATES
 from recorders.reading.reader import LogReader
 from recorders.rerun_scene.hands import FrontalPlane
 from recorders.rerun_scene.recording import Destination, record_motion
-from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig
 from replay.sources.schedule import Schedule
-from replay.sources.scheduled import Replay
-from replay.transports.sender_config import SenderConfig
-
-DRAWING = "right_hand_drawing"
-"""Stands for the user's demonstration; generated, see its file."""
 
 ROBOT = "asimo"
 
@@ -50,7 +43,6 @@ PAPER_CM = {"circles": 2.79, "eight": 2.95}
 
 CONTROLLER, REPORT, RECORDING, SUMMARY = _RESULTS = ("controller.npz", "report.png", "robot.rrd", "summary.json")
 
-_LEARNER_START_S = 60.0  # a cold start compiles the kernels
 _DEPLOYMENT_PERIOD_NS = 100_000_000  # the paper presents targets at 10 Hz
 
 
@@ -72,9 +64,11 @@ class Demo:
         Files.
     published : dict of str to str, or None
         Digests that are published for the same settings, as `digests` has them.
+    deployable, self_taught : Deployable
+        Controllers of the rule to deploy: taught, and without a teacher.
     """
 
-    trials: tuple[Trial, Trial, Trial]
+    trials: Trials
     errors_cm: list[float]
     zenoh_digest: str
     file_digest: str
@@ -82,6 +76,8 @@ class Demo:
     controller: Path
     logs: list[Path]
     published: dict[str, str] | None
+    deployable: Deployable
+    self_taught: Deployable
 
     @property
     def digests(self) -> dict[str, str]:
@@ -105,18 +101,44 @@ class Demo:
             "seconds": self.seconds,
             "controller": str(self.controller.relative_to(out)),
             "logs": [str(log.relative_to(out)) for log in self.logs],
+            **self._of_deployables(out),
         }
 
+    def _of_deployables(self, out: Path) -> dict[str, Any]:
+        entries = dict[str, Any]()
+        for name, found in (("deployable", self.deployable), ("self_taught", self.self_taught)):
+            entries |= {
+                name: str(found.controller.relative_to(out)),
+                f"{name}_log": str(found.log.relative_to(out)),
+                f"{name}_cm": found.errors_cm(),
+                f"{name}_live_digest": found.live_digest,
+                f"{name}_file_digest": found.file_digest,
+            }
+        return entries
 
-def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | None = None) -> Demo:
+
+def run_demo(
+    out: Path, *, seed: int = 0, epochs: int = 150, duration_s: float = DURATION_S, view: LiveView | None = None
+) -> Demo:
     """Run the whole chain in the folder `out`, replacing what an earlier run left there.
 
     With a `view`, exploration and learning are shown as they go on, and the controller at the end.
 
+    Parameters
+    ----------
+    out : Path
+        Folder of the results.
+    seed, epochs : int
+        Of everything that is drawn, and of the network's training.
+    duration_s : float
+        Of the explorations that the controllers to deploy learn from [s].
+    view : LiveView, optional
+        Viewer.
+
     Raises
     ------
     CheckFailed
-        If the learner fed over Zenoh and the one trained from the file differ; everything is written before.
+        If a learner that learned live and one trained from its log differ; everything is written before.
     ReenactError
         If a stage fails.
     """
@@ -124,42 +146,69 @@ def run_demo(out: Path, *, seed: int = 0, epochs: int = 150, view: LiveView | No
     seconds: dict[str, float] = {}
     logs = [out / f"{pattern}.mcap" for pattern in PATTERNS]
     robot = load_robot(ROBOT)
-    with _stage("explore", seconds) as advance:
-        _explore_both(robot, logs, seed=seed, advance=advance, view=view)
-    controller_path = out / CONTROLLER
+    with deployables.explorations(out, robot=ROBOT, seed=seed, duration_s=duration_s) as (taught, self_taught):
+        with _stage("explore", seconds) as advance:
+            _explore_both(robot, logs, seed=seed, advance=advance, view=view)
+        zenoh_digest, trainer = _learn(out / CONTROLLER, logs[0], seconds, seed=seed, epochs=epochs, view=view)
+        with _stage("explore_volume", seconds):
+            taught()
+        with _stage("learn_deployable", seconds):
+            deployable = learn_taught(out, logs, robot=robot, seed=seed)
+        with _stage("explore_without_teacher", seconds):
+            digest = self_taught()
+        with _stage("learn_self_taught", seconds):
+            alone = learn_self_taught(out, logs, seed=seed, live_digest=digest)
+    with _stage("evaluate", seconds):
+        controller = Controller.load(out / CONTROLLER)
+        trials = try_motions(controller, logs)
+    with _stage("report", seconds):
+        _draw(out / REPORT, robot, trials, deployable.trials[2], trainer.errors_cm)
+        _record(out / RECORDING, controller, trials[1])
+        if view is not None:
+            _show(view, out / CONTROLLER, motion=PATTERNS[1])
+    result = Demo(
+        trials=trials,
+        errors_cm=trainer.errors_cm,
+        zenoh_digest=zenoh_digest,
+        file_digest=str(trainer.result()["digest"]),
+        seconds=seconds,
+        controller=out / CONTROLLER,
+        logs=logs,
+        published=published_digests(seed=seed, epochs=epochs),
+        deployable=deployable,
+        self_taught=alone,
+    )
+    write_json(out / SUMMARY, result.summary(out))
+    _check(result)
+    return result
+
+
+def _learn(
+    controller: Path, log: Path, seconds: dict[str, float], *, seed: int, epochs: int, view: LiveView | None
+) -> tuple[str, Trainer]:
+    """Learn a log over Zenoh, which writes the controller, and from the file; returns digest and trainer."""
+    schedule = Schedule(epochs=epochs)
     with _stage("learn_over_zenoh", seconds) as advance:
         viewer = () if view is None else ("--viewer", view.url)
-        zenoh_digest = _learn_over_zenoh(
-            logs[0], controller_path, seed=seed, epochs=epochs, advance=advance, options=viewer
-        )
+        digest = learn_over_zenoh(log, controller, seed=seed, schedule=schedule, advance=advance, options=viewer)
     with _stage("learn_from_file", seconds) as advance:
         trainer = train(
-            logs[:1],
-            schedule=Schedule(epochs=epochs),
+            [log],
+            schedule=schedule,
             config=LearnerConfig(seed=seed),
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / epochs),
         )
-    with _stage("evaluate", seconds):
-        controller = Controller.load(controller_path)
-        trials = (
-            evaluate_motion(controller, logs[0]),
-            evaluate_motion(controller, logs[1]),
-            evaluate_motion(controller, DRAWING),
-        )
-    with _stage("report", seconds):
-        _draw(out / REPORT, robot, trials, trainer.errors_cm)
-        _record(out / RECORDING, controller, trials[1])
-        if view is not None:
-            _show(view, controller_path, motion=PATTERNS[1])
-    file_digest = str(trainer.result()["digest"])
-    published = published_digests(seed=seed, epochs=epochs)
-    result = Demo(trials, trainer.errors_cm, zenoh_digest, file_digest, seconds, controller_path, logs, published)
-    write_json(out / SUMMARY, result.summary(out))
-    if zenoh_digest != file_digest:
+    return digest, trainer
+
+
+def _check(result: Demo) -> None:
+    if result.zenoh_digest != result.file_digest:
         raise CheckFailed(
-            f"expected one state, found {zenoh_digest[:16]} learned over Zenoh and {file_digest[:16]} from the file"
+            f"expected one state, found {result.zenoh_digest[:16]} learned over Zenoh and {result.file_digest[:16]} "
+            "from the file"
         )
-    return result
+    result.deployable.check()
+    result.self_taught.check()
 
 
 def results_table(result: Demo) -> Table:
@@ -193,7 +242,7 @@ def _explore_both(
 ) -> None:
     """Explore pattern 1 here and pattern 2, which is shorter, in a process beside it."""
     options = ("--robot", ROBOT, "--seed", seed, "--out", logs[1].resolve(), "--overwrite")
-    with _beside("explore", "--motion", PATTERNS[1], *options) as other:
+    with beside("explore", "--motion", PATTERNS[1], *options) as other:
         watched = None if view is None else MotionView(view, robot, joints_topic=JOINT_STATES, title=PATTERNS[0])
         explore(
             robot,
@@ -209,74 +258,23 @@ def _explore_both(
         other()
 
 
-def _learn_over_zenoh(
-    log: Path,
-    controller: Path,
-    *,
-    seed: int,
-    epochs: int,
-    advance: Callable[[float], None],
-    options: tuple[str, ...] = (),
-) -> str:
-    """Feed a learner in a process of its own over loopback; return its state digest."""
-    endpoint = free_endpoint()
-    with _beside("learn", "--connect", endpoint, "--seed", seed, "--out", controller.resolve(), *options) as learner:
-        replay(
-            Replay([log], Schedule(epochs=epochs)),
-            session=SessionConfig(listen=(endpoint,)),
-            sender=SenderConfig(wait_s=_LEARNER_START_S),
-            on_progress=advance,
-        )
-        return str(learner()["digest"])
-
-
-@contextmanager
-def _beside(*arguments: object) -> Iterator[Callable[[], dict[str, Any]]]:
-    """Run a verb in a process of its own, and end it with the block.
-
-    Yields
-    ------
-    callable
-        Waits for the process and returns its result; raises WireError with its complaint if it failed.
-    """
-    command = [sys.executable, "-m", "pipeline", *map(str, arguments), "--json"]
-    with subprocess.Popen(  # noqa: S603  # our own program, no shell
-        command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True
-    ) as process:
-
-        def result() -> dict[str, Any]:
-            """Return the result that the process printed."""
-            printed, complaints = process.communicate()
-            if process.returncode != 0:
-                line = (complaints.strip().splitlines() or [f"ended with status {process.returncode}"])[-1]
-                kind = CheckFailed if process.returncode == CheckFailed.exit_status else WireError
-                raise kind(f"{arguments[0]}: {line.removeprefix('reenact: ')}")
-            return dict(json.loads(printed))
-
-        try:
-            yield result
-        except WireError:
-            if process.poll():
-                result()  # the reason for which the other process ended is worth more than that it does not answer
-            raise
-        finally:
-            process.terminate()
-
-
-def _draw(path: Path, robot: RobotConfig, trials: tuple[Trial, Trial, Trial], errors_cm: list[float]) -> None:
+def _draw(path: Path, robot: RobotConfig, trials: Trials, deployed: Trial, errors_cm: list[float]) -> None:
     titles = ("Circles (trained)", "Eight (never seen)", "Right-hand drawing (generated)\nnever seen")
     trained = trials[0]
+
+    def test(title: str, trial: Trial) -> MotionTest:
+        """Return a trial as it is drawn."""
+        return MotionTest(title, trial.targets, trial.reached, trial.errors, lateral=robot.lateral, up=robot.up)
+
     draw_report(
         path,
-        tests=[
-            MotionTest(title, trial.targets, trial.reached, trial.errors, lateral=robot.lateral, up=robot.up)
-            for title, trial in zip(titles, trials, strict=True)
-        ],
+        tests=[test(title, trial) for title, trial in zip(titles, trials, strict=True)],
         errors_cm=errors_cm,
         teacher_cm=trained.teacher.mean_cm if trained.teacher else float("nan"),
         linear_cm=trained.linear.mean_cm if trained.linear else float("nan"),
         paper_cm=PAPER_CM["circles"],
         title=f"Learned from one pattern of {len(trained.targets)} samples: both hands on it and on motions never seen",
+        beside=test("The same drawing, never seen:\nthe rule to deploy, taught", deployed),
     )
 
 
@@ -303,7 +301,7 @@ def _clear_folder(out: Path) -> None:
     """Make the folder, and take away what an earlier run left that a failed one would leave standing."""
     try:
         out.mkdir(parents=True, exist_ok=True)
-        for name in _RESULTS:
+        for name in (*_RESULTS, *CONTROLLERS):
             (out / name).unlink(missing_ok=True)
     except OSError as error:
         raise ConfigError(f"{out}: expected a folder to write to: {error.strerror}") from error

@@ -1,0 +1,1 @@
+"""The main job end to end, and the controllers that it leaves to be tried."""
