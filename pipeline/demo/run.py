@@ -273,7 +273,7 @@ def _draw(path: Path, robot: RobotConfig, trials: Trials, deployed: Trial, error
         teacher_cm=trained.teacher.mean_cm if trained.teacher else float("nan"),
         linear_cm=trained.linear.mean_cm if trained.linear else float("nan"),
         paper_cm=PAPER_CM["circles"],
-        title=f"Learned from one pattern of {len(trained.targets)} samples: both hands on it and on motions never seen",
+        title=f"The paper's rule, learned from {len(trained.targets)} samples; below right, the rule to deploy",
         beside=test("The same drawing, never seen:\nthe rule to deploy, taught", deployed),
     )
 

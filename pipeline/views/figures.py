@@ -21,7 +21,7 @@ HAND_COLOURS = {"left": "#0072B2", "right": "#D55E00"}  # Okabe and Ito: all kin
 BLACK, GREY, _TARGET_GREY, _BAND = "#000000", "#6B6B6B", "#BDBDBD", "#B8D4E8"
 KEY = (
     "Seen from behind the robot, its left on the left. Grey: targets, from the dot on. Colour: where the hands went.\n"
-    "Numbers: mean distance from the targets, what is ahead of this plane or behind it included."
+    "Numbers: mean distance of each hand from its targets, what is ahead of this plane or behind it included."
 )
 STYLE = {
     "font.size": 9.0,
@@ -181,6 +181,7 @@ def _figure(
     if beside is not None:
         below, right = below.subfigures(1, 2, width_ratios=[len(tests) - 1, 1])
         _draw_panels([right.subplots()], [beside], low, high)
+        right.axes[0].set_ylabel("")  # as above it
     draw_errors(below.subplots(), curve, levels)
     return figure
 
@@ -213,7 +214,7 @@ def draw_panel(panel: Axes, test: MotionTest) -> None:
         panel.plot(*target[0], color=GREY, marker="o", markersize=5, markeredgecolor="white")
     panel.set_title(test.title, loc="left", fontweight="bold", fontsize=9, pad=16)
     for x, (name, error_cm) in enumerate(test.errors.hands_cm.items()):
-        label = f"{name} hand: {decimal_text(error_cm)} cm"
+        label = f"{name}: {decimal_text(error_cm)} cm"
         panel.text(x, 1.03, label, color=HAND_COLOURS[name], ha=name, transform=panel.transAxes)
     panel.set_aspect("equal")
     panel.set_xlabel("left of the robot's middle (cm)")

@@ -96,6 +96,14 @@ def test_every_test_has_a_panel_within_the_width_of_a_page(tmp_path: Path, count
     assert matplotlib.image.imread(path).shape[1] == 1900
 
 
+def test_a_test_of_another_learner_is_beside_the_curve(tmp_path: Path) -> None:
+    path = report(tmp_path / "report.png", tests=[circles()] * 3, beside=circles())
+    rows, columns = pixels(path, BLUE).T
+    row, column = end_of_curve(path)
+    assert (rows > row).any()
+    assert columns[rows > row].min() > column
+
+
 def test_equal_input_has_equal_bytes_whatever_the_settings_of_the_user(tmp_path: Path) -> None:
     first = report(tmp_path / "first.png").read_bytes()
     with matplotlib.rc_context({"font.size": 20.0, "lines.linewidth": 5.0, "figure.facecolor": "red"}):
