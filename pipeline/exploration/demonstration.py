@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.exploration.episode import Guidance
 from pipeline.exploration.explore import explore
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
@@ -166,8 +167,8 @@ def demonstrate(
         motion,
         seed=seed,
         out=out,
+        guidance=Guidance(must_reach=False),
         notes=notes,
-        must_reach=False,
         overwrite=overwrite,
         progress=progress,
     )

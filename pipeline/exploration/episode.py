@@ -1,8 +1,8 @@
 """Episode: a guide drives a robot, in this process or across a network, through a motion, tick by tick."""
 
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
-from typing import NamedTuple, Protocol
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -132,6 +132,31 @@ class Guide(Protocol):
     def step(self, q: Floats, targets: Floats) -> Floats:
         """Return the posture to command next, one period after commanding `q` (n,), for `targets` [m] (hands, 3)."""
         ...
+
+
+@dataclass(frozen=True)
+class Guidance:
+    """Guide of an exploration, and what goes with it.
+
+    Attributes
+    ----------
+    guide : Guide or None
+        Leads the robot; the teacher if None.
+    settings : mapping of str to object
+        Settings of the guide, for the manifest; the teacher's are known.
+    is_done : callable
+        Asked after every sample whether to end there.
+    must_reach : bool
+        Whether a motion that leaves the robot's reach is refused.
+    keep_clear : bool
+        Whether a log in which hands or forearms come nearer to the robot than `CLEARANCE_M` is refused.
+    """
+
+    guide: Guide | None = None
+    settings: Mapping[str, Any] = field(default_factory=dict)
+    is_done: Callable[[], bool] = lambda: False
+    must_reach: bool = True
+    keep_clear: bool = False
 
 
 class GuidedRun:

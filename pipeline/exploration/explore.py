@@ -12,7 +12,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guidance, GuidedRun, plan, start_posture
 from pipeline.exploration.motion_limits import MotionLimits
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import LinkPoseSource
@@ -27,6 +27,7 @@ from recorders.reading.reader import LogReader
 from recorders.writing.writer import LogWriter
 
 _TEACHER, _SIMULATION, _EXPLORATION = TeacherConfig(), SimulationConfig(), ExplorationConfig()
+_GUIDANCE = Guidance()
 _NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
@@ -69,12 +70,8 @@ def explore(
     teacher: TeacherConfig = _TEACHER,
     simulation: SimulationConfig = _SIMULATION,
     config: ExplorationConfig = _EXPLORATION,
+    guidance: Guidance = _GUIDANCE,
     notes: Mapping[str, Any] = _NOTHING,
-    guide: Guide | None = None,
-    settings: Mapping[str, Any] = _NOTHING,
-    is_done: Callable[[], bool] = lambda: False,
-    must_reach: bool = True,
-    keep_clear: bool = False,
     overwrite: bool = False,
     progress: Callable[[float], None] = lambda fraction: None,
     on_message: Callable[[str, Message, int], None] = lambda topic, message, time_ns: None,
@@ -91,16 +88,10 @@ def explore(
         Log to write, and whether one that is there may be replaced.
     teacher, simulation, config : TeacherConfig, SimulationConfig, ExplorationConfig
         Parameters, all of them written to the manifest.
+    guidance : Guidance
+        Who leads the robot, and what goes with that.
     notes : mapping of str to object
         More entries of the manifest, such as the source of the motion.
-    guide, settings : Guide and mapping, optional
-        Leads the robot in place of the teacher, with these settings in the manifest.
-    is_done : callable
-        Asked after every sample whether to end there.
-    must_reach : bool
-        Whether a motion that leaves the robot's reach is refused.
-    keep_clear : bool
-        Whether an episode in which hands or forearms come nearer to the robot than `CLEARANCE_M` is refused.
     progress, on_message : callable
         Called with the fraction done, 0 to 1; with every message written, its topic and time [ns].
 
@@ -111,33 +102,29 @@ def explore(
         together, the robot cannot be simulated, or the log cannot be written.
     """
     lead = Teacher(Kinematics(robot), teacher)
-    if must_reach:
+    if guidance.must_reach:
         check_reach(lead, motion)
-    if guide is None:
-        guide, settings = lead, {"teacher": asdict(teacher)}
-    settings = {**settings, "simulation": asdict(simulation), "exploration": asdict(config)}
+    guide = guidance.guide or lead
     motion_plan = plan(motion, period_ns=guide.period_ns, settle_ns=config.settle_ns)
     backend = Simulation(robot, simulation)
     start = start_posture(robot, seed=seed, spread=config.start_spread)
-    manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **settings}
+    noise = config.noise(robot, seed=seed, period_ns=guide.period_ns)
+    on_hold = _share_of(motion_plan.settling_ns + motion_plan.cycle_ns, progress)
+    episode = GuidedRun(backend, guide, start=start, noise=noise, on_hold=on_hold, is_done=guidance.is_done)
+    settings = {"teacher": asdict(teacher)} if guidance.guide is None else guidance.settings
+    parameters = {**settings, "simulation": asdict(simulation), "exploration": asdict(config)}
+    manifest = {**notes, **_description(robot, motion, seed, start.tolist()), **parameters}
     with LogWriter(out, manifest=manifest, attachments=_attachments(robot), overwrite=overwrite) as writer:
-        total_ns = motion_plan.settling_ns + motion_plan.cycle_ns
-        episode = GuidedRun(
-            backend,
-            guide,
-            start=start,
-            noise=config.noise(robot, seed=seed, period_ns=guide.period_ns),
-            on_hold=lambda time_ns: progress(time_ns / total_ns),
-            is_done=is_done,
-        )
         episode.settle_placed(motion_plan, backend, driven_ns=config.settle_ns)  # not for the record
-        limits = MotionLimits(robot)
-        _Record(writer, backend, config.state_period_ns, on_message, limits).write(episode.cycle(motion_plan))
-        if keep_clear:
-            limits.check_clearance()
-        writer.note({"limits": limits.reached._asdict()})
+        record = _Record(writer, backend, config.state_period_ns, on_message)
+        reached = record.write(episode.cycle(motion_plan), keep_clear=guidance.keep_clear)
     digest = str(LogReader(out).manifest["content_sha256"])
-    return ExplorationResult(Path(out), episode.samples + 1, episode.error_cm, digest, **limits.reached._asdict())
+    return ExplorationResult(Path(out), episode.samples + 1, episode.error_cm, digest, **reached)
+
+
+def _share_of(total_ns: int, progress: Callable[[float], None]) -> Callable[[int], None]:
+    """Return a function of the time so far [ns] that passes the fraction done on."""
+    return lambda time_ns: progress(time_ns / total_ns)
 
 
 def _description(robot: RobotConfig, motion: Motion, seed: int, start: list[float]) -> dict[str, Any]:
@@ -163,16 +150,28 @@ class _Record:
         backend: LinkPoseSource,
         state_period_ns: int,
         on_message: Callable[[str, Message, int], None],
-        limits: MotionLimits,
     ) -> None:
-        self._limits = limits
+        self._limits = MotionLimits(backend.robot)
         self._writer = writer
         self._backend = backend
         self._period_ns = state_period_ns
         self._on_message = on_message
 
-    def write(self, cycle: Iterator[TopicMessage]) -> None:
-        """Write the whole cycle; commands, which come far more often, at the rate of the state."""
+    def write(self, cycle: Iterator[TopicMessage], *, keep_clear: bool) -> dict[str, Any]:
+        """Write the whole cycle; commands, which come far more often, at the rate of the state.
+
+        Parameters
+        ----------
+        cycle : iterator of topic and message
+            The messages; asking for the next drives the robot on.
+        keep_clear : bool
+            Whether the cycle is refused if hands or forearms come too near to the robot.
+
+        Returns
+        -------
+        dict of str to object
+            How near the robot came to its limits, as `LimitsReached` has it, which is in the manifest, too.
+        """
         due_ns = self._backend.time_ns
         self._write(ROBOT_DESCRIPTION, String(self._backend.robot.urdf_text))
         for topic, message in cycle:
@@ -186,6 +185,11 @@ class _Record:
             if topic == SAMPLE_JOINTS:
                 self._write_all(hand_messages(self._backend))
         self._write_all(state_messages(self._backend))
+        if keep_clear:
+            self._limits.check_clearance()
+        reached = self._limits.reached._asdict()
+        self._writer.note({"limits": reached})
+        return reached
 
     def _write_all(self, messages: Iterable[TopicMessage]) -> None:
         for topic, message in messages:

@@ -3,13 +3,12 @@
 import hashlib
 import json
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, dataclass, replace
 from itertools import count, islice
-from types import MappingProxyType
 from typing import Any
 
-from pipeline.exploration.episode import ExplorationConfig, Guide, GuidedRun, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guidance, GuidedRun, plan, start_posture
 from pipeline.exploration.self_explorer import learned
 from pipeline.exploration.source import Source
 from pipeline.motions.motion import Motion
@@ -33,7 +32,7 @@ from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
 _TEACHER, _EXPLORATION = TeacherConfig(), ExplorationConfig()
-_SETTINGS: Mapping[str, Any] = MappingProxyType({"teacher": asdict(_TEACHER)})
+_GUIDANCE = Guidance()
 
 
 class LiveSession:
@@ -54,16 +53,10 @@ class LiveSession:
         Seed of the start posture.
     schedule : Schedule
         Epochs and phases.
-    guide : Guide, optional
-        Leads the robot; a teacher if left out.
-    settings : mapping
-        Settings of the guide.
+    guidance : Guidance
+        Who leads the robot, and what goes with that; whether there is clearance is not looked at.
     config : ExplorationConfig
         Parameters.
-    is_done : callable
-        Asked after every sample whether to end the presentation there.
-    must_reach : bool
-        Whether a motion that leaves the robot's reach is refused.
     progress : callable
         Called with the fraction done, 0 to 1.
 
@@ -80,21 +73,19 @@ class LiveSession:
         *,
         seed: int,
         schedule: Schedule,
-        guide: Guide | None = None,
-        settings: Mapping[str, Any] = _SETTINGS,
+        guidance: Guidance = _GUIDANCE,
         config: ExplorationConfig = _EXPLORATION,
-        is_done: Callable[[], bool] = lambda: False,
-        must_reach: bool = True,
         progress: Callable[[float], None] = lambda fraction: None,
     ) -> None:
         self._backend = backend
         self._motion = motion
         self._schedule = replace(schedule, topics=commanded_tick(backend.robot.hand_names))
+        settings = {"teacher": asdict(_TEACHER)} if guidance.guide is None else guidance.settings
         self._parameters = {"seed": seed, **settings, "exploration": asdict(config)}
         teacher = Teacher(Kinematics(backend.robot), _TEACHER)
-        guide = guide or teacher
+        guide = guidance.guide or teacher
         self._plan = plan(motion, period_ns=guide.period_ns, settle_ns=config.settle_ns)
-        if must_reach:
+        if guidance.must_reach:
             check_reach(teacher, motion)
         self._start = start_posture(backend.robot, seed=seed, spread=config.start_spread)
         total_ns = self._duration_ns()
@@ -104,7 +95,7 @@ class LiveSession:
             start=self._start,
             noise=config.noise(backend.robot, seed=seed, period_ns=guide.period_ns),
             on_hold=lambda time_ns: progress(min(1.0, time_ns / total_ns)),
-            is_done=is_done,
+            is_done=guidance.is_done,
         )
         self._settling_periods = self._plan.settling_ns // guide.period_ns
         self._arrival: Iterator[TopicMessage] = iter(())  # the end of the settling
@@ -266,18 +257,9 @@ def explore_live(
     """
     with open_session(session) as opened:
         robot = RemoteRobot(opened, namespace=sender.namespace, wait_s=sender.wait_s)
-        presented, guide = source.motion(robot.robot, seed=seed), source.guide(robot.robot, seed=seed)
+        presented, guidance = source.motion(robot.robot, seed=seed), source.guidance(robot.robot, seed=seed)
         live = LiveSession(
-            robot,
-            presented,
-            seed=seed,
-            schedule=schedule,
-            guide=guide,
-            settings=source.settings,
-            config=source.config,
-            is_done=source.until(guide),
-            must_reach=not source.drawn,
-            progress=progress,
+            robot, presented, seed=seed, schedule=schedule, guidance=guidance, config=source.config, progress=progress
         )
         live.settle()
         robot.wait()
@@ -293,5 +275,5 @@ def explore_live(
         messages=live.messages,
         teacher_error_cm=live.teacher_error_cm,
         consumers=consumers,
-        learned=learned(guide),
+        learned=learned(guidance.guide),
     )

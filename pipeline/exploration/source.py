@@ -6,7 +6,7 @@ from typing import Any, Protocol
 
 from pipeline.arrays import Floats
 from pipeline.exploration import sources
-from pipeline.exploration.episode import ExplorationConfig, Guide
+from pipeline.exploration.episode import ExplorationConfig, Guidance, Guide
 from pipeline.exploration.leader import TEACHERS, leader_settings, make_guide
 from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
 from pipeline.exploration.via_points import VOLUME, unplanned_volume
@@ -176,6 +176,17 @@ class Source:
     def guide(self, robot: RobotConfig, *, seed: int) -> Guide:
         """Return who leads a robot: one of the teachers, or the learner that explores by itself."""
         return make_guide(robot, self.explorer or self.qp or self.teacher, seed=seed)
+
+    def guidance(self, robot: RobotConfig, *, seed: int) -> Guidance:
+        """Return who leads a robot, and what goes with that."""
+        guide = self.guide(robot, seed=seed)
+        return Guidance(
+            guide,
+            self.settings,
+            is_done=self.until(guide),
+            must_reach=not self.drawn,
+            keep_clear=self.keeps_clear,
+        )
 
     def schedule(self, *, epochs: int) -> Schedule:
         """Return the schedule of a live session: what is drawn is learned once, in each epoch."""

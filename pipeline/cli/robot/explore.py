@@ -156,7 +156,7 @@ def _simulate(
     check_place(out, overwrite=overwrite)
     config = load_robot(robot)
     title = f"explore {Path(source.name).stem}"
-    motion, guide = source.motion(config, seed=seed), source.guide(config, seed=seed)
+    motion, guidance = source.motion(config, seed=seed), source.guidance(config, seed=seed)
     with (
         note_partial_log(out),
         console.progress(title) as advance,
@@ -167,17 +167,13 @@ def _simulate(
             motion,
             seed=seed,
             out=out,
-            guide=guide,
-            settings=source.settings,
+            guidance=guidance,
             config=source.config,
-            is_done=source.until(guide),
-            must_reach=not source.drawn,
-            keep_clear=source.keeps_clear,
             overwrite=overwrite,
             progress=advance,
             on_message=on_message,
         )
-    return asdict(summary) | {"path": str(summary.path)} | learned(guide)
+    return asdict(summary) | {"path": str(summary.path)} | learned(guidance.guide)
 
 
 def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:

@@ -15,7 +15,7 @@ from pipeline.drake_systems.commanding import ControllerSystem, SteppingTeacher,
 from pipeline.drake_systems.robot_system import RobotSystem
 from pipeline.drake_systems.target_source import TargetSource
 from pipeline.evaluation.errors import predicted_joints
-from pipeline.exploration.episode import ExplorationConfig, MotionPlan, plan, start_posture
+from pipeline.exploration.episode import ExplorationConfig, Guidance, MotionPlan, plan, start_posture
 from pipeline.exploration.explore import explore
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
@@ -90,7 +90,7 @@ def same(found: Floats, expected: Any) -> None:
 def test_robot_and_teacher_in_one_diagram_give_the_log_of_explore(tmp_path: Path, kind: type) -> None:
     teacher = Teacher(Kinematics(ROBOT)) if kind is Teacher else QpTeacher(ROBOT)
     log = tmp_path / "log.mcap"
-    explore(ROBOT, motion(), seed=SEED, out=log, config=CONFIG, guide=teacher)
+    explore(ROBOT, motion(), seed=SEED, out=log, config=CONFIG, guidance=Guidance(teacher))
     motion_plan = plan(motion(), period_ns=teacher.period_ns, settle_ns=CONFIG.settle_ns)
     traces = simulate(teacher, motion_plan, start_posture(ROBOT, seed=SEED, spread=CONFIG.start_spread))
     settled = CONFIG.settle_ns // CONFIG.state_period_ns

@@ -158,21 +158,19 @@ def test_a_learner_explores_across_the_network_as_it_does_in_process(remote: Rem
     source = self_exploration(duration_s=4.0)
     digests, streams = set(), []
     for backend in (remote, Simulation(ASIMO)):
-        guide = source.guide(ASIMO, seed=0)
+        guidance = source.guidance(ASIMO, seed=0)
         session = LiveSession(
             backend,
             source.motion(ASIMO, seed=0),
             seed=0,
             schedule=source.schedule(epochs=1),
-            guide=guide,
-            settings=source.settings,
+            guidance=guidance,
             config=source.config,
-            must_reach=False,
         )
         session.settle()
         streams.append(list(session.stream_from(0)))
-        assert isinstance(guide, SelfExplorer)
-        digests.add(guide.digest)
+        assert isinstance(guidance.guide, SelfExplorer)
+        digests.add(guidance.guide.digest)
     assert len(digests) == 1
     assert streams[0] == streams[1]
 

@@ -30,20 +30,17 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> tuple[ExplorationResul
 
 
 def run(source: Source, out: object, *, seed: int = 0) -> tuple[ExplorationResult, SelfExplorer]:
-    guide = source.guide(ASIMO, seed=seed)
-    assert isinstance(guide, SelfExplorer)
+    guidance = source.guidance(ASIMO, seed=seed)
+    assert isinstance(guidance.guide, SelfExplorer)
     result = explore(
         ASIMO,
         source.motion(ASIMO, seed=seed),
         seed=seed,
         out=str(out),
-        guide=guide,
-        settings=source.settings,
+        guidance=guidance,
         config=source.config,
-        is_done=source.until(guide),
-        must_reach=False,
     )
-    return result, guide
+    return result, guidance.guide
 
 
 def test_its_recording_teaches_the_state_that_it_had(explored: tuple[ExplorationResult, SelfExplorer]) -> None:

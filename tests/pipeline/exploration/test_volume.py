@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from pipeline.collision.self_distance import CLEARANCE_M, SelfDistance
+from pipeline.exploration.episode import Guidance
 from pipeline.exploration.explore import ExplorationResult, explore
 from pipeline.exploration.joint_noise import joint_noise
 from pipeline.exploration.reproduce import simulate
@@ -40,8 +41,7 @@ def explored(tmp_path_factory: pytest.TempPathFactory) -> ExplorationResult:
         out=tmp_path_factory.mktemp("volume") / "volume.mcap",
         teacher=drawn.teacher,
         config=drawn.config,
-        must_reach=False,
-        keep_clear=True,
+        guidance=Guidance(must_reach=False, keep_clear=True),
     )
 
 
