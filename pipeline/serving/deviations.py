@@ -91,10 +91,10 @@ class Deviations:
         }
         return {"beyond": self.beyond, **known}
 
-    def counts(self) -> dict[str, int]:
-        """Return what was beyond, and the largest deviation of the last command [um], 0 where there is none."""
+    def text(self) -> str:
+        """Return the larger deviation of the last command as a text, empty where there is none; from any thread."""
         largest = float(self._last.max())
-        return {"beyond": self.beyond, "deviation_um": round(largest * 1e6) if math.isfinite(largest) else 0}
+        return f", off by {largest * _CM_PER_M:.2g} cm" if 0.0 < largest < math.inf else ""
 
     def _expect(self, targets: Floats) -> Floats:
         deviations: Floats = self._learner.deviations(targets[np.newaxis])[0]

@@ -219,7 +219,7 @@ class Node:
         return NodeSource(
             "controller",
             self._config.name,
-            state=lambda: "learning" if self._served.learning else "serving",
+            state=lambda: self._served.state,
             counts=self._counts,
             latency_us=lambda: _percentiles(self._latencies()),
             digests=lambda: self._digests,

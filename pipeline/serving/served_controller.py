@@ -165,9 +165,9 @@ class ServedController:
         return self._controller.joints
 
     @property
-    def learning(self) -> bool:
-        """Whether it learns at present."""
-        return self._learning
+    def state(self) -> str:
+        """State in a word or two: serving or learning, and how far off the last command may be, if it knows."""
+        return ("learning" if self._learning else "serving") + (self._deviations.text() if self._deviations else "")
 
     def take(self, record: RecordedMessage) -> Command | None:
         """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
@@ -280,7 +280,7 @@ class ServedController:
             "refused": sum(rejected.values()),
             "outside": self._outside,
             "learned_steps": self._learned_steps,
-            **({} if self._deviations is None else self._deviations.counts()),
+            **({} if self._deviations is None else {"beyond": self._deviations.beyond}),
         } | {f"refused {reason}": count for reason, count in rejected.items()}
 
     def controller(self) -> Controller:
