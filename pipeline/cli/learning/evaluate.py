@@ -12,6 +12,7 @@ from recorders.errors import ConfigError
 if TYPE_CHECKING:
     from pipeline.evaluation.trials import Trial
     from pipeline.learner.controller import Controller as Learned
+    from pipeline.motions.motion import Motion
 
 _NOT_COMPARED = {
     "teacher_cm": "not compared: the motion is no recording; --deploy lets the teacher drive the robot, too",
@@ -42,6 +43,14 @@ def evaluate(
         Path | None,
         typer.Option(help="Picture to write: true distances beside the deviations expected.", metavar="FILE.png"),
     ] = None,
+    own_time: Annotated[
+        bool,
+        typer.Option(
+            "--own-time",
+            help="With --deploy: the motion in its own time, with targets at 10 and 50 Hz, in this process; beside the "
+            "teacher, Drake's inverse kinematics and, where installed, pink; with the errors after 1 s on a target.",
+        ),
+    ] = False,
     as_json: Json = False,
 ) -> None:
     """Try a controller on a motion or a recording.
@@ -55,7 +64,12 @@ def evaluate(
         raise ConfigError("expected one of --deploy and --linear-from, found both")
     if deploy and plot is not None:
         raise ConfigError("expected one of --deploy and --plot, found both")
+    if own_time and not deploy:
+        raise ConfigError("--own-time: expected --deploy beside it")
     loaded, result = Loaded.load(controller), dict[str, Any]()
+    if own_time:
+        _deploy_in_own_time(loaded, motion, as_json=as_json)
+        return
     if deploy:
         result |= _deployed(loaded, motion)
     else:
@@ -78,10 +92,32 @@ def _draw(path: Path, trial: "Trial") -> None:
 def _deployed(controller: "Learned", motion: str) -> dict[str, float]:
     """Let the controller, then the teacher, drive the simulated robot; return the errors of its hands."""
     from pipeline.deployment.deploy import deploy
+
+    with console.progress("deploy") as advance:
+        return deploy(controller, _motion(controller, motion), progress=advance).summary()
+
+
+def _deploy_in_own_time(controller: "Learned", motion: str, *, as_json: bool) -> None:
+    from pipeline.deployment.real_time import deploy_in_real_time, lag_sentences
+
+    with console.progress("deploy") as advance:
+        errors = deploy_in_real_time(controller, _motion(controller, motion), progress=advance)
+    result: dict[str, Any] = {}
+    for error in errors:
+        key = f"{error.leader}_{error.tick_rate_hz}_hz"
+        result |= {f"{key}_cm": error.moving_cm, f"{key}_settled_cm": error.settled_cm}
+    sentences = list(lag_sentences(errors))
+    console.show(result | ({"lag": sentences} if as_json else {}) | {"pairs": controller.pairs}, as_json=as_json)
+    if not as_json:
+        for sentence in sentences:
+            console.line(sentence)
+
+
+def _motion(controller: "Learned", motion: str) -> "Motion":
+    """Return what the robot is to do."""
     from pipeline.evaluation.trials import robot_of
     from pipeline.motions.motion import is_recorded, load_motion
 
     if is_recorded(motion):
         raise ConfigError(f"--deploy: expected one of {MOTIONS}, or a CSV file, found the log {motion}")
-    with console.progress("deploy") as advance:
-        return deploy(controller, load_motion(motion, robot_of(controller)), progress=advance).summary()
+    return load_motion(motion, robot_of(controller))
