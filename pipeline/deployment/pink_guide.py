@@ -7,6 +7,7 @@ import numpy as np
 import pinocchio
 
 from pipeline.arrays import Floats
+from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.pinocchio_model import build_model, joint_index
 from pipeline.urdf.description import canonical
@@ -41,7 +42,7 @@ class PinkGuide:
         self._posture = tasks.PostureTask(cost=_POSTURE_COST)
         self._posture.set_target(self._whole(robot.comfort))
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
+    def observe(self, robot: RobotBackend) -> None:
         """Take no notice: it follows its own commands."""
 
     def step(self, q: Floats, targets: Floats) -> Floats:

@@ -14,6 +14,7 @@ from pipeline.evaluation.trials import robot_of
 from pipeline.exploration.episode import Guide
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
+from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.simulation.simulation import Simulation
@@ -137,7 +138,7 @@ class LearnedGuide:
         """From step to step [ns]."""
         return self._period_ns
 
-    def observe(self, hands: Floats, joints: Floats) -> None:
+    def observe(self, robot: RobotBackend) -> None:
         """Take no notice: nothing is learned."""
 
     def step(self, q: Floats, targets: Floats) -> Floats:

@@ -92,7 +92,6 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
     assert rooms == {
         "pipeline.demo": "sim",
         "pipeline.deployment": "sim",
-        "pipeline.deployment": "sim",
         "pipeline.drake_systems": "sim",
         "pipeline.exploration": "sim",
         "pipeline.paper": "sim",
