@@ -32,9 +32,9 @@ class QpTeacherConfig:
     period_ns: int = 5_000_000
     gain: float = 6.0
     comfort_gain: float = 5.0
-    margin: float = 1e-3
+    margin: float = 0.02
     speed_share: float = 0.7
-    clearance_m: float = 0.035
+    clearance_m: float = 0.045
 
     def __post_init__(self) -> None:
         for name in ("period_ns", "gain", "speed_share"):

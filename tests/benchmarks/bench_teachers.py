@@ -1,9 +1,10 @@
 """The two teachers side by side on the simulated robot: python tests/benchmarks/bench_teachers.py [SECONDS].
 
 Both explore the circles, a drawing and random points in the hands' boxes (SECONDS of it, 20 by default), in Drake, with
-the settings of `explore`. Error: of the hands at the end of each target's hold. Margin: smallest distance of a joint from a
-limit, in parts of its range. Comfort: mean cost of leaving the comfort posture. Distance: smallest between the robot's
-own parts. Time: of one step of 5 ms, the median. Nothing is asserted.
+the settings of `explore`. Error: of the hands at the end of each target's hold. Margin: smallest distance of a joint
+from a limit, in parts of its range. Speed: largest of a joint, in parts of its limit. Comfort: mean cost of leaving the
+comfort posture. Distance: smallest between the robot's own parts. Time: of one step of 5 ms, the median. Nothing is
+asserted.
 """
 
 import statistics
