@@ -11,6 +11,7 @@ import statistics
 import sys
 import tempfile
 import time
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -55,11 +56,11 @@ def comfort_cost(robot: RobotConfig, log: Path) -> float:
 
 
 def row(robot: RobotConfig, wanted: Source, out: Path) -> str:
-    guide = Timed(wanted.guide(robot, seed=0))
-    motion = wanted.motion(robot, seed=0)
-    done = explore(
-        robot, motion, seed=0, out=out, guide=guide, settings=wanted.settings, config=wanted.config, overwrite=True
-    )
+    guidance = wanted.guidance(robot, seed=0)
+    assert guidance.guide is not None
+    guide, motion = Timed(guidance.guide), wanted.motion(robot, seed=0)
+    timed = replace(guidance, guide=guide, keep_clear=False)  # how near they come is what is shown
+    done = explore(robot, motion, seed=0, out=out, guidance=timed, config=wanted.config, overwrite=True)
     near = "none" if done.self_distance_cm is None else f"{done.self_distance_cm:.2f}"
     us = 1e6 * statistics.median(guide.took_s)
     return (
