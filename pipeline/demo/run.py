@@ -81,9 +81,12 @@ class Demo:
 
     @property
     def digests(self) -> dict[str, str]:
-        """Digest of each file, by name: content hashes of the logs, the state of the controller."""
-        contents = {log.name: str(LogReader(log).manifest["content_sha256"]) for log in self.logs}
-        return {**contents, self.controller.name: self.file_digest}
+        """Digest of each file, by name: content hashes of the logs, states of the controllers."""
+        deployables = self.deployable, self.self_taught
+        logs = [*self.logs, *(found.log for found in deployables)]
+        contents = {log.name: str(LogReader(log).manifest["content_sha256"]) for log in logs}
+        states = {found.controller.name: found.file_digest for found in deployables}
+        return {**contents, self.controller.name: self.file_digest, **states}
 
     def summary(self, out: Path) -> dict[str, Any]:
         """Return the summary, with paths relative to the folder `out`."""
@@ -174,7 +177,7 @@ def run_demo(
         seconds=seconds,
         controller=out / CONTROLLER,
         logs=logs,
-        published=published_digests(seed=seed, epochs=epochs),
+        published=published_digests(seed=seed, epochs=epochs, duration_s=duration_s),
         deployable=deployable,
         self_taught=alone,
     )

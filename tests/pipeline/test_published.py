@@ -10,19 +10,20 @@ from pipeline.published import FILE, published_digests, published_line
 from pipeline.resources import data_path
 
 README = (Path(pipeline.__file__).parent.parent / "README.md").read_text()
-DIGESTS = published_digests(seed=0, epochs=150)
+DIGESTS = published_digests(seed=0, epochs=150, duration_s=120.0)
 
 
 def test_the_readme_prints_them() -> None:
     assert DIGESTS is not None
-    assert list(DIGESTS) == ["circles.mcap", "eight.mcap", "controller.npz"]
-    assert "\n".join(f"    {name:<14}  {digest}" for name, digest in DIGESTS.items()) in README
+    assert {"circles.mcap", "eight.mcap", "volume.mcap", "self_explored.mcap"} < set(DIGESTS)
+    assert {"controller.npz", "deployable.npz", "self_taught.npz"} < set(DIGESTS)
+    assert "\n".join(f"    {name:<18}  {digest}" for name, digest in DIGESTS.items()) in README
     assert json.loads(data_path(FILE).read_text())["digests"] == DIGESTS
 
 
-@pytest.mark.parametrize(("seed", "epochs"), [(1, 150), (0, 8)])
-def test_they_are_of_one_seed_and_number_of_epochs(seed: int, epochs: int) -> None:
-    assert published_digests(seed=seed, epochs=epochs) is None
+@pytest.mark.parametrize(("seed", "epochs", "duration_s"), [(1, 150, 120.0), (0, 8, 120.0), (0, 150, 10.0)])
+def test_they_are_of_one_run(seed: int, epochs: int, duration_s: float) -> None:
+    assert published_digests(seed=seed, epochs=epochs, duration_s=duration_s) is None
 
 
 def test_what_differs_is_named() -> None:
