@@ -6,8 +6,10 @@ from html import escape
 from pathlib import Path
 
 from pipeline.paper.command_costs import CommandCost
+from pipeline.paper.comparison.page import comparison_texts
 from pipeline.paper.error_analysis import APART, Depth, Direction, depths, directions, turning_point
 from pipeline.paper.figures import Picture, draw_figures
+from pipeline.paper.html_table import table
 from pipeline.paper.page_template import PAGE
 from pipeline.paper.results import PATTERN_1, PATTERN_2, REPORT, NetworkEnsemble, PaperResults, drawing_title
 from pipeline.paper.table import Row, rows
@@ -49,7 +51,8 @@ def write_report(
     page = PAGE.substitute(
         seed=paper.seed,
         checks=_checks(paper) if is_full else _SHORT_RUN,
-        table=_table(_COLUMNS, map(_cells, rows(paper))),
+        table=table(_COLUMNS, map(_cells, rows(paper))),
+        **comparison_texts(paper.comparison),
         figures4=_figures(pictures, "figure4", out),
         figures5=_figures(pictures, "figure5", out),
         figures6=_figures(pictures, "figure6", out),
@@ -74,7 +77,7 @@ def write_report(
 def _checks(paper: PaperResults) -> str:
     verdicts = {True: "holds", False: '<span class="fails">fails</span>'}
     body = [(escape(check.claim), escape(check.found), verdicts[check.holds]) for check in paper.checks()]
-    return _table(("claim", "found", ""), body)
+    return table(("claim", "found", ""), body)
 
 
 def _cells(row: Row) -> Sequence[str]:
@@ -111,7 +114,7 @@ def _directions(found: Sequence[Direction]) -> str:
         answers = [by[pattern] for by in (part.missed_cm, part.followed) for pattern in (PATTERN_1, PATTERN_2)]
         values = (part.pattern_1_cm, part.pattern_2_cm, *answers)
         body.append((escape(part.name), *(f"{value:.2f}" for value in values)))
-    return _table(columns, body)
+    return table(columns, body)
 
 
 def _beyond(found: Sequence[Depth], paper: PaperResults) -> str:
@@ -139,7 +142,7 @@ def _depths(found: Sequence[Depth], paper: PaperResults) -> str:
         motion = drawing_title(part.motion) if part.motion in paper.demonstrations else part.motion
         values = (part.out_cm, part.missed_cm, part.in_plane_cm, part.off_plane_cm)
         body.append((escape(motion), part.hand, *(f"{value:.2f}" for value in values)))
-    return _table(columns, body)
+    return table(columns, body)
 
 
 def _turn(networks: NetworkEnsemble) -> str:
@@ -176,18 +179,7 @@ def _costs(costs: Iterable[CommandCost]) -> str:
         )
         for cost in costs
     ]
-    return _table(columns, body)
-
-
-def _table(columns: Sequence[str], body: Iterable[Sequence[str]]) -> str:
-    """Return a table of cells that are HTML already; a cell that begins with a digit does not break."""
-    head = "".join(f"<th>{escape(column)}</th>" for column in columns)
-    lines = ["".join(f"{_opening(cell)}{cell}</td>" for cell in row) for row in body]
-    return f"<table>\n<tr>{head}</tr>\n" + "\n".join(f"<tr>{line}</tr>" for line in lines) + "\n</table>"
-
-
-def _opening(cell: str) -> str:
-    return '<td class="number">' if cell.lstrip("-")[:1].isdigit() else "<td>"
+    return table(columns, body)
 
 
 def _figures(pictures: Iterable[Picture], prefix: str, out: Path) -> str:

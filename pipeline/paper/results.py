@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -12,7 +12,9 @@ from pipeline.evaluation.errors import HandErrors
 from pipeline.evaluation.trials import Trial
 from pipeline.learner.controller import Controller
 from pipeline.motions.names import PATTERNS
+from pipeline.paper.bounds import BoundCheck, at_most, spread
 from pipeline.paper.command_costs import CommandCost
+from pipeline.paper.comparison.results import Comparison
 from pipeline.robot.config import RobotConfig
 
 REPORT, SUMMARY, CONTROLLERS = "report.html", "summary.json", "controllers"  # in the folder of a run
@@ -65,22 +67,9 @@ class NetworkEnsemble:
         return np.array([trial.errors.to_dict()[part] for trial in self.trials[motion]])
 
 
-def spread(values: Floats) -> float:
-    """Return the standard deviation of a sample, 0 for a single value."""
-    return float(values.std(ddof=1)) if values.size > 1 else 0.0
-
-
 def drawing_title(name: str) -> str:
     """Return what to call a free-hand motion of the program; no person drew any of them."""
     return f"{name.replace('_', ' ')} (generated)"
-
-
-class BoundCheck(NamedTuple):
-    """A bound, what was found, and whether it holds."""
-
-    claim: str
-    found: str
-    holds: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,6 +92,8 @@ class PaperResults:
         The learned controller beside the teacher, who takes many steps to a target, or one.
     seconds_explore_and_learn : float
         Exploration of pattern 1 and learning of one initialisation [s].
+    comparison : Comparison
+        Learning rules and baselines on the same explorations, and the parts of the networks' error.
     """
 
     seed: int
@@ -112,6 +103,7 @@ class PaperResults:
     deployed: Deployment
     costs: tuple[CommandCost, ...]
     seconds_explore_and_learn: float
+    comparison: Comparison
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as plain JSON."""
@@ -131,6 +123,7 @@ class PaperResults:
             ],
             "deployed": self.deployed.summary(),
             "seconds_explore_and_learn": self.seconds_explore_and_learn,
+            "comparison": self.comparison.summary(),
         }
 
     def checks(self) -> Iterator[BoundCheck]:
@@ -138,9 +131,9 @@ class PaperResults:
         one, two = self.networks[PATTERN_1], self.networks[PATTERN_2]
         for networks in (one, two):
             claim = f"{PAPERS_NAMES[networks.pattern]}, by networks that learned it"
-            yield _at_most(claim, float(networks.trained_cm.mean()), TRAINED_BOUND_CM[networks.pattern])
+            yield at_most(claim, float(networks.trained_cm.mean()), TRAINED_BOUND_CM[networks.pattern])
         other_cm = float(one.errors_cm(PATTERN_2).mean())
-        yield _at_most("pattern 2, by networks that learned pattern 1", other_cm, OTHER_BOUND_CM)
+        yield at_most("pattern 2, by networks that learned pattern 1", other_cm, OTHER_BOUND_CM)
         factor = float(two.errors_cm(PATTERN_1).mean() / two.trained_cm.mean())
         claim = f"networks that learned pattern 2: at least {FAILURE_FACTOR:g} times worse on pattern 1"
         yield BoundCheck(claim, f"{factor:.2f} times", factor >= FAILURE_FACTOR)
@@ -149,11 +142,8 @@ class PaperResults:
             bound = f"below {STILL_BOUND_CM:.2f} cm with every network of pattern 1"
             claim = f"{drawing_title(name)}: left hand, held still, {bound}"
             yield BoundCheck(claim, f"{worst_cm:.2f} cm", worst_cm < STILL_BOUND_CM)
+        yield from self.comparison.checks()
 
 
 def _trained(networks: NetworkEnsemble) -> dict[str, float]:
     return {"train_cm_mean": float(networks.trained_cm.mean()), "train_cm_std": spread(networks.trained_cm)}
-
-
-def _at_most(claim: str, found_cm: float, bound_cm: float) -> BoundCheck:
-    return BoundCheck(f"{claim}: at most {bound_cm:.2f} cm", f"{found_cm:.2f} cm", found_cm <= bound_cm)

@@ -14,6 +14,7 @@ from pipeline.motions import names as motion_names
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS
 from pipeline.paper.command_costs import command_costs
+from pipeline.paper.comparison.run import FOLDER, ComparisonConfig, compare
 from pipeline.paper.networks import try_networks
 from pipeline.paper.results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, NetworkEnsemble, PaperResults
 from pipeline.robot.config import load_robot
@@ -49,6 +50,10 @@ class PaperConfig:
         How the teacher moves while it explores.
     simulation : SimulationConfig
         How the robot is simulated while it explores.
+    comparison : ComparisonConfig
+        How learning rules are compared.
+    compared : int
+        Over how many seeds of exploration, from `seed` on.
     is_full : bool
         Whether the run is one whose numbers count, so that the bounds are checked.
     """
@@ -58,19 +63,30 @@ class PaperConfig:
     epochs: tuple[int, int] = (150, 600)
     teacher: TeacherConfig = field(default_factory=TeacherConfig)
     simulation: SimulationConfig = field(default_factory=SimulationConfig)
+    comparison: ComparisonConfig = field(default_factory=ComparisonConfig)
+    compared: int = 1
     is_full: bool = True
 
     def __post_init__(self) -> None:
         """Check the ranges."""
-        if self.seed < 0 or self.initialisations < 1 or min(self.epochs) < 1:
+        if self.seed < 0 or min(self.initialisations, self.compared, *self.epochs) < 1:
             raise ConfigError("paper: expected a seed of at least 0, one initialisation and one epoch of each pattern")
 
     @classmethod
-    def quick(cls, *, seed: int = 0) -> "PaperConfig":
+    def quick(cls, *, seed: int = 0, compared: int = 1) -> "PaperConfig":
         """Return a run of seconds that goes through everything; its numbers have no meaning."""
         teacher = TeacherConfig(period_ns=_COARSE_NS)
         simulation = SimulationConfig(step_ns=_COARSE_NS, control_ns=_COARSE_NS)
-        return cls(seed=seed, initialisations=2, epochs=(3, 12), teacher=teacher, simulation=simulation, is_full=False)
+        return cls(
+            seed=seed,
+            initialisations=2,
+            epochs=(3, 12),
+            teacher=teacher,
+            simulation=simulation,
+            comparison=ComparisonConfig.quick(step_ns=_COARSE_NS),
+            compared=compared,
+            is_full=False,
+        )
 
     @property
     def seeds(self) -> tuple[int, ...]:
@@ -118,7 +134,10 @@ def run_paper(out: Path, *, config: PaperConfig, executors: Executors = local_pr
     with console.progress("deploy") as advance:
         deployed = deploy(controller, load_motion(PATTERN_2, robot), progress=advance)
     costs = command_costs(controller, trial, period_ns=_PATTERN_PERIOD_NS)
-    paper = PaperResults(config.seed, robot, networks, drawings(), deployed, costs, seconds)
+    seeds = range(config.seed, config.seed + config.compared)
+    learned = networks[PATTERN_1].controllers
+    compared = compare(out, learned, logs[PATTERN_1], seeds=seeds, config=config.comparison)
+    paper = PaperResults(config.seed, robot, networks, drawings(), deployed, costs, seconds, compared)
     write_json(out / SUMMARY, paper.summary())
     return paper
 
@@ -199,7 +218,7 @@ def _make_folders(out: Path, logs: Iterable[Path]) -> None:
         (out / CONTROLLERS).mkdir(parents=True, exist_ok=True)
         stale = [out / SUMMARY, out / REPORT, *out.glob("figure[456]*.png")]
         stale += [path for pattern in PATTERNS for path in (out / CONTROLLERS).glob(f"{pattern}-*.npz")]
-        stale += [part_of(log) for log in logs]
+        stale += [*(out / FOLDER).glob("*.part"), *(part_of(log) for log in logs)]
         for path in stale:
             path.unlink(missing_ok=True)
     except OSError as error:

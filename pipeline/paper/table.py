@@ -7,6 +7,7 @@ from rich.table import Table
 
 from pipeline.arrays import Floats
 from pipeline.demo.run import PAPER_CM
+from pipeline.paper.bounds import spread
 from pipeline.paper.results import (
     CONTROLLERS,
     PATTERN_1,
@@ -15,7 +16,6 @@ from pipeline.paper.results import (
     NetworkEnsemble,
     PaperResults,
     drawing_title,
-    spread,
 )
 
 NONE = "–"

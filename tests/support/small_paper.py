@@ -10,6 +10,10 @@ from pipeline.evaluation.errors import HandErrors
 from pipeline.evaluation.trials import evaluate_samples
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import command_costs
+from pipeline.paper.comparison.error_parts import ErrorPart
+from pipeline.paper.comparison.explorations import EXPLORATIONS, OTHER_ROBOTS, Explored
+from pipeline.paper.comparison.results import Comparison
+from pipeline.paper.comparison.rules import OUR_RULE, PAPERS_RULE, ComparedRule, StepCosts
 from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.training.batch import Outcome, Run, compute
@@ -36,7 +40,27 @@ def small_paper(folder: Path) -> PaperResults:
         deployed=Deployment(PATTERN_2, 0.1, trial.targets, driven, driven),
         costs=command_costs(outcomes[0].controller, trial, period_ns=200_000_000),
         seconds_explore_and_learn=1.5,
+        comparison=small_comparison(log),
     )
+
+
+def small_comparison(log: Path) -> Comparison:
+    """Make a comparison of numbers that keep every bound; scikit-learn is not installed there, and one robot not."""
+    explored = tuple(
+        Explored(one, seed, log, {name: _errors(0.01 * seed) for name in one.motions}, 2.5)
+        for one in (*EXPLORATIONS, OTHER_ROBOTS[0])
+        for seed in (1, 2)
+    )
+    errors = explored[0].errors, explored[1].errors
+    rules = tuple(ComparedRule(name, errors, 5.0, 1.5) for name in (PAPERS_RULE, "linear ridge", OUR_RULE))
+    names = ("papers_rule", "held", "reached", "reached_held", "covered", "covered_held", "linear", "linear_reached")
+    parts = tuple(ErrorPart(name, f"{name} & more", errors) for name in names)
+    missing = ComparedRule("scikit-learn's MLP", ())
+    return Comparison((1, 2), explored, OTHER_ROBOTS[1:2], (*rules, missing), parts, StepCosts(30.0, 5.0, 3.7))
+
+
+def _errors(cm: float) -> HandErrors:
+    return HandErrors(cm, cm, {"left": cm, "right": cm}, {"left": cm, "right": cm}, 20)
 
 
 def _networks(pattern: str, outcomes: list[Outcome], samples: Samples) -> NetworkEnsemble:

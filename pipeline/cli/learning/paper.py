@@ -22,6 +22,14 @@ def paper(
         str | None,
         typer.Option(help="Learn on a Dask cluster with the same files, at tcp://HOST:PORT.", metavar="ADDRESS"),
     ] = None,
+    seeds: Annotated[
+        int,
+        typer.Option(
+            help="Seeds of the explorations over which learning rules are compared, from --seed on.",
+            min=1,
+            metavar="N",
+        ),
+    ] = 1,
     as_json: Json = False,
 ) -> None:
     """Rerun every figure and number of the paper, beside ours.
@@ -33,7 +41,7 @@ def paper(
     from pipeline.paper.table import console_table
     from pipeline.training.executors import dask_cluster, local_processes
 
-    config = PaperConfig.quick(seed=seed) if quick else PaperConfig(seed=seed)
+    config = (PaperConfig.quick if quick else PaperConfig)(seed=seed, compared=seeds)
     executors = local_processes if scheduler is None else partial(dask_cluster, scheduler)
     result = run_paper(out, config=config, executors=executors)
     with console.progress("report") as advance:

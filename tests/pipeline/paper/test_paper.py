@@ -15,6 +15,7 @@ from processes import reenact
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.motions.names import PATTERNS
 from pipeline.paper.run import PaperConfig, drawings, run_paper
 from pipeline.training.trainer import train
 from recorders.errors import ConfigError, WireError
@@ -37,7 +38,31 @@ def quick(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, dict[str, Any
 
 
 def assert_keys(result: dict[str, Any]) -> None:
-    assert list(result) == ["pattern1", "pattern2", "demonstrations", "deployed", "seconds_explore_and_learn"]
+    assert list(result) == [
+        "pattern1",
+        "pattern2",
+        "demonstrations",
+        "deployed",
+        "seconds_explore_and_learn",
+        "comparison",
+    ]
+    assert list(result["comparison"]) == [
+        "seeds",
+        "explorations",
+        "not_compared",
+        "rules",
+        "error_parts",
+        "learning_step_us",
+        "command_us",
+        "papers_step_us",
+        "seconds_explore_and_learn",
+    ]
+    columns = [*PATTERNS, *(f"{name}_{hand}" for name in drawings() for hand in ("left", "right"))]
+    for name in ("taught_120s", "taught_30s", "self_taught_120s", "self_taught_30s"):
+        assert list(result["comparison"]["explorations"][name]) == columns
+    for rule in result["comparison"]["rules"].values():
+        assert list(rule) == ["errors", "tick_us", "command_us"]
+        assert list(rule["errors"]) == columns
     assert list(result["pattern1"]) == ["train_cm_mean", "train_cm_std", "on_pattern2_cm_mean"]
     assert list(result["pattern2"]) == ["train_cm_mean", "train_cm_std", "on_pattern1_cm_mean"]
     assert list(result["deployed"]) == ["learned_cm", "teacher_cm"]
@@ -59,6 +84,8 @@ def test_every_log_and_every_network_is_left_to_look_at(quick: tuple[Path, dict[
         assert LogReader(folder / f"{name}.mcap").counts["/sample/joint_states"] > 60
     saved = {path.name for path in (folder / "controllers").iterdir()}
     assert saved == {f"{pattern}-{seed}.npz" for pattern in ("circles", "eight") for seed in QUICK.seeds}
+    explored = {path.name for path in (folder / "explorations").iterdir()}
+    assert explored == {f"{one.name}-{QUICK.seed}.mcap" for one in QUICK.comparison.explorations}
     assert not list(folder.rglob("*.part"))
 
 

@@ -1,0 +1,1 @@
+"""Learning rules and baselines on the same explorations: errors, costs, and where the paper's error comes from."""
