@@ -3,6 +3,7 @@
 All of them see scaled numbers: targets by the robot's reach, joints by their ranges. Nothing of this feeds a learner.
 """
 
+import warnings
 from collections.abc import Callable
 from functools import partial
 from typing import Any, TypeAlias
@@ -26,7 +27,7 @@ RIDGE = 1e-4
 
 _KERNEL_RIDGE, _KERNEL_GAMMA = 1e-4, 0.05  # the least leave-one-out error on an exploration
 _LAYERS = (100, 100)
-_ITERATIONS = 2000
+_ITERATIONS = 300
 
 
 def polynomial_ridge(degree: int) -> Fit:
@@ -71,10 +72,15 @@ def library_kernel_ridge(targets: Floats, joints: Floats, seed: int) -> Answer:
 
 def library_perceptron(targets: Floats, joints: Floats, seed: int) -> Answer:
     """Fit scikit-learn's multi-layer perceptron; ModuleNotFoundError if it is not installed."""
-    from sklearn.neural_network import MLPRegressor  # noqa: PLC0415  # an extra
+    from sklearn.exceptions import ConvergenceWarning  # noqa: PLC0415  # an extra
+    from sklearn.neural_network import MLPRegressor  # noqa: PLC0415
 
-    network = MLPRegressor(_LAYERS, solver="lbfgs", alpha=RIDGE, max_iter=_ITERATIONS, random_state=seed)
-    return _predict(network.fit(targets, joints))
+    network = MLPRegressor(
+        hidden_layer_sizes=_LAYERS, solver="lbfgs", alpha=RIDGE, max_iter=_ITERATIONS, random_state=seed
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", ConvergenceWarning)  # so many iterations, and no more
+        return _predict(network.fit(targets, joints))
 
 
 def _predict(model: Any) -> Answer:

@@ -63,7 +63,8 @@ def test_scikit_learns_find_it_too_where_it_is_installed(fit) -> None:
 
 @pytest.mark.parametrize("fit", [library_kernel_ridge, library_perceptron])
 def test_scikit_learns_name_it_where_it_is_not(fit, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setitem(sys.modules, "sklearn", None)
+    for name in ("sklearn", "sklearn.kernel_ridge", "sklearn.neural_network"):
+        monkeypatch.setitem(sys.modules, name, None)
     with pytest.raises(ModuleNotFoundError) as missing:
         fit(SEEN, curved(SEEN, 2), 0)
     assert missing.value.name.partition(".")[0] == "sklearn"
