@@ -145,6 +145,9 @@ def _simulate(way: Source, robot_name: str, seed: int, log: Path, step_ns: int |
         way = replace(way, teacher=replace(way.teacher, period_ns=step_ns))
         simulation = SimulationConfig(step_ns=step_ns, control_ns=step_ns)
     robot = load_robot(robot_name)
+    guidance = way.guidance(robot, seed=seed)
+    if step_ns is not None:
+        guidance = replace(guidance, keep_clear=False)  # a coarse robot lags more than was planned for
     explore(
         robot,
         way.motion(robot, seed=seed),
@@ -152,9 +155,6 @@ def _simulate(way: Source, robot_name: str, seed: int, log: Path, step_ns: int |
         out=log,
         simulation=simulation,
         config=way.config,
-        guide=way.guide(robot, seed=seed),
-        settings=way.settings,
-        must_reach=not way.drawn,
-        keep_clear=way.keeps_clear and step_ns is None,
+        guidance=guidance,
         overwrite=True,
     )
