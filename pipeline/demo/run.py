@@ -161,14 +161,7 @@ def run_demo(
             digest = self_taught()
         with _stage("learn_self_taught", seconds):
             alone = learn_self_taught(out, logs, seed=seed, live_digest=digest)
-    with _stage("evaluate", seconds):
-        controller = Controller.load(out / CONTROLLER)
-        trials = try_motions(controller, logs)
-    with _stage("report", seconds):
-        _draw(out / REPORT, robot, trials, deployable.trials[2], trainer.errors_cm)
-        _record(out / RECORDING, controller, trials[1])
-        if view is not None:
-            _show(view, out / CONTROLLER, motion=PATTERNS[1])
+    trials = _evaluate(out, logs, robot, deployable.trials[2], trainer.errors_cm, seconds, view)
     result = Demo(
         trials=trials,
         errors_cm=trainer.errors_cm,
@@ -259,6 +252,27 @@ def _explore_both(
         if watched is not None:
             watched.flush()
         other()
+
+
+def _evaluate(
+    out: Path,
+    logs: list[Path],
+    robot: RobotConfig,
+    deployed: Trial,
+    errors_cm: list[float],
+    seconds: dict[str, float],
+    view: LiveView | None,
+) -> Trials:
+    """Try the controller on every motion, and draw and show what it does."""
+    with _stage("evaluate", seconds):
+        controller = Controller.load(out / CONTROLLER)
+        trials = try_motions(controller, logs)
+    with _stage("report", seconds):
+        _draw(out / REPORT, robot, trials, deployed, errors_cm)
+        _record(out / RECORDING, controller, trials[1])
+        if view is not None:
+            _show(view, out / CONTROLLER, motion=PATTERNS[1])
+    return trials
 
 
 def _draw(path: Path, robot: RobotConfig, trials: Trials, deployed: Trial, errors_cm: list[float]) -> None:
