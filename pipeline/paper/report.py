@@ -76,7 +76,10 @@ def write_report(
 
 def _checks(paper: PaperResults) -> str:
     verdicts = {True: "holds", False: '<span class="fails">fails</span>'}
-    body = [(escape(check.claim), escape(check.found), verdicts[check.holds]) for check in paper.checks()]
+    body = [
+        (escape(check.claim), escape(check.found), verdicts[check.holds])
+        for check in (*paper.checks(), *paper.comparison.checks())
+    ]
     return table(("claim", "found", ""), body)
 
 
