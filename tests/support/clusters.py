@@ -19,7 +19,8 @@ def local_cluster(workers: int = 2) -> Iterator[str]:
     """A cluster of worker processes on loopback, each restarted when it ends; yields its scheduler's address."""
     from distributed import LocalCluster
 
-    options = {"host": "127.0.0.1", "dashboard_address": None, "worker_dashboard_address": None}
+    # Any port for its status: without one, Dask takes a fixed one, which other tests may have.
+    options = {"host": "127.0.0.1", "dashboard_address": "127.0.0.1:0", "worker_dashboard_address": None}
     with LocalCluster(  # type: ignore[no-untyped-call]
         workers, threads_per_worker=1, processes=True, silence_logs="CRITICAL", **options
     ) as local:

@@ -155,7 +155,7 @@ def wrong_centring(patch: Patch, folder: Path) -> None:
 
 
 def swapped_hands(patch: Patch, folder: Path) -> None:
-    rewrite(patch, commanded.CommandedPairs, "fill", "np.concatenate(tick.hands)", "np.concatenate(tick.hands[::-1])")
+    rewrite(patch, commanded.CommandedPairs, "fill", "enumerate(tick.hands)", "enumerate(tick.hands[::-1])")
 
 
 def permuted_joints(patch: Patch, folder: Path) -> None:
@@ -239,7 +239,7 @@ def changed_link(patch: Patch, folder: Path) -> None:
 
 
 def no_gravity_feed_forward(patch: Patch, folder: Path) -> None:
-    rewrite(patch, Simulation, "_demand", "-self._joints.gravity(self._context)", "0.0")
+    rewrite(patch, Simulation, "_demand", "self._joints.gravity(self._context)", "0.0")
 
 
 def another_start_posture(patch: Patch, folder: Path) -> None:
