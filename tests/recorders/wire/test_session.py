@@ -273,6 +273,7 @@ def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
         await_ready(router)
         await_ready(client)
         wait_until(lambda: {"rx", "tx", "acc"} <= zenoh_pools(router.pid))
+        wait_until(lambda: {"app", "tx"} <= zenoh_pools(client.pid))
         assert zenoh_pools(client.pid) == {"app", "tx"}
 
 
