@@ -8,8 +8,6 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
-from pipeline.urdf.description import parse_urdf
-from pipeline.urdf.joints import speed_limits
 
 NOISE_TIME_S = 1.0
 """Time [s] after which the noise has forgotten where it was."""
@@ -37,7 +35,7 @@ def joint_noise(robot: RobotConfig, *, seed: int, period_ns: int, share: float) 
     """
     joints = len(robot.joints)
     decay = period_ns * 1e-9 / NOISE_TIME_S
-    span = np.minimum(robot.upper - robot.lower, speed_limits(parse_urdf(robot.urdf_text), robot.joints))
+    span = np.minimum(robot.upper - robot.lower, robot.speed_limits)
     step = math.sqrt(3.0) * math.sqrt(decay * (2.0 - decay)) * share * span
     offset = 0.0 * step
     block = 0

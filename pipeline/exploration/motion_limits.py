@@ -7,8 +7,6 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.collision.self_distance import CLEARANCE_M, NOTHING_NEAR, SelfDistance
 from pipeline.robot.config import RobotConfig
-from pipeline.urdf.description import parse_urdf
-from pipeline.urdf.joints import speed_limits
 from recorders.errors import MotionError
 
 
@@ -52,7 +50,7 @@ class MotionLimits:
     def __init__(self, robot: RobotConfig) -> None:
         self._robot = robot
         self._span = robot.upper - robot.lower
-        self._speeds = speed_limits(parse_urdf(robot.urdf_text), robot.joints)
+        self._speeds = robot.speed_limits
         self._distances = SelfDistance(robot)
         self._margins = np.full(len(robot.joints), np.inf)
         self._fastest = np.zeros(len(robot.joints))

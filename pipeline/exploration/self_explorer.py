@@ -15,8 +15,6 @@ from pipeline.learner.state import state_digest
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
 from pipeline.seeding import uniforms
-from pipeline.urdf.description import parse_urdf
-from pipeline.urdf.joints import speed_limits
 from recorders.errors import ConfigError
 
 _CLEAR = Nearest(CLEARANCE_M + 0.015, "", "")  # what noise and the servos' lag take away stays below the difference
@@ -96,7 +94,7 @@ class SelfExplorer:
         self._half = (robot.upper - robot.lower) / 2.0
         self._lower = robot.lower + 2.0 * config.margin * self._half
         self._upper = robot.upper - 2.0 * config.margin * self._half
-        self._speeds = config.speed_share * speed_limits(parse_urdf(robot.urdf_text), robot.joints)
+        self._speeds = config.speed_share * robot.speed_limits
         self._distances = SelfDistance(robot)
         self._points = _box_points(robot)
         self.ticks = 0
@@ -167,7 +165,7 @@ def _box_points(robot: RobotConfig) -> Floats:
     """Return points spread evenly over the boxes of all hands [m], shape (points, 3 hands)."""
     from scipy.stats import qmc  # noqa: PLC0415  # an extra, and slow to import: only who explores alone needs it
 
-    boxes = np.array([hand.box for hand in robot.hands]).ravel()
+    boxes = robot.boxes.ravel()
     unit = qmc.Halton(d=len(boxes), scramble=False).random(_POINTS + 1)[1:]  # the first is a corner
     points: Floats = robot.input_centre + boxes * (2.0 * unit - 1.0)
     return points

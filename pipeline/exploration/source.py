@@ -217,8 +217,7 @@ def source(
         A value is out of its range, the motion has its own duration and rate, or what is installed under its name is
         none.
     """
-    given = {"duration_s": duration_s, "tick_rate_hz": tick_rate_hz}
-    wanted = {key: value for key, value in given.items() if value is not None}
+    wanted = _given(duration_s=duration_s, tick_rate_hz=tick_rate_hz)
     drawn = SOURCES.get(name)
     if wanted and drawn is None:
         measured = names_text(f"'{known}'" for known in SOURCES.names())
@@ -242,10 +241,14 @@ def self_exploration(
     ConfigError
         A value is out of its range.
     """
-    given = {"duration_s": duration_s, "tick_rate_hz": tick_rate_hz}
-    wanted = {key: value for key, value in given.items() if value is not None}
+    wanted = _given(duration_s=duration_s, tick_rate_hz=tick_rate_hz)
     if until_cm is not None and not until_cm > 0.0:
         raise ConfigError(f"error at which exploring ends: expected above 0 cm, found {until_cm:g} cm")
     pace = Pace(**{"tick_rate_hz": _SELF_TICK_RATE_HZ, **wanted})  # type: ignore[arg-type]
     explorer = SelfExplorerConfig(period_ns=pace.tick_ns)
     return Source(VOLUME, pace, _TEACHER, ExplorationConfig(joint_noise=JOINT_NOISE), None, explorer, until_cm)
+
+
+def _given(**values: float | None) -> dict[str, float]:
+    """Return the values that are not None."""
+    return {name: value for name, value in values.items() if value is not None}

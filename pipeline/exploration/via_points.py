@@ -49,7 +49,7 @@ def motion_through(points: Sequence[Floats], duration_ns: int, tick_ns: int) -> 
 
 def draw_point(robot: RobotConfig, seed: int, number: int, attempt: int) -> Floats:
     """Draw a via point [m], (hands, 3)."""
-    boxes = np.array([hand.box for hand in robot.hands])
+    boxes = robot.boxes
     drawn = uniforms(seed, "via point", number, attempt, count=boxes.size).reshape(boxes.shape)
     return robot.centres + boxes * (2.0 * drawn - 1.0)
 

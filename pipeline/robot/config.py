@@ -5,6 +5,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -20,7 +21,7 @@ from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, 
 from pipeline.robot.upgrade import upgraded
 from pipeline.urdf.bodies import check_bodies
 from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link
-from pipeline.urdf.joints import joint_limits, moved_links
+from pipeline.urdf.joints import joint_limits, moved_links, speed_limits
 from recorders.errors import RobotError
 from recorders.text.wording import names_text, value_text
 
@@ -103,6 +104,18 @@ class RobotConfig:
     def centres(self) -> Floats:
         """Centre of each hand's pattern and box [m], world frame, shape (hands, 3)."""
         return np.array([hand.centre for hand in self.hands])
+
+    @property
+    def boxes(self) -> Floats:
+        """Half extents of each hand's box [m], shape (hands, 3)."""
+        return np.array([hand.box for hand in self.hands])
+
+    @cached_property
+    def speed_limits(self) -> Floats:
+        """Speed limits of the joints [rad/s or m/s], shape (n,); infinite where the URDF states 0 or none."""
+        limits = speed_limits(parse_urdf(self.urdf_text), self.joints)
+        limits.setflags(write=False)
+        return limits
 
     @property
     def input_centre(self) -> Floats:

@@ -14,8 +14,6 @@ from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.part_distances import PartDistances
 from pipeline.teacher.qp_config import SLACK_M, QpTeacherConfig
 from pipeline.teacher.teacher import comfort_posture
-from pipeline.urdf.description import parse_urdf
-from pipeline.urdf.joints import speed_limits
 
 _DEFAULT = QpTeacherConfig()
 _PRIORITY = 100.0  # of the hands before the comfort posture, as in Drake
@@ -63,7 +61,7 @@ class QpTeacher:
         span = robot.upper - robot.lower
         self._lower, self._upper = robot.lower + config.margin * span, robot.upper - config.margin * span
         self._distances = PartDistances(robot) if config.clearance_m else None
-        self._speeds = config.speed_share * speed_limits(parse_urdf(robot.urdf_text), robot.joints)
+        self._speeds = config.speed_share * robot.speed_limits
 
     @property
     def period_ns(self) -> int:

@@ -10,8 +10,6 @@ from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.kinematics import Kinematics
-from pipeline.urdf.description import parse_urdf
-from pipeline.urdf.joints import speed_limits
 from recorders.errors import ConfigError, MotionError
 
 REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
@@ -84,8 +82,7 @@ class Teacher:
         self._stiffness = robot.weights / span**2  # (n,)
         self._lower = robot.lower + config.margin * span
         self._upper = robot.upper - config.margin * span
-        speeds = speed_limits(parse_urdf(robot.urdf_text), robot.joints)
-        self._speeds = config.speed_share * speeds if config.speed_share else np.full(len(speeds), np.inf)
+        self._speeds = config.speed_share * robot.speed_limits if config.speed_share else np.inf
         self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
 
     @property

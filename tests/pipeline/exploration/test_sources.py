@@ -1,12 +1,12 @@
 """Exploration sources: our own, and one from outside the package, which is explored as ours are."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
 import toy_source
+from installed import installed
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
@@ -19,20 +19,10 @@ from recorders.reading.reader import LogReader
 
 @pytest.fixture(scope="module", autouse=True)
 def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Install the source in a folder as an installer does: its module, and the metadata of its distribution."""
-    site = tmp_path_factory.mktemp("site")
-    metadata = site / "toy_source-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-source\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text(
-        "[reenact.explorations]\nsweep = toy_source:SOURCE\nbroken = toy_source:NONE\n"
-    )
-    shutil.copy(toy_source.__file__, site)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(site))
-        SOURCES.forget()
+    """Install the source, and one that cannot be loaded."""
+    entries = {"sweep": "SOURCE", "broken": "NONE"}
+    with installed(tmp_path_factory.mktemp("site"), toy_source, SOURCES, group="reenact.explorations", entries=entries):
         yield
-    SOURCES.forget()
 
 
 class TestVolume(DrawnMotionContract):

@@ -1,13 +1,13 @@
 """Motions by name: our own, and one from outside the package, which is explored, learned and tried as ours are."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import pytest
 import toy_motion
+from installed import installed
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
@@ -22,19 +22,10 @@ from recorders.reading.reader import LogReader
 
 @pytest.fixture(scope="module", autouse=True)
 def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Install the motion in a folder as an installer does: its module, and the metadata of its distribution."""
-    site = tmp_path_factory.mktemp("site")
-    metadata = site / "toy_motion-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-motion\nVersion: 1.0\n")
-    entries = "lift = toy_motion:MOTION\nbroken = toy_motion:NONE\n"
-    (metadata / "entry_points.txt").write_text(f"[reenact.motions]\n{entries}")
-    shutil.copy(toy_motion.__file__, site)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(site))
-        MOTIONS.forget()
+    """Install the motion, and one that cannot be loaded."""
+    entries = {"lift": "MOTION", "broken": "NONE"}
+    with installed(tmp_path_factory.mktemp("site"), toy_motion, MOTIONS, group="reenact.motions", entries=entries):
         yield
-    MOTIONS.forget()
 
 
 class TestLift(NamedMotionContract):

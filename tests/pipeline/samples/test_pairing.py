@@ -1,7 +1,6 @@
 """Pairing rules: commanded, reached, and one from outside the package, through all that takes ticks."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
@@ -11,6 +10,7 @@ import numpy as np
 import pytest
 import toy_pairs
 from episodes import write_plain_episode
+from installed import installed
 from processes import reenact, start, wait_for_line
 from typer.testing import CliRunner
 
@@ -43,17 +43,10 @@ SAME = ("digest", "stream_digest", "steps", "ticks")
 
 @pytest.fixture(scope="module", autouse=True)
 def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Install the rule in a folder as an installer does: its module, and the metadata of its distribution."""
-    site = tmp_path_factory.mktemp("site")
-    metadata = site / "toy_pairs-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-pairs\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[reenact.pairs]\ntoy = toy_pairs:RULE\nbroken = toy_pairs:NONE\n")
-    shutil.copy(toy_pairs.__file__, site)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(site))
+    """Install the rule, and one that cannot be loaded."""
+    entries = {"toy": "RULE", "broken": "NONE"}
+    with installed(tmp_path_factory.mktemp("site"), toy_pairs, PAIRING_RULES, group="reenact.pairs", entries=entries):
         yield
-    PAIRING_RULES.forget()
 
 
 class TestCommanded(PairingRuleContract):

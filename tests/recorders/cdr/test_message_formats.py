@@ -1,13 +1,13 @@
 """Message types: our own, and one from outside the package, which is logged, read, compared and shown as ours are."""
 
 import json
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 import numpy as np
 import pytest
 import toy_message
+from installed import installed
 from toy_message import PointStamped
 from typer.testing import CliRunner
 
@@ -44,19 +44,10 @@ STAMP_NS = 3_000_000_007
 
 @pytest.fixture(scope="module", autouse=True)
 def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Install the type in a folder as an installer does: its module, and the metadata of its distribution."""
-    site = tmp_path_factory.mktemp("site")
-    metadata = site / "toy_message-1.0.dist-info"
-    metadata.mkdir()
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-message\nVersion: 1.0\n")
-    entry = "geometry_msgs/msg/PointStamped = toy_message:FORMAT"
-    (metadata / "entry_points.txt").write_text(f"[reenact.messages]\n{entry}\n")
-    shutil.copy(toy_message.__file__, site)
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(str(site))
-        FORMATS.forget()
+    """Install the type."""
+    entries = {"geometry_msgs/msg/PointStamped": "FORMAT"}
+    with installed(tmp_path_factory.mktemp("site"), toy_message, FORMATS, group="reenact.messages", entries=entries):
         yield
-    FORMATS.forget()
 
 
 class TestPointStamped(MessageFormatContract):

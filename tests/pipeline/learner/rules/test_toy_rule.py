@@ -2,7 +2,6 @@
 
 import json
 import os
-import shutil
 import signal
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,6 +11,7 @@ import numpy as np
 import pytest
 import toy_rule
 from episodes import write_plain_episode
+from installed import installed
 from processes import complaint, reenact, start, wait_for_line
 from rerun_server import rerun_server
 
@@ -37,26 +37,16 @@ SAMPLES = 8
 EPOCHS = 2
 
 
-def register(site: Path) -> Path:
-    """Install the rule in a folder as an installer does: its module, and the metadata of its distribution."""
-    metadata = site / "toy_rule-1.0.dist-info"
-    metadata.mkdir(parents=True)
-    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: toy-rule\nVersion: 1.0\n")
-    (metadata / "entry_points.txt").write_text("[reenact.rules]\ntoy = toy_rule:RULE\nbroken = toy_rule:NONE\n")
-    shutil.copy(toy_rule.__file__, site)
-    return site
-
-
 @pytest.fixture(scope="module", autouse=True)
 def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
-    """Register it here and for the processes that are started."""
-    site = str(register(tmp_path_factory.mktemp("site")))
-    with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(site)
-        patch.setenv("PYTHONPATH", os.pathsep.join([site, *filter(None, [os.environ.get("PYTHONPATH")])]))
-        RULES.forget()
+    """Install the rule, and one that cannot be loaded, here and for the processes that are started."""
+    site, entries = tmp_path_factory.mktemp("site"), {"toy": "RULE", "broken": "NONE"}
+    with (
+        installed(site, toy_rule, RULES, group="reenact.rules", entries=entries),
+        pytest.MonkeyPatch.context() as patch,
+    ):
+        patch.setenv("PYTHONPATH", os.pathsep.join([str(site), *filter(None, [os.environ.get("PYTHONPATH")])]))
         yield
-    RULES.forget()
 
 
 class TestToy(LearningRuleContract):
