@@ -24,7 +24,7 @@ def published_digests(*, seed: int, epochs: int, duration_s: float) -> dict[str,
 
 
 def published_line(found: Mapping[str, str], published: Mapping[str, str] | None) -> str:
-    """Return the line that says whether the digests found are those published, and which are not.
+    """Return a line on whether the digests found are those published, and which are not.
 
     Examples
     --------

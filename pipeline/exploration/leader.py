@@ -30,7 +30,7 @@ def leader_settings(leader: Leader) -> dict[str, Any]:
 
 
 def leader_of(manifest: Mapping[str, Any]) -> Leader:
-    """Return who led an exploration.
+    """Return the leader of an exploration.
 
     Raises
     ------

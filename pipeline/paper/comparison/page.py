@@ -1,4 +1,4 @@
-"""Texts of the comparison in the report: what each exploration led to, all rules side by side, parts of the error."""
+"""Texts of the comparison in the report: results of each exploration, all rules side by side, parts of the error."""
 
 from collections.abc import Iterable, Mapping
 from html import escape

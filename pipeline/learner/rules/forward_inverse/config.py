@@ -144,7 +144,7 @@ class ForwardInverseConfig(Settings):
         return super().element_name(array, index)
 
     def with_body(self, body: Body) -> Self:
-        """Return the same for a robot, whose body is kept."""
+        """Return the same with the body of a robot."""
         return dataclasses.replace(self, body=body, inputs=body.inputs, outputs=body.inputs + len(body.joints))
 
     def to_dict(self) -> dict[str, Any]:

@@ -160,7 +160,7 @@ class ForwardInverseLearner:
         """Pass: a command changes nothing."""
 
     def check(self, status: int) -> None:
-        """Raise what a kernel's status says, unless it is `kernels.OK`: MessageError or ConfigError."""
+        """Raise MessageError or ConfigError for the status of a kernel, unless it is `kernels.OK`."""
         if status != kernels.OK:
             raise _failure(status)
 
