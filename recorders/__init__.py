@@ -10,6 +10,7 @@ if TYPE_CHECKING:
     from recorders.cdr.codec import decode_as as decode_as
     from recorders.cdr.codec import encode as encode
     from recorders.cdr.message_format import MessageFormat as MessageFormat
+    from recorders.containers.opening import open_log as open_log
     from recorders.errors import ReenactError as ReenactError
     from recorders.messages.message_types import Clock as Clock
     from recorders.messages.message_types import Float64MultiArray as Float64MultiArray
@@ -27,7 +28,6 @@ if TYPE_CHECKING:
     from recorders.messages.topics import type_of as type_of
     from recorders.reading.reader import LogReader as LogReader
     from recorders.reading.session_reader import SessionReader as SessionReader
-    from recorders.reading.session_reader import open_log as open_log
     from recorders.recording.live_recorder import LiveRecorder as LiveRecorder
     from recorders.recovery.log_info import LogSummary as LogSummary
     from recorders.recovery.log_info import summarise as summarise
@@ -65,7 +65,8 @@ _HOMES = {
     "recorders.messages.record": ("RecordedMessage",),
     "recorders.messages.topics": ("TOPICS", "Topic", "type_of"),
     "recorders.reading.reader": ("LogReader",),
-    "recorders.reading.session_reader": ("SessionReader", "open_log"),
+    "recorders.containers.opening": ("open_log",),
+    "recorders.reading.session_reader": ("SessionReader",),
     "recorders.recording.live_recorder": ("LiveRecorder",),
     "recorders.recovery.log_info": ("LogSummary", "summarise"),
     "recorders.recovery.recover": ("Recovery", "recover"),

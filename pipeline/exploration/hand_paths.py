@@ -9,12 +9,12 @@ from typing import Any
 from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from pipeline.motions.csv_file import read_table
 from pipeline.motions.motion import hand_columns
+from recorders.containers.opening import open_log
 from recorders.errors import LogError, MotionError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import hand_target
 from recorders.reading.parts import Log, Parts
-from recorders.reading.session_reader import open_log
 from recorders.text.wording import names_text
 from replay.sources.scheduled import naming, renamed
 

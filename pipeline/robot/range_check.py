@@ -9,11 +9,11 @@ from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
+from recorders.containers.opening import open_log
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState
 from recorders.messages.topics import COMMANDED_TICK
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import open_log
 from recorders.ticks.joiner import JointMap
 from replay.sources.live import LiveLog
 

@@ -4,10 +4,11 @@ from collections.abc import Collection, Mapping
 from types import MappingProxyType
 
 from pipeline.robot.config import RobotConfig, parse_robot
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.messages.topics import hands_among, is_target
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import Reader, open_log
 from recorders.text.wording import names_text
 from recorders.wire.stream import Offer
 from replay.sources.scheduled import read_robot

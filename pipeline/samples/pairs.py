@@ -10,11 +10,12 @@ from pipeline.robot.config import RobotConfig
 from pipeline.robot.range_check import range_check
 from pipeline.robot.recorded import recorded_robot, require_recorded_robot
 from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import Reader, open_log
 from recorders.ticks.joiner import join_ticks
 from replay.sources.scheduled import naming, renamed
 from replay.sources.stream_digest import digest_link

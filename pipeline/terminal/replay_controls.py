@@ -10,9 +10,9 @@ from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
+from recorders.containers.opening import open_log
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.reading.session_reader import open_log
 from recorders.wire.stream import Offer
 from replay.diff.divergence import guard
 from replay.sources.schedule import Schedule

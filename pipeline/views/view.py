@@ -14,10 +14,11 @@ from pipeline.views.learning import plane_of
 from pipeline.views.network import NetworkView
 from pipeline.views.rows import JOINT_TOPICS, MotionRows
 from recorders.cdr.codec import decode
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import LogError
 from recorders.messages.topics import hand_target, type_of
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import Reader, open_log
 from recorders.rerun_scene.blueprint import controller_blueprint, motion_blueprint, stack_points
 from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network, send_parts
 from recorders.rerun_scene.recording import Destination, send_motion

@@ -5,13 +5,12 @@ from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from functools import cached_property, partial
 from itertools import chain
-from pathlib import Path
 from typing import Any, TypeAlias
 
 from recorders.errors import LogError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.reading.parts import PART, Log, Parts, find_log
+from recorders.reading.parts import PART, Log, Parts
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
@@ -115,19 +114,10 @@ class SessionReader:
 # log time [ns] and part of the next message
 _UnderWay: TypeAlias = tuple[int, int, RecordedMessage, Iterator[RecordedMessage]]
 
-Reader: TypeAlias = LogReader | SessionReader
 
-
-def open_log(log: Log) -> Reader:
-    """Return what reads a recording: a log, or a session's parts, named one by one, by their folder or by their stem.
-
-    Raises
-    ------
-    LogError
-        If there is none, or it is not MCAP; see `recorders.reading.parts.find_log`.
-    """
-    found = find_log(log) if isinstance(log, Path) else log
-    return SessionReader(found) if isinstance(found, Parts) else LogReader(found)
+def open_mcap(log: Log) -> LogReader | SessionReader:
+    """Return what reads a log or a session's parts in MCAP; raises LogError as these do."""
+    return SessionReader(log) if isinstance(log, Parts) else LogReader(log)
 
 
 def _merged(parts: Sequence[Callable[[], Iterator[RecordedMessage]]]) -> Iterator[RecordedMessage]:

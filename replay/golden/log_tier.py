@@ -7,6 +7,8 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import NamedTuple
 
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import LogError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.topics import (
@@ -19,7 +21,6 @@ from recorders.messages.topics import (
 )
 from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
-from recorders.reading.session_reader import Reader, open_log
 from recorders.writing.writer import RESERVED, LogWriter
 from replay.golden.finding import LOG, Finding, error_text
 from replay.sources.stream_digest import frame_for_digest

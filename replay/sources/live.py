@@ -8,13 +8,13 @@ from dataclasses import replace
 from itertools import pairwise
 
 from recorders.cdr.codec import decode_as, encode
+from recorders.containers.opening import open_log
 from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import open_log
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import Check, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks

@@ -6,7 +6,10 @@ import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from itertools import count, islice
+from pathlib import Path
 
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError
 from recorders.files.whole_files import file_sha256
 from recorders.mcap_format.channels import DeclaredChannel
@@ -15,7 +18,6 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import Log
 from recorders.reading.raw_messages import FOREVER_NS
-from recorders.reading.session_reader import Reader, SessionReader, open_log
 from recorders.text.quantities import MAX_TIME_NS, seconds_text
 from recorders.text.wording import names_text
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
@@ -186,9 +188,7 @@ class Playback:
 
 def _content(reader: Reader) -> str:
     """Return the hash that names a log's content: its own, or that of the file if it has none."""
-    if isinstance(reader, SessionReader):
+    if not isinstance(reader.path, Path):
         return content_sha256(reader.records(file_order=True))
     recorded = reader.manifest.get("content_sha256")
-    if isinstance(recorded, str):
-        return recorded
-    return file_sha256(reader.path)
+    return recorded if isinstance(recorded, str) else file_sha256(reader.path)

@@ -7,12 +7,13 @@ from contextlib import contextmanager
 from itertools import chain, count, islice, pairwise
 
 from recorders.cdr.codec import encode
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE, TOPICS, type_of
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import Reader, open_log
 from recorders.text.wording import names_text
 from recorders.ticks.joiner import TickJoiner
 from recorders.wire.stream import MAX_MESSAGE, Offer

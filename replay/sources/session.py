@@ -5,13 +5,13 @@ from dataclasses import replace
 from itertools import islice
 
 from recorders.cdr.codec import decode
+from recorders.containers.opening import open_log
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
 from recorders.reading.parts import Log
-from recorders.reading.session_reader import open_log
 from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import check_size, naming, read_robot, renamed

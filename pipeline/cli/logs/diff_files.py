@@ -6,10 +6,10 @@ from pathlib import Path
 
 from pipeline.learner.controller import Controller, is_controller
 from pipeline.learner.controller_diff import ControllerDifference, first_difference
+from recorders.containers.opening import open_log
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import is_log, one_session
-from recorders.reading.session_reader import open_log
 from replay.diff.divergence import Divergence, first_divergence
 from replay.diff.rules import Rules
 

@@ -26,6 +26,7 @@ from short_motion import write_short_motion
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import decode_as, encode
+from recorders.containers.opening import open_log
 from recorders.errors import LogError, WireError
 from recorders.messages.message_types import Float64MultiArray, PoseStamped, String
 from recorders.messages.record import RecordedMessage
@@ -40,7 +41,6 @@ from recorders.messages.topics import (
     SESSION_PHASE,
 )
 from recorders.reading.reader import LogReader
-from recorders.reading.session_reader import open_log
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
 from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, message_key, pack

@@ -8,8 +8,8 @@ from episodes import write_episode
 from sessions import split
 
 from pipeline.cli import app
+from recorders.containers.opening import open_log
 from recorders.reading.reader import LogReader
-from recorders.reading.session_reader import open_log
 from recorders.writing.writer import LogWriter
 from replay.sources.playback import Playback
 from replay.sources.schedule import Schedule

@@ -7,11 +7,11 @@ import pytest
 from episodes import write_episode
 from sessions import split, write_foreign
 
+from recorders.containers.opening import open_log
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.reading.parts import Parts, find_log, is_log, one_session, part_path, recordings
 from recorders.reading.reader import LogReader
-from recorders.reading.session_reader import open_log
 from recorders.recovery.recover import recover
 from recorders.writing.writer import LogWriter
 

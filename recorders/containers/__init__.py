@@ -1,0 +1,1 @@
+"""Logs in any container, told by content, behind one `open_log`."""
