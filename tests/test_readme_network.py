@@ -102,7 +102,7 @@ def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
             stack.callback(node.kill)
         explored = reenact(*lines[3], cwd=tmp_path)
         assert explored.returncode == 0, explored.stderr
-        _, learned = (node.communicate(timeout=30)[0] for node in nodes[1:])
+        _, learned = (node.communicate(timeout=120)[0] for node in nodes[1:])
     trained, compared = (reenact(*line, cwd=tmp_path) for line in lines[4:])
     digest = re.compile(r"^digest +([0-9a-f]{64})$", re.MULTILINE)
     assert digest.findall(learned) == digest.findall(trained.stdout) != []
@@ -125,9 +125,9 @@ def test_the_spectators_example_records_what_the_learner_says_and_nothing_else(t
         wait_for_line(spectator, "records reenact/**")
         replayed = reenact(*lines[2], "--epochs", 20, cwd=tmp_path)
         assert replayed.returncode == 0, replayed.stderr
-        learner.communicate(timeout=30)
+        learner.communicate(timeout=120)
         spectator.send_signal(signal.SIGINT)
-        _, complaints = spectator.communicate(timeout=30)
+        _, complaints = spectator.communicate(timeout=120)
     assert spectator.returncode == 0, complaints
     recorded = LogReader(tmp_path / "learner.mcap").counts
     assert set(recorded) == {LEARNER_OUTPUT, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR}
@@ -151,7 +151,7 @@ def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) 
         put(session, "/rosout", b"\x00\x01\x00\x00")
         wait_for_arrival(session, "recorder")
         process.send_signal(signal.SIGINT)
-        result = json.loads(process.communicate(timeout=30)[0])
+        result = json.loads(process.communicate(timeout=120)[0])
     assert result["opaque"] == {"/rosout": 1}
     recorded = {record.topic: record.type for record in LogReader(tmp_path / "ros.mcap")}
     types = {topic.name: topic.type for topic in LEARNER_TOPICS}

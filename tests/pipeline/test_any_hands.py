@@ -104,7 +104,7 @@ def test_learned_over_zenoh_and_from_the_file_is_one_state(work: Path, hands: tu
         wait_for_line(learner, "waits for a replay")
         session = SessionConfig(connect=(endpoint,))
         sent = replay(Replay([work / "log.mcap"], schedule), session=session, sender=SenderConfig())
-        out, complaints = learner.communicate(timeout=60)
+        out, complaints = learner.communicate(timeout=120)
     assert learner.returncode == 0, complaints
     trained = Controller.load(work / "trained.npz")
     assert json.loads(out)["digest"] == sent["consumers"]["learner"]["digest"] == trained.digest

@@ -11,6 +11,8 @@ from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.wire.stream import Offer
 
+_PATIENCE_S = 120.0
+
 
 class Collector:
     """Takes a stream from `start`; may refuse, fail at a message, print when it takes one, or be slow."""
@@ -49,10 +51,10 @@ def main() -> None:
     from recorders.wire.session import SessionConfig, open_session
 
     endpoint, name, options = sys.argv[1], sys.argv[2], json.loads(sys.argv[3])
-    wait_s = options.pop("wait_s", 20.0)
-    silence_s = options.pop("silence_s", 5.0)
+    wait_s = options.pop("wait_s", _PATIENCE_S)
+    silence_s = options.pop("silence_s", _PATIENCE_S)
     with (
-        open_session(SessionConfig(connect=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,), wait_s=_PATIENCE_S)) as session,
         Receiver(session, config=ReceiverConfig(name=name, silence_s=silence_s)) as receiver,
     ):
         try:

@@ -76,7 +76,7 @@ class Intruder:
         self._session.declare_subscriber(f"{NAMESPACE}/**", note)
 
     def await_stream(self) -> None:
-        assert self._seen.wait(60.0)
+        assert self._seen.wait(120.0)
 
     def garbage(self) -> None:
         """Random bytes on every key, with a random attachment or none, and as questions."""
@@ -88,7 +88,7 @@ class Intruder:
                 self._put(key, self._bytes(length), self._bytes(56))
         for question in (b"", b"farewell", b"farewell " + b"0" * 32, b"{}", self._bytes(1_000), b"[" * 100_000):
             for key in controls[:2]:
-                list(self._session.get(key, payload=question, timeout=5.0))
+                list(self._session.get(key, payload=question, timeout=120.0))
 
     def wrong_messages(self) -> None:
         """The wrong type on known keys, and another robot's joints, as a live producer sends them and bare."""
@@ -129,7 +129,7 @@ class Intruder:
 
     def huge_message(self) -> None:
         self._put(message_key(NAMESPACE, SAMPLE_JOINTS), bytes(HUGE))
-        list(self._session.get(control_key(NAMESPACE, "learner", "status"), timeout=30.0))  # it is through
+        list(self._session.get(control_key(NAMESPACE, "learner", "status"), timeout=120.0))  # it is through
 
     def _forge(self, frame: Frame) -> None:
         payload, attachment = pack(frame)

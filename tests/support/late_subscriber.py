@@ -11,7 +11,7 @@ from zenoh.ext import HistoryConfig, declare_advanced_subscriber
 
 from recorders.wire.session import SessionConfig, open_session
 
-_WAIT_S = 15.0
+_WAIT_S = 120.0
 _LINGER_S = 0.5  # in which a second copy would come
 
 
@@ -25,7 +25,7 @@ def main() -> None:
     got: list[zenoh.Sample] = []
     history = HistoryConfig(detect_late_publishers=True, max_samples=1)
     with (
-        open_session(SessionConfig(connect=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,), wait_s=_WAIT_S)) as session,
         declare_advanced_subscriber(session, key, got.append, history=history, allowed_origin=zenoh.Locality.REMOTE),
     ):
         print("ready", flush=True)

@@ -36,7 +36,7 @@ def robot(endpoint: str, **options: Any) -> Iterator[subprocess.Popen[str]]:
 def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM) -> list[str]:
     """End a process by a signal, and return what it said on standard error since it was ready."""
     process.send_signal(signum)
-    _, complaints = process.communicate(timeout=20)
+    _, complaints = process.communicate(timeout=120)
     return complaints.splitlines()
 
 
@@ -59,7 +59,7 @@ def run_exploration(
     phases: list[list[Any]],
     settle_ns: int,
     consumers: list[str],
-    wait_s: float = 30.0,
+    wait_s: float = 120.0,
 ) -> None:
     from dataclasses import asdict, replace
 

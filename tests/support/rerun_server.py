@@ -35,7 +35,7 @@ def rerun_server(folder: Path) -> Iterator[RerunServer]:
         command, env=viewer_environment(home), stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
     ) as process:
         try:
-            deadline = time.monotonic() + 20.0
+            deadline = time.monotonic() + 120
             while not is_reachable(url):
                 assert process.poll() is None, "the viewer ended"
                 assert time.monotonic() < deadline, "the viewer did not start"
@@ -43,7 +43,7 @@ def rerun_server(folder: Path) -> Iterator[RerunServer]:
             yield RerunServer(url, process.pid, path)
         finally:
             process.terminate()
-            process.wait(timeout=20)
+            process.wait(timeout=120)
 
 
 def rows(path: Path, entity: str, component: str, *, static: bool = False) -> list[Any]:

@@ -2,12 +2,13 @@
 
 import time
 from collections.abc import Callable
+from typing import Any
 
 import zenoh
 
 from recorders.wire.frames import control_key
 
-_DEADLINE_S = 60.0
+_DEADLINE_S = 120.0
 _POLL_S = 0.01
 
 
@@ -17,6 +18,12 @@ def wait_until(holds: Callable[[], object], *, timeout_s: float = _DEADLINE_S) -
     while not holds():
         assert time.monotonic() < deadline_s, "it does not come about"
         time.sleep(_POLL_S)
+
+
+def matches(publisher: zenoh.Publisher) -> bool:
+    """Whether a publisher knows of anybody who subscribes to what it puts."""
+    status: Any = publisher.matching_status  # typed as a bool, which it is not
+    return bool(status.matching)
 
 
 def wait_for_arrival(session: zenoh.Session, consumer: str, *, namespace: str = "reenact") -> None:

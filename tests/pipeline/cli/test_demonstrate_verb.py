@@ -86,13 +86,13 @@ def listening(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, s
     arguments = ("demonstrate", "live", "--out", "live.mcap", "--listen", endpoint, "--align", "as-is", "--json")
     with start(*arguments, *options, cwd=folder) as process:
         wait_for_line(process, f"listens to {TRACKER}")
-        with open_session(SessionConfig(connect=(endpoint,), wait_s=30.0)) as session:
+        with open_session(SessionConfig(connect=(endpoint,), wait_s=120.0)) as session:
             yield session, process
         process.kill()
 
 
 def result_of(process: subprocess.Popen[str]) -> dict[str, Any]:
-    printed, said = process.communicate(timeout=60)
+    printed, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
     return dict(json.loads(printed))
 
@@ -137,11 +137,11 @@ def test_what_had_arrived_when_it_is_stopped_is_shown() -> None:
         with open_session(SessionConfig(connect=(endpoint,))) as session:
             for payload in poses:
                 session.put(message_key("reenact", TRACKER), payload, congestion_control=zenoh.CongestionControl.BLOCK)
-            asked = session.get(control_key("reenact", "demonstration", "status"), timeout=30.0)
+            asked = session.get(control_key("reenact", "demonstration", "status"), timeout=120.0)
             assert [reply.ok is not None for reply in asked] == [True]  # what was put before it has arrived
         return True
 
-    config = ListenConfig(wait_s=30.0)
+    config = ListenConfig(wait_s=120.0)
     session = SessionConfig(listen=(endpoint,))
     shown = subscribe_paths({TRACKER: "right"}, renames={}, session=session, config=config, stopped=stopped)
     assert len(shown.paths["right"].times_s) == len(poses)
@@ -164,7 +164,7 @@ def test_who_is_lost_and_back_is_said(tmp_path: Path) -> None:
 def test_idle_timeout_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: Path) -> None:
     with listening(tmp_path, "--topic", TRACKER, "--idle-timeout", 0.3) as (session, process):
         session.put(message_key("reenact", TRACKER), encode(PoseStamped(EPOCH_NS, RIGHT)))
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=120)
     assert process.returncode == 2
     assert said.splitlines()[-1] == "reenact: live: expected at least two poses of the right hand, found 1"
     assert list(tmp_path.iterdir()) == []
@@ -173,7 +173,7 @@ def test_idle_timeout_ends_a_live_demonstration_and_one_pose_is_none(tmp_path: P
 def test_nobody_who_shows_anything_is_waited_for_so_long_and_no_longer(tmp_path: Path) -> None:
     with listening(tmp_path, "--topic", TRACKER, "--wait", 1.5) as (session, process):
         session.put(message_key("reenact", "/camera"), bytes(100))
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=120)
     assert process.returncode == 2
     assert said.splitlines()[-1].startswith(
         f"reenact: expected a pose on reenact{TRACKER} within 1.5 s, found none that can be used: does anybody publish"

@@ -139,7 +139,7 @@ def test_a_replay_against_its_recorded_run_agrees_or_stops_where_they_part(log: 
                 against,
                 cwd=tmp_path,
             )
-            learner.communicate(timeout=60)
+            learner.communicate(timeout=120)
         assert run.returncode == status, run.stderr
     assert run.stderr.splitlines()[-1].startswith("reenact: /hand/left/target #5 at 1000000000 ns")
 

@@ -147,7 +147,7 @@ def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
         part = tmp_path / "good.mcap.part"
         wait_until(lambda: part.exists() or process.poll() is not None)
         process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=60)
+        _, errors = process.communicate(timeout=120)
     assert process.returncode == 130, errors
     assert "Traceback" not in errors
     assert not list(tmp_path.glob("good*"))

@@ -90,7 +90,7 @@ def recording_endlessly(log: Path) -> Iterator[tuple[subprocess.Popen[str], subp
 
 def stop(process: subprocess.Popen[str], number: signal.Signals = signal.SIGINT) -> dict[str, Any]:
     process.send_signal(number)
-    printed, complaints = process.communicate(timeout=60)
+    printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     return dict(json.loads(printed))
 
@@ -104,7 +104,7 @@ def stop_once_all_is_there(
 
 
 def await_that(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 60
+    deadline = time.monotonic() + 120
     while not holds():
         assert time.monotonic() < deadline, "it does not come about"
         time.sleep(0.01)
@@ -125,7 +125,7 @@ def bare(record: RecordedMessage) -> tuple[str, int, bytes]:
 
 def await_arrival(session: zenoh.Session) -> None:
     """Wait until the recorder answers: what was put before the question has come there before it."""
-    replies = session.get("reenact/@consumer/recorder/status", timeout=30.0)
+    replies = session.get("reenact/@consumer/recorder/status", timeout=120)
     assert any(reply.ok is not None for reply in replies)
 
 
@@ -181,7 +181,7 @@ def test_what_had_arrived_when_it_was_stopped_is_recorded(tmp_path: Path, number
                 publisher.put(payload)
         await_arrival(session)
         process.send_signal(number)
-        printed, complaints = process.communicate(timeout=60)
+        printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     result = json.loads(printed)
     assert result["messages"] == 15
@@ -296,7 +296,7 @@ def recording_here(
 
         def stopped() -> RecordingStats:
             over.set()
-            return recording.result(timeout=60)
+            return recording.result(timeout=120)
 
         yield producer, live, stopped
 
@@ -344,7 +344,7 @@ def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_re
             replaying = ("replay", log, "--epochs", 3, "--connect", endpoint, "--await", "recorder", "--json")
             replayed = reenact(*replaying, cwd=tmp_path)
             assert replayed.returncode == 0, replayed.stderr
-            process.communicate(timeout=60)
+            process.communicate(timeout=120)
     recorded = reenact("train", "run.mcap", "--as-recorded", "--out", "a.npz", "--json", cwd=tmp_path)
     direct = reenact("train", log, "--epochs", 3, "--out", "b.npz", "--json", cwd=tmp_path)
     assert recorded.returncode == 0, recorded.stderr
@@ -373,9 +373,9 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
                 consumers=["learner", "recorder"],
             )
         )
-        _, complaints = explorer.communicate(timeout=60)
+        _, complaints = explorer.communicate(timeout=120)
         assert explorer.returncode == 0, complaints
-        result = json.loads(process.communicate(timeout=30)[0])
+        result = json.loads(process.communicate(timeout=120)[0])
     recorded = list(LogReader(tmp_path / "session.mcap"))
     counts = Counter(record.topic for record in recorded)
     assert [counts[topic] for topic in (SESSION_PHASE, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR)] == [3, 3, 3, 1]
@@ -412,8 +412,8 @@ def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
         arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
         replayed = reenact("replay", log, *arguments, cwd=tmp_path)
         assert replayed.returncode == 0, replayed.stderr
-        consuming.result(timeout=30)
-        recording.result(timeout=30)
+        consuming.result(timeout=120)
+        recording.result(timeout=120)
     assert LogReader(tmp_path / "run.mcap").counts[LEARNER_OUTPUT] == 1
 
 
@@ -449,12 +449,12 @@ def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tm
             "record", "--stop-at-stream-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path
         ) as process,
     ):
-        consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=60.0)
+        consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=120.0)
         arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
         replayed = reenact("replay", log, *arguments, cwd=tmp_path)
         assert "learner: nothing comes of it" in complaint(replayed)
-        assert isinstance(consuming.exception(timeout=30), WireError)
-        printed, complaints = process.communicate(timeout=30)
+        assert isinstance(consuming.exception(timeout=120), WireError)
+        printed, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert json.loads(printed)["broken"] == []
     assert LogReader(tmp_path / "run.mcap").counts[SESSION_PHASE] == 7
@@ -477,7 +477,7 @@ def test_a_recorder_that_is_stopped_tells_the_sender(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     with recording_endlessly(log) as (process, replay):
         stop(process)
-        said = replay.communicate(timeout=20)[1]
+        said = replay.communicate(timeout=120)[1]
     assert replay.returncode == 2
     assert said.endswith("reenact: recorder: the recorder was stopped\n")
 
@@ -501,9 +501,9 @@ def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_
             await_that(lambda: bool(live.recording.broken))
             messages = live.recording.messages
             replay.send_signal(signal.SIGCONT)
-            said = replay.communicate(timeout=60)[1]
+            said = replay.communicate(timeout=120)[1]
         over.set()
-        result = recording.result(timeout=60)
+        result = recording.result(timeout=120)
     assert replay.returncode == 2
     assert "reenact: recorder: the sender fell silent" in said
     assert (result.messages, result.gaps, len(result.broken)) == (messages, {}, 1)
@@ -542,7 +542,7 @@ def test_a_recorder_that_has_nothing_says_why(
             session.put("reenact/notes", b"{}")
         await_arrival(session)
         process.send_signal(signal.SIGINT)
-        _, complaints = process.communicate(timeout=30)
+        _, complaints = process.communicate(timeout=120)
     assert process.returncode == 0
     assert complaints.startswith(said)
     assert complaints.count("\n") == 1
@@ -553,7 +553,7 @@ def test_a_recorder_says_where_it_is(tmp_path: Path) -> None:
     with start("record", "--out", "log.mcap", "--listen", endpoint, cwd=tmp_path) as process:
         line = wait_for_line(process, "records")
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+        process.communicate(timeout=120)
     assert line == f"recorder records reenact/** at {endpoint} to log.mcap; Ctrl-C ends it\n"
 
 
@@ -562,7 +562,7 @@ def test_a_recorder_that_connects_says_what_it_waits_for_before_it_waits(tmp_pat
     with start("record", "--out", "log.mcap", "--connect", endpoint, cwd=tmp_path) as process:
         line = wait_for_line(process, "")  # nobody is there
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+        process.communicate(timeout=120)
     assert line == f"recorder waits for {endpoint}, to record reenact/**\n"
 
 

@@ -60,14 +60,14 @@ class Recorder:
             while numbers(part())[-1:] != [self.published - 1]:
                 assert process.poll() is None
             process.send_signal(number)
-            lines += process.communicate(timeout=60)[1].splitlines()
+            lines += process.communicate(timeout=120)[1].splitlines()
         assert process.returncode == (-signal.SIGKILL if number == signal.SIGKILL else 0), lines
         return lines
 
     def await_answer(self) -> None:
         """Wait until it hears this session."""
         while not any(
-            reply.ok is not None for reply in self._session.get("reenact/@consumer/recorder/status", timeout=30.0)
+            reply.ok is not None for reply in self._session.get("reenact/@consumer/recorder/status", timeout=120)
         ):
             time.sleep(0.01)
 

@@ -28,7 +28,7 @@ def resident(pid: int) -> int:
 
 def recorded(session: zenoh.Session) -> int:
     """Return how many messages the recorder has written; -1 before it answers."""
-    answers = session.get(node_key("reenact", "recorder", "recorder", "status"), timeout=60.0)
+    answers = session.get(node_key("reenact", "recorder", "recorder", "status"), timeout=120.0)
     said = [json.loads(answer.ok.payload.to_bytes()) for answer in answers if answer.ok]
     return said[0]["counts"]["messages"] if said else -1
 

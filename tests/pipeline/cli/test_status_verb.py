@@ -139,7 +139,7 @@ def test_a_watch_goes_on_until_ctrl_c_and_listens_nowhere(lab: Lab, tmp_path: Pa
             assert len(json.loads(process.stdout.readline())["nodes"]) == len(KINDS)
         assert listening(process.pid) == set()
         process.send_signal(signal.SIGINT)
-        _, said = process.communicate(timeout=30)
+        _, said = process.communicate(timeout=120)
     assert (process.returncode, said) == (0, "")
 
 
@@ -148,7 +148,7 @@ def test_a_watch_that_nobody_reads_any_more_ends(lab: Lab, tmp_path: Path) -> No
         assert process.stdout is not None
         assert process.stdout.readline()
         process.stdout.close()
-        assert process.wait(timeout=60) == 0
+        assert process.wait(timeout=120) == 0
 
 
 def test_a_watch_begins_before_anybody_is_there(tmp_path: Path) -> None:
@@ -165,7 +165,7 @@ def test_a_watch_begins_before_anybody_is_there(tmp_path: Path) -> None:
                 pass
         assert [(node["kind"], node["name"]) for node in found] == [("robot", "r")]
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=30)
+        process.communicate(timeout=120)
     assert process.returncode == 0
 
 

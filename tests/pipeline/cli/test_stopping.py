@@ -33,7 +33,7 @@ RECORDED = 300_000  # bytes: more than what every log begins with
 def last_line(process: subprocess.Popen[str], number: signal.Signals) -> str:
     """End a process by a signal; return its last line, having checked the exit status."""
     process.send_signal(number)
-    printed, errors = process.communicate(timeout=60)
+    printed, errors = process.communicate(timeout=120)
     assert process.returncode == 128 + number, errors
     assert printed == ""
     assert "Traceback" not in errors
@@ -52,7 +52,7 @@ def test_what_was_recorded_until_then_is_named_and_can_be_recovered(
 ) -> None:
     part = tmp_path / "x.mcap.part"
     with start(*verb, "--out", "x.mcap", cwd=tmp_path) as process:
-        until = time.monotonic() + 60
+        until = time.monotonic() + 120
         while not (part.exists() and part.stat().st_size > RECORDED) and time.monotonic() < until:
             assert process.poll() is None
             time.sleep(0.01)
@@ -98,7 +98,7 @@ def test_what_a_script_starts_in_the_background_is_ended_by_sigint_too(
         try:
             wait_for_line(shell, ready)
             os.kill(background, signal.SIGINT)
-            shell.communicate(timeout=60)
+            shell.communicate(timeout=120)
         finally:
             with suppress(ProcessLookupError):
                 os.kill(background, signal.SIGKILL)
@@ -123,7 +123,7 @@ def test_under_nohup_a_closed_terminal_ends_nothing(tmp_path: Path, verb: tuple[
         wait_for_line(process, ready)
         assert ignores(process.pid, signal.SIGHUP)
         process.terminate()
-        process.communicate(timeout=60)
+        process.communicate(timeout=120)
     assert process.returncode in (0, 143)
 
 
@@ -143,7 +143,7 @@ def test_a_recorder_whose_terminal_is_closed_finishes_its_log(tmp_path: Path) ->
         while b"Ctrl-C ends it" not in shown:
             shown += os.read(master, 1024)
         os.close(master)
-        process.wait(timeout=60)
+        process.wait(timeout=120)
     assert [path.name for path in tmp_path.iterdir()] == ["x.mcap"]
     assert LogReader(tmp_path / "x.mcap").manifest["complete"] is True
 
@@ -204,5 +204,5 @@ def test_a_signal_that_wakes_nobody_ends_them_too(tmp_path: Path, verb: str, rea
         while not waits(process):
             time.sleep(0.01)
         signal_beside(process, signal.SIGTERM)
-        _, errors = process.communicate(timeout=30)
+        _, errors = process.communicate(timeout=120)
     assert process.returncode == status, errors

@@ -51,7 +51,7 @@ def deployed(controller: Controller) -> Deployment:
 
 @pytest.fixture(scope="module")
 def served(controller: Controller) -> Iterator[tuple[zenoh.Session, RemoteRobot]]:
-    with served_robot(controller, wait_s=60.0) as served:
+    with served_robot(controller, wait_s=120.0) as served:
         yield served
 
 
@@ -142,7 +142,7 @@ def test_a_controller_that_ends_is_named(controller: Controller, monkeypatch: py
 
 
 def drive_without_controller(controller: Controller) -> None:
-    with served_robot(controller, wait_s=60.0) as (session, robot):
+    with served_robot(controller, wait_s=120.0) as (session, robot):
         os.kill(latest_child("serve"), signal.SIGKILL)
         drive_learned(session, robot, first_samples().targets, config=CONFIG)
 

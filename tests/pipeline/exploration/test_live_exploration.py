@@ -222,8 +222,8 @@ def test_a_learner_fed_live_is_the_learner_fed_the_same_messages(csv_motion: Pat
         start(*learning, cwd=tmp_path) as learner,
         explore(endpoint, csv_motion, consumers=["learner"]) as explorer,
     ):
-        explored, complaints = explorer.communicate(timeout=60)
-        learned, _ = learner.communicate(timeout=30)
+        explored, complaints = explorer.communicate(timeout=120)
+        learned, _ = learner.communicate(timeout=120)
     assert explorer.returncode == 0, complaints
     result = json.loads(explored)
     assert result["ticks"] == session.ticks == 3 * (SAMPLES + 1)
@@ -246,8 +246,8 @@ def test_an_explorer_that_is_stopped_tells_the_learner_and_leaves_the_robot(csv_
         while "takes run" not in (line := learner.stderr.readline()):
             assert line
         explorer.send_signal(signal.SIGTERM)
-        explorer.communicate(timeout=20)
-        _, complaints = learner.communicate(timeout=30)
+        explorer.communicate(timeout=120)
+        _, complaints = learner.communicate(timeout=120)
         assert standing.poll() is None
     assert explorer.returncode == 128 + signal.SIGTERM
     assert learner.returncode == 2
@@ -260,7 +260,7 @@ def test_without_a_robot_it_ends_with_one_line(csv_motion: Path) -> None:
         open_session(SessionConfig(listen=(endpoint,))),
         explore(endpoint, csv_motion, wait_s=0.5) as explorer,
     ):
-        _, complaints = explorer.communicate(timeout=30)
+        _, complaints = explorer.communicate(timeout=120)
     assert explorer.returncode == 2
     assert complaints == (
         "reenact: no robot answered in namespace 'reenact' within 0.5 s; "
@@ -271,7 +271,7 @@ def test_without_a_robot_it_ends_with_one_line(csv_motion: Path) -> None:
 def test_nobody_need_be_awaited(csv_motion: Path) -> None:
     endpoint = free_endpoint()
     with robot(endpoint, real_time=True), explore(endpoint, csv_motion, phases=[[LEARN, 1]]) as explorer:
-        explored, complaints = explorer.communicate(timeout=60)
+        explored, complaints = explorer.communicate(timeout=120)
     assert explorer.returncode == 0, complaints
     result = json.loads(explored)
     assert result["consumers"] == {}
@@ -287,7 +287,7 @@ def explore_with(session: LiveSession, opened: zenoh.Session, ordeal: Callable[[
                 ordeal()
             yield message
 
-    return ZenohTransport(opened, config=SenderConfig(batch_size=1, wait_s=30.0)).deliver(session.offer(), stream_from)
+    return ZenohTransport(opened, config=SenderConfig(batch_size=1, wait_s=120.0)).deliver(session.offer(), stream_from)
 
 
 @pytest.mark.parametrize("behind_the_cut", ["explorer", "learner"])
@@ -313,7 +313,7 @@ def test_a_session_whose_connection_is_cut_goes_on_where_it_was(
             wait_for_line(learner, "waits for a replay")
             remote = live(RemoteRobot(opened), short_motion(closed=True))
             results = explore_with(remote, opened, cut)
-            learned, _ = learner.communicate(timeout=30)
+            learned, _ = learner.communicate(timeout=120)
     assert remote.messages == len(here)
     for found in (results["learner"], json.loads(learned)):
         assert found["digest"] == expected.result()["digest"]
@@ -322,7 +322,7 @@ def test_a_session_whose_connection_is_cut_goes_on_where_it_was(
 
 def test_a_session_whose_connection_stays_cut_ends_at_both_ends_with_what_is_missing() -> None:
     endpoint = free_endpoint()
-    with robot(endpoint), Proxy(endpoint) as proxy, visitor("learn", connect=(endpoint,), seconds=60.0) as learner:
+    with robot(endpoint), Proxy(endpoint) as proxy, visitor("learn", connect=(endpoint,), silence_s=5.0) as learner:
         await_ready(learner)
         with open_session(SessionConfig(connect=(proxy.endpoint,))) as opened:
             session = live(RemoteRobot(opened, patience_s=1.0), short_motion(closed=True))

@@ -78,7 +78,7 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
 
 def ended(process: Popen[str]) -> tuple[dict[str, Any], list[str]]:
     """Return the result of a learner that ends by itself, and what it said."""
-    printed, said = process.communicate(timeout=60)
+    printed, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
     assert "Traceback" not in said
     return json.loads(printed), said.splitlines()
@@ -168,7 +168,7 @@ def test_a_paced_replay_live_and_both_recordings_of_it_are_one_state(log: Path, 
             assert "nobody listens" not in played.stderr
             live, said = ended(process)
             recorder.send_signal(signal.SIGINT)
-            assert json.loads(recorder.communicate(timeout=30)[0])["gaps"] == {}
+            assert json.loads(recorder.communicate(timeout=120)[0])["gaps"] == {}
     assert said == []
     assert (live["refused"], live["dropped"], live["gaps"], live["ticks"]) == ({}, 0, 0, TICKS)
     assert live["steps"] == TICKS - 1
@@ -211,7 +211,7 @@ def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Recorde
             session.declare_subscriber("after", lambda sample: arrived.set())
             robot.say(flat(ticks))
             robot.put("after", b"")
-            assert arrived.wait(30)
+            assert arrived.wait(120)
             trainer = Trainer(LearnerConfig(seed=SEED), robot=ASIMO)
             live = LiveLearner(trainer, ASIMO, LiveConfig(), receiver, voice)
             result = live.run(lambda: True, keep=lambda record: None)
@@ -299,7 +299,7 @@ def test_an_exploration_that_awaits_nobody_is_learned_from_and_the_robot_says_wh
     with robot_node(endpoint), start(*learning, "--ticks", 24, "--record", "kept.mcap", cwd=tmp_path) as process:
         wait_for_line(process, "learns asimo from reenact/**")
         with spawn("explore", **exploring) as explorer:
-            explored, complaints = explorer.communicate(timeout=60)
+            explored, complaints = explorer.communicate(timeout=120)
         assert explorer.returncode == 0, complaints
         result, said = ended(process)
     assert said == []
@@ -314,7 +314,7 @@ def test_killed_it_goes_on_from_its_checkpoint(ticks: list[list[RecordedMessage]
         robot.say(flat(ticks[:50]))
         robot.await_ticks(50)
         process.kill()
-        process.communicate(timeout=30)
+        process.communicate(timeout=120)
     before = Controller.load(tmp_path / "k.npz").provenance["checkpoint"]["counts"]["ticks"]
     assert before >= 40
     with learner(tmp_path, *keeping, "--ticks", 50) as (endpoint, process), publisher(endpoint) as robot:
@@ -355,7 +355,7 @@ def test_where_nothing_can_be_learned_no_controller_is_written(
         robot.say(far)
         wait_for_line(process, "(100 times so far)")
         process.send_signal(signal.SIGINT)
-        printed, said = process.communicate(timeout=30)
+        printed, said = process.communicate(timeout=120)
     assert (process.returncode, printed) == (2, "")
     assert "nothing was learned: " in said.splitlines()[-1]
     assert "found 0 ticks, no two that make a step; refused " in said.splitlines()[-1]
@@ -370,14 +370,14 @@ def test_a_stream_that_breaks_off_leaves_it_alive_and_one_that_ends_ends_it(
         with start(*awaited, "--rate", 1, "--window", 1, "--start", 15, cwd=tmp_path) as first:
             wait_for_line(process, "takes run")
             first.send_signal(signal.SIGTERM)
-            first.communicate(timeout=30)
+            first.communicate(timeout=120)
         wait_for_line(process, "a stream broke off, the learner goes on")
         robot.say([marker(epoch=0, cycle=1, phase=LEARN)])
         with start(*awaited, "--rate", 20, "--window", 30, cwd=tmp_path) as second:
             wait_for_line(process, "takes run")
             robot.say([altered(ticks[99][0], position=[0.3, 0.2, 0.7])])
             result, _ = ended(process)
-            replayed, complaints = second.communicate(timeout=30)
+            replayed, complaints = second.communicate(timeout=120)
     assert second.returncode == 0, complaints
     assert result["ticks"] >= TICKS
     assert result["refused"] == {f"{LEFT_TARGET}: not of the stream": 1}

@@ -68,7 +68,7 @@ def test_over_zenoh_and_from_the_file_are_one_state(
         arguments = ("replay", log, "--connect", endpoint, "--epochs", EPOCHS, "--wait", 60, "--json", *options)
         replayed = reenact(*arguments, cwd=tmp_path)
         assert replayed.returncode == 0, replayed.stderr
-        learned, complaints = process.communicate(timeout=60)
+        learned, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert json.loads(replayed.stdout)["consumers"]["learner"] == expected
     assert json.loads(learned) == expected | {"controller": "controller.npz"}
@@ -82,7 +82,7 @@ def test_the_replay_may_listen_and_start_first(log: Path, empty: Path, tmp_path:
     with start(*arguments, cwd=tmp_path) as replay:
         wait_until(lambda: loopback(endpoint) in listening(replay.pid))
         learned = reenact("learn", "--connect", endpoint, "--name", "anna", "--out", "c.npz", "--json", cwd=empty)
-        replayed, complaints = replay.communicate(timeout=60)
+        replayed, complaints = replay.communicate(timeout=120)
     assert learned.returncode == 0, learned.stderr
     assert replay.returncode == 0, complaints
     assert json.loads(replayed)["consumers"]["anna"]["digest"] == json.loads(learned.stdout)["digest"]
@@ -120,7 +120,7 @@ def test_a_message_that_cannot_be_learned_from_ends_both_sides_with_its_name(emp
     log = write_episode(tmp_path / "names.mcap", samples=10, change=at_tick_7(name=names))
     with learner(empty) as (endpoint, process):
         line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
-        _, complaints = process.communicate(timeout=60)
+        _, complaints = process.communicate(timeout=120)
     assert "learner: names.mcap: /sample/joint_states #7: no joint hip_height in the message" in line
     assert process.returncode == 2
     assert complaints.splitlines()[-1].startswith("reenact: names.mcap: /sample/joint_states #7: no joint hip_height")
@@ -143,7 +143,7 @@ def test_a_second_replay_is_refused_while_the_first_goes_on(log: Path, empty: Pa
             assert "already fed by another replay" in line
             replayed, complaints = first.communicate(timeout=120)
             assert first.returncode == 0, complaints
-        learned, _ = process.communicate(timeout=60)
+        learned, _ = process.communicate(timeout=120)
     assert json.loads(learned)["digest"] == json.loads(replayed)["consumers"]["learner"]["digest"]
 
 
@@ -152,9 +152,9 @@ def test_a_replay_that_is_stopped_tells_the_learner(log: Path, empty: Path, tmp_
         with start("replay", log, "--connect", endpoint, "--epochs", 100_000, "--wait", 60, cwd=tmp_path) as replay:
             wait_for_line(process, "takes run")
             replay.send_signal(signal.SIGTERM)
-            replay.communicate(timeout=30)
+            replay.communicate(timeout=120)
             assert replay.returncode == 128 + signal.SIGTERM
-        _, complaints = process.communicate(timeout=60)
+        _, complaints = process.communicate(timeout=120)
     assert process.returncode == 2
     assert "the sender gave up" in complaints
 
@@ -228,7 +228,7 @@ def test_paced_with_the_learner_awaited_it_is_the_same_state(log: Path, empty: P
         arguments = ("replay", log, "--connect", endpoint, "--epochs", 1, "--rate", 50, "--wait", 60, "--json")
         replayed = reenact(*arguments, cwd=tmp_path)
         assert replayed.returncode == 0, replayed.stderr
-        process.communicate(timeout=60)
+        process.communicate(timeout=120)
     result = json.loads(replayed.stdout)
     assert result["consumers"]["learner"] == expected
     assert result["slipped_s"] >= 0.0
@@ -243,7 +243,7 @@ def test_two_hops_through_a_router_are_the_same_state(log: Path, empty: Path, tm
             arguments = ("replay", log, "--connect", endpoint, "--epochs", EPOCHS, "--wait", 60, "--json")
             replayed = reenact(*arguments, cwd=tmp_path)
             assert replayed.returncode == 0, replayed.stderr
-            process.communicate(timeout=60)
+            process.communicate(timeout=120)
     assert json.loads(replayed.stdout)["consumers"]["learner"] == expected
 
 
@@ -260,5 +260,5 @@ def test_a_learner_that_stalls_loses_nothing(log: Path, empty: Path, tmp_path: P
             process.send_signal(signal.SIGCONT)
             replayed, complaints = replay.communicate(timeout=120)
             assert replay.returncode == 0, complaints
-        process.communicate(timeout=60)
+        process.communicate(timeout=120)
     assert json.loads(replayed)["consumers"]["learner"] == expected

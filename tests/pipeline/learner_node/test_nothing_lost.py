@@ -79,7 +79,7 @@ def undergone(
         ordeal()
         assert consumer.poll() is None
         replayed, complaints = replay.communicate(timeout=120)
-    _, said = consumer.communicate(timeout=60)
+    _, said = consumer.communicate(timeout=120)
     assert (replay.returncode, consumer.returncode) == (0, 0), complaints + said
     return dict(json.loads(replayed)["consumers"][name])
 
@@ -126,7 +126,7 @@ def test_a_replay_whose_connection_is_cut_loses_nothing_for_learner_and_recorder
                 assert replay.poll() is None
                 replayed, complaints = replay.communicate(timeout=120)
             assert replay.returncode == 0, complaints
-            recorded, _ = recorder.communicate(timeout=60)
+            recorded, _ = recorder.communicate(timeout=120)
     result = json.loads(replayed)
     assert result["consumers"]["learner"] == expected
     counted = json.loads(recorded)
@@ -166,7 +166,7 @@ def collecting(endpoint: str, name: str, **options: Any) -> Iterator[subprocess.
 
 
 def said(process: subprocess.Popen[str]) -> dict[str, Any]:
-    out, _ = process.communicate(timeout=60)
+    out, _ = process.communicate(timeout=120)
     return dict(json.loads(out))
 
 
@@ -219,8 +219,8 @@ def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(l
         with start(*endless, cwd=tmp_path) as replay:
             wait_for_line(recorder, "takes run")
             replay.send_signal(signal.SIGTERM)
-            replay.communicate(timeout=30)
-        out, err = recorder.communicate(timeout=30)
+            replay.communicate(timeout=120)
+        out, err = recorder.communicate(timeout=120)
     line = complaint(subprocess.CompletedProcess([], recorder.returncode, out, err.splitlines()[-1]))
     assert "run.mcap: the stream is not all there: the sender gave up at message" in line
     (reason,) = LogReader(tmp_path / "run.mcap").manifest["broken"]
@@ -234,7 +234,7 @@ def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(log: P
         open_session(SessionConfig(listen=(endpoint,))) as session,
     ):
         with subprocess.Popen([sys.executable, "-c", late(endpoint)], stdout=subprocess.PIPE, text=True) as tardy:
-            transport = ZenohTransport(session, config=SenderConfig(consumers=("early", "late"), wait_s=60.0))
+            transport = ZenohTransport(session, config=SenderConfig(consumers=("early", "late"), wait_s=120.0))
             results = transport.deliver(source.offer(), source.stream)
             assert results == {"early": said(early), "late": said(tardy)}
     assert results["early"] == results["late"] == collected(log, 1)

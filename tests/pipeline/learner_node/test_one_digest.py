@@ -61,7 +61,7 @@ def learners(stack: ExitStack, connection: tuple[str, str], out: str, folder: Pa
 
 def results(started: dict[str, Popen[str]]) -> dict[str, dict[str, Any]]:
     """Wait for the learners to end, and return what they say."""
-    ended = {name: process.communicate(timeout=60) for name, process in started.items()}
+    ended = {name: process.communicate(timeout=120) for name, process in started.items()}
     assert {process.returncode for process in started.values()} == {0}, ended
     return {name: json.loads(out) for name, (out, _) in ended.items()}
 
@@ -96,7 +96,7 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
         explored, complaints = explorer.communicate(timeout=250)
         assert explorer.returncode == 0, complaints
         learned = results(started)
-        recorded, complaints = recorder.communicate(timeout=60)
+        recorded, complaints = recorder.communicate(timeout=120)
     assert recorder.returncode == 0, complaints
     return json.loads(explored), learned, json.loads(recorded)
 

@@ -67,13 +67,13 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
             """The stream, all through what the intruder does."""
             for index, message in enumerate(source.stream(begin), begin):
                 if index == len(source) - 1:
-                    done.result(timeout=60)
+                    done.result(timeout=120)
                 elif not done.done():
                     time.sleep(0.002)
                 yield message
 
         replayed = deliver(endpoint, source, slow, window=64, batch_size=1)
-        learned, said = process.communicate(timeout=60)
+        learned, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
     assert replayed == expected
     assert json.loads(learned) == expected | {"controller": "c.npz"}
@@ -121,7 +121,7 @@ def test_a_bad_message_of_its_own_stream_is_named_and_the_learner_goes_on_from_b
         with learner(tmp_path, *KEEPING) as (endpoint, process):
             with pytest.raises(WireError, match=complaint):
                 deliver(endpoint, source, spoilt)
-            _, said = process.communicate(timeout=60)
+            _, said = process.communicate(timeout=120)
         assert process.returncode == 2
         assert f"from message {begins} on" in said
         assert f"reenact: log.mcap: {complaint}" in said.splitlines()[-1]
@@ -129,5 +129,5 @@ def test_a_bad_message_of_its_own_stream_is_named_and_the_learner_goes_on_from_b
 
     with learner(tmp_path, *KEEPING) as (endpoint, process):
         assert deliver(endpoint, source, source.stream) == expected
-        _, said = process.communicate(timeout=60)
+        _, said = process.communicate(timeout=120)
     assert f"from message {begins} on" in said

@@ -64,7 +64,7 @@ def command(stamp_ns: int = 0, q: np.ndarray = ASIMO.comfort, names: tuple[str, 
 
 def ask(session: zenoh.Session, key: str, payload: bytes) -> bytes | str:
     """Return the robot's answer, or why it refused."""
-    (reply,) = session.get(key, payload=payload, timeout=10.0)
+    (reply,) = session.get(key, payload=payload, timeout=120)
     if reply.ok is not None:
         return reply.ok.payload.to_bytes()
     assert reply.err is not None
@@ -259,7 +259,7 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
         for posture in moves(40):
             remote.advance(posture, PERIOD_NS)
         remote.wait()
-        deadline_s = time.monotonic() + 60.0
+        deadline_s = time.monotonic() + 120.0
         while len(heard) < 11 * 5 and time.monotonic() < deadline_s:
             time.sleep(0.01)
     due = list(range(0, 40 * PERIOD_NS + 1, 20_000_000))
@@ -277,7 +277,7 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
 
 def got_description(subscriber: Popen[str]) -> bool:
     """Whether a subscriber got the description, as ROS 2 encodes it, and got it once."""
-    out, _ = subscriber.communicate(timeout=30)
+    out, _ = subscriber.communicate(timeout=120)
     found = json.loads(out.splitlines()[-1])
     expected = encode(String(ASIMO.urdf_text))
     return found == {
@@ -336,7 +336,7 @@ def test_a_robot_that_is_gone_is_noticed() -> None:
 
 
 def alive(session: zenoh.Session) -> bool:
-    return any(reply.ok is not None for reply in session.liveliness().get("reenact/@robot/alive", timeout=5.0))
+    return any(reply.ok is not None for reply in session.liveliness().get("reenact/@robot/alive", timeout=120.0))
 
 
 @pytest.mark.parametrize(("signum", "exit_status"), [(signal.SIGTERM, 143), (signal.SIGINT, 130)])
@@ -357,7 +357,7 @@ def test_a_flood_is_one_line_and_the_robot_goes_on() -> None:
     endpoint = free_endpoint()
     with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
         long = [encode(command(k * PERIOD_NS)) for k in range(100)]
-        answers = session.get(COMMAND_KEY, payload=pack_messages(long), timeout=30.0)
+        answers = session.get(COMMAND_KEY, payload=pack_messages(long), timeout=120.0)
         with session.declare_publisher(TOPIC_KEY, congestion_control=zenoh.CongestionControl.BLOCK) as flood:
             for k in range(10 * MAX_WAITING):
                 flood.put(encode(command((1000 + k) * PERIOD_NS)))
@@ -444,7 +444,7 @@ def test_bad_settings_are_refused() -> None:
         with pytest.raises(ConfigError):
             FollowerConfig(**bad)
     with spawn("robot", listen=[free_endpoint()], rate_hz=1e6) as process:
-        _, complaints = process.communicate(timeout=30)
+        _, complaints = process.communicate(timeout=120)
     assert process.returncode == 2
     assert complaints == "reenact: rate: expected 0.01 to 200 Hz, found 1e+06\n"
 

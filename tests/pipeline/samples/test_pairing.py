@@ -121,7 +121,7 @@ def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp
         wait_for_line(learner, "learns asimo")
         played = reenact("replay", log, "--play", "--connect", endpoint, "--json", cwd=tmp_path)
         assert played.returncode == 0, played.stderr
-        learned, complaints = learner.communicate(timeout=60)
+        learned, complaints = learner.communicate(timeout=120)
     assert learner.returncode == 0, complaints
     result = json.loads(learned)
     assert (result["ticks"], result["steps"], result["gaps"], result["dropped"]) == (SAMPLES, SAMPLES, 0, 0)
@@ -130,7 +130,7 @@ def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp
         wait_for_line(learner, "waits for a replay")
         sent = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, "--json", cwd=tmp_path)
         assert sent.returncode == 0, sent.stderr
-        again, complaints = learner.communicate(timeout=60)
+        again, complaints = learner.communicate(timeout=120)
     trained = run("train", tmp_path / "live.mcap", "--as-recorded", "--pairs", "reached", "--out", tmp_path / "c.npz")
     for key in SAME:
         assert result[key] == json.loads(again)[key] == trained[key], key

@@ -50,7 +50,7 @@ from replay.sources.schedule import Schedule
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
-WAIT_S = 30.0
+WAIT_S = 120.0
 
 
 @pytest.fixture(scope="module")

@@ -23,7 +23,7 @@ from replay.sources.schedule import Schedule
 WARM_TICKS, TICKS = 50_000, 250_000
 UNDER_WAY = 50  # ticks: commands are dropped where the way out is blocked
 AT_MOST = 4  # bytes a tick; a log's index that is kept in memory takes some 30
-WAIT_S = 60.0
+WAIT_S = 120.0
 
 
 @pytest.mark.campaign

@@ -29,7 +29,7 @@ from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
 SAMPLES = 12
-DEADLINE_S = 30.0
+DEADLINE_S = 120.0
 QUIET_S = 0.6  # three ticks at the recorded pace
 
 FOREGROUND = """

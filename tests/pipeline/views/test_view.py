@@ -306,7 +306,7 @@ def learn_and_replay(log: Path, folder: Path, *options: str) -> tuple[str, str]:
             said += line
         replay = reenact("replay", log, "--connect", endpoint, "--epochs", EPOCHS, "--json", cwd=folder)
         assert replay.returncode == 0, replay.stderr
-        printed, complaints = learner.communicate(timeout=60)
+        printed, complaints = learner.communicate(timeout=120)
     finally:
         learner.kill()
     return str(json.loads(printed)["digest"]), said + complaints

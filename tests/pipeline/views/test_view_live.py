@@ -65,7 +65,7 @@ def test_what_a_controller_answers_is_shown(tmp_path: Path) -> None:
             replay = reenact(*play, cwd=tmp_path)
             assert replay.returncode == 0, replay.stderr
             serve.send_signal(signal.SIGINT)
-            _, complaints = serve.communicate(timeout=30)
+            _, complaints = serve.communicate(timeout=120)
         finally:
             serve.kill()
     assert "--view" not in complaints

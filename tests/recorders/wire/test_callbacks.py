@@ -3,7 +3,7 @@
 import queue
 import threading
 
-from waiting import wait_until
+from waiting import matches, wait_until
 
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.loopback import free_endpoint
@@ -27,10 +27,10 @@ def test_a_thread_of_zenohs_keeps_its_state_between_two_calls() -> None:
         listening.declare_subscriber("a/b", on_network_thread(count)),
         sending.declare_publisher("a/b") as publisher,
     ):
-        wait_until(lambda: publisher.matching_status.matching)  # type: ignore[attr-defined]
+        wait_until(lambda: matches(publisher))
         for number in range(COUNT):
             publisher.put(bytes([number]))
-        calls = [heard.get(timeout=30) for _ in range(COUNT)]
+        calls = [heard.get(timeout=120) for _ in range(COUNT)]
     assert [payload for _, _, payload in calls] == [bytes([number]) for number in range(COUNT)]
     assert threading.main_thread().ident not in {thread for thread, _, _ in calls}
     seen: dict[int, int] = {}

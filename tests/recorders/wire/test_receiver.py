@@ -33,7 +33,7 @@ def two_sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
 
 def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
     """Ask the consumer; when it answers, what was put before has come there too."""
-    for reply in session.get(control_key("reenact", "learner", verb), payload=payload, timeout=10.0):
+    for reply in session.get(control_key("reenact", "learner", verb), payload=payload, timeout=120.0):
         if reply.ok is not None:
             return Progress.from_json(reply.ok.payload.to_bytes())
     return None
@@ -41,7 +41,7 @@ def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
 
 def alive(session: zenoh.Session, consumer: str) -> bool:
     """Whether a consumer is known to be there."""
-    replies = session.liveliness().get(control_key("reenact", consumer, "alive"), timeout=10.0)
+    replies = session.liveliness().get(control_key("reenact", consumer, "alive"), timeout=120.0)
     return any(reply.ok is not None for reply in replies)
 
 
@@ -64,7 +64,7 @@ def test_a_stream_loses_nothing_although_little_may_wait() -> None:
     config = ReceiverConfig(waiting_bytes=8_000)
     with open_session(SessionConfig(listen=(endpoint,))) as session, Receiver(session, config=config) as receiver:
         with visitor("replay", connect=[endpoint]) as sender:
-            result = receiver.serve(Collector(delay_s=0.001), wait_s=20.0)
+            result = receiver.serve(Collector(delay_s=0.001), wait_s=120.0)
             assert outcome(sender) == result
     assert result["count"] == 200
 
@@ -89,8 +89,8 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other):
         with Receiver(session, config=ReceiverConfig(live=True)) as receiver:
-            replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
-            offered = receiver.next_event(10.0)
+            replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+            offered = receiver.next_event(120.0)
             assert isinstance(offered, ReceivedOffer)
             receiver.accept(offered, 0)
             assert [reply.ok is not None for reply in replies] == [True]
@@ -107,16 +107,16 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
 def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_comes_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 0.5)
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
-        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
-        offered = receiver.next_event(10.0)
+        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+        offered = receiver.next_event(120.0)
         assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
         assert [reply.ok is not None for reply in replies] == [True]
         receiver.report({"count": 3})
         assert not receiver.is_released()
+        monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 0.5)
         assert receiver.is_released(1.0)
         assert receiver.offer is None
         answer = ask(other, "status", offer.sender.encode())
@@ -128,8 +128,8 @@ def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogC
     with two_sessions() as (session, other), Receiver(session) as receiver:
         for index in range(3):
             offer = Offer(run="ab" * 16, schedule={}, logs=[], sender=f"{index:032x}")
-            other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=0.1)
-            offered = receiver.next_event(10.0)
+            other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+            offered = receiver.next_event(120.0)
             assert isinstance(offered, ReceivedOffer)
             receiver.refuse(offered, "not now \x1b[2J")
     assert caplog.messages == [r"refused an offer: not now \x1b[2J"]
@@ -138,14 +138,14 @@ def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogC
 def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session) as receiver:
-        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=10.0)
-        offered = receiver.next_event(10.0)
+        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+        offered = receiver.next_event(120.0)
         assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
         assert [json.loads(reply.ok.payload.to_bytes())["next"] for reply in replies if reply.ok] == [0]
         payload, attachment = pack(Frame(FrameType.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
         other.put(batch_key("reenact"), payload, attachment=attachment)
-        frame = receiver.next_event(10.0)
+        frame = receiver.next_event(120.0)
     assert isinstance(frame, Frame)
     assert frame.reason.isprintable()
     assert len(frame.reason) < 1_100

@@ -25,7 +25,7 @@ from recorders.writing.writer import LogWriter
 KILLS = 200
 SUBSET = 12
 PROMISE_NS = 100_000_000
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 TOPIC = "/numbered"
 ACKNOWLEDGEMENT = struct.Struct("<qq")  # number, monotonic time [ns]
 

@@ -32,7 +32,7 @@ def handed_over(part):
 
 
 def await_all(log, count):
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while handed_over(log.part) < count:
         assert time.monotonic() < deadline, "nothing is handed over"
         time.sleep(0.01)
@@ -105,12 +105,12 @@ def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
     def slow():  # holds the lock, until the check asks for it
         log._file._lock = Watched()  # type: ignore[assignment]
         writing.set()
-        assert asked.wait(30)
+        assert asked.wait(120)
         flush()
 
     monkeypatch.setattr(log._file.chunks, "flush", slow)
     phases(log, [0])
-    assert writing.wait(30)
+    assert writing.wait(120)
     log.check()
     log.close()
     assert LogReader(log.path).manifest["complete"] is True
@@ -123,7 +123,7 @@ def _failed(folder):
     read_only = os.open(os.devnull, os.O_RDONLY)
     os.dup2(read_only, _descriptor(log.part))  # as a file system does that turns read-only
     os.close(read_only)
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while log._file._sound:
         assert time.monotonic() < deadline, "the thread meets nothing"
         time.sleep(0.01)
@@ -148,7 +148,7 @@ def test_the_disk_takes_the_log_every_second_and_at_the_end(tmp_path, monkeypatc
     monkeypatch.setattr(os, "fsync", watched)
     log = LogWriter(tmp_path / "log.mcap", manifest={})
     assert synced == [tmp_path]
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while len(synced) < 3:
         assert time.monotonic() < deadline, "nothing is synced"
         time.sleep(0.01)

@@ -25,7 +25,7 @@ from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 
-PATIENCE_S = 60.0
+PATIENCE_S = 120.0
 
 
 @pytest.fixture

@@ -25,7 +25,7 @@ def write(log, count):
 
 def error_meanwhile(log):
     """Wait until a thread of the writer has failed, and return what is told of it."""
-    deadline = time.monotonic() + 30
+    deadline = time.monotonic() + 120
     while time.monotonic() < deadline:
         try:
             log.check()

@@ -243,7 +243,7 @@ def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(
         delivered = threads.submit(transport.deliver, playback.offer(), playback.stream)
         wait_until(lambda: delivered.running() or delivered.done())
         listening.declare_subscriber("reenact/hand/*/target", lambda sample: heard.append(sample.payload.to_bytes()))
-        assert delivered.result(timeout=30) == {}
+        assert delivered.result(timeout=120) == {}
         expected = [record.data for record in LogReader(log) if record.topic != SAMPLE_JOINTS]
         wait_until(lambda: len(heard) >= len(expected))
     assert heard == expected

@@ -46,6 +46,6 @@ def test_a_controller_that_is_killed_in_the_middle_of_a_replay_fails_it(tmp_path
 
     with ExitStack() as stack, open_session(SessionConfig(listen=(endpoint,))) as session:
         first = serve()
-        transport = ZenohTransport(session, config=SenderConfig(consumers=("controller",), batch_size=1, wait_s=30.0))
+        transport = ZenohTransport(session, config=SenderConfig(consumers=("controller",), batch_size=1, wait_s=120.0))
         with pytest.raises(WireError, match="controller 'controller' was lost before the end of the replay"):
             transport.deliver(live_offer("0" * 32, epochs=1, robot={}), played(first))

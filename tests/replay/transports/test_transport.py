@@ -66,7 +66,7 @@ class Feed:
                     transport = ZenohTransport(session, config=self._config)
                     return transport.deliver(OFFER, stream)["learner"]
             finally:
-                out, _ = process.communicate(timeout=30)
+                out, _ = process.communicate(timeout=120)
                 self.said = json.loads(out) if out else None
 
 
@@ -147,7 +147,7 @@ def collectors(endpoint: str, **options: dict[str, Any]) -> Iterator[dict[str, A
     try:
         yield said
         for name, process in processes.items():
-            out, _ = process.communicate(timeout=30)
+            out, _ = process.communicate(timeout=120)
             said[name] = json.loads(out)
     finally:
         for process in processes.values():
@@ -202,7 +202,7 @@ def test_two_consumers_both_get_everything_at_the_pace_of_the_slower() -> None:
     endpoint = free_endpoint()
     with collectors(endpoint, anna={}, bob={"delay_s": 0.001, "start": 1_000}) as said:
         with open_session(SessionConfig(listen=(endpoint,))) as session:
-            config = SenderConfig(consumers=("anna", "bob"), wait_s=30.0)
+            config = SenderConfig(consumers=("anna", "bob"), wait_s=120.0)
             results = ZenohTransport(session, config=config).deliver(OFFER, stream_from)
     assert results == {"anna": expected(), "bob": expected(1_000)} == said
 
@@ -211,7 +211,7 @@ def test_who_accepted_is_told_when_another_refuses() -> None:
     endpoint = free_endpoint()
     with collectors(endpoint, anna={}, bob={"refuse": "another robot", "wait_s": 3.0}) as said:
         with open_session(SessionConfig(listen=(endpoint,))) as session:
-            transport = ZenohTransport(session, config=SenderConfig(consumers=("anna", "bob"), wait_s=30.0))
+            transport = ZenohTransport(session, config=SenderConfig(consumers=("anna", "bob"), wait_s=120.0))
             with pytest.raises(WireError, match="bob: another robot"):
                 transport.deliver(OFFER, stream_from)
     assert "the sender gave up at message 0: bob: another robot" in said["anna"]["error"]
@@ -279,7 +279,7 @@ def test_no_more_than_so_many_bytes_are_under_way() -> None:
     ):
         served = threads.submit(receiver.serve, Waiting(blocked))
         ZenohTransport(session, config=SenderConfig(batch_size=1)).deliver(OFFER, large)
-        assert served.result(timeout=60) == {"count": 8}
+        assert served.result(timeout=120) == {"count": 8}
     assert max(under_way) * size <= WINDOW_BYTES
 
 

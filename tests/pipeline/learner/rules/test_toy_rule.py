@@ -84,7 +84,7 @@ def test_learning_over_zenoh_ends_where_training_from_the_file_does(folder: Path
     with start("learn", "--listen", endpoint, *options, cwd=folder) as learner:
         wait_for_line(learner, "waits for a replay")
         run("replay", "log.mcap", "--epochs", EPOCHS, "--connect", endpoint, cwd=folder)
-        learned, complaints = learner.communicate(timeout=60)
+        learned, complaints = learner.communicate(timeout=120)
     assert learner.returncode == 0, complaints
     assert json.loads(learned)["digest"] == trained["digest"]
     assert run("diff", "learned.npz", "trained.npz", cwd=folder) == {"equal": True, "first_divergence": None}
@@ -132,7 +132,7 @@ def test_serve_answers_a_replay_of_its_targets(folder: Path) -> None:
         wait_for_line(serving, "serves")
         run("replay", "log.mcap", "--play", "--await", "controller", "--rate", 5, "--connect", endpoint, cwd=folder)
         serving.send_signal(signal.SIGTERM)
-        summary, complaints = serving.communicate(timeout=60)
+        summary, complaints = serving.communicate(timeout=120)
     assert json.loads(summary)["accepted"] == SAMPLES + 1, complaints
 
 
