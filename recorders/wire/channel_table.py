@@ -17,6 +17,7 @@ import zenoh
 from recorders.errors import WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.text.once import OnceWarner
+from recorders.wire.callbacks import on_network_thread
 
 logger = logging.getLogger(__name__)
 
@@ -112,7 +113,8 @@ def published_channels(
 class SenderChannels:
     """The channels of the known senders: as they were published, or else as a sender answers when asked once.
 
-    A context manager: it subscribes for as long as the block runs.
+    A context manager: it subscribes for as long as the block runs. A table is taken in on the thread that reads it from
+    the network, so that it is known before the messages that follow it are, whichever thread those wait for.
 
     Parameters
     ----------
@@ -131,8 +133,8 @@ class SenderChannels:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        key = table_key(self._namespace, "*")
-        subscriber = self._session.declare_subscriber(key, self._on_table, allowed_origin=zenoh.Locality.REMOTE)
+        key, handler = table_key(self._namespace, "*"), on_network_thread(self._on_table)
+        subscriber = self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE)
         self._stack.enter_context(subscriber)
         return self
 

@@ -210,7 +210,7 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
 def test_after_a_stall_all_that_has_come_is_answered(
     controller: Controller, samples: Samples, tmp_path: Path, listens: bool
 ) -> None:
-    """A thread that reads on must not keep the commands from leaving: there is room for some 180 of them."""
+    """A thread that reads on must not keep the commands from leaving: there is room for some 1400 of them."""
     with serving(controller, tmp_path, listens=listens) as (watcher, process):
         process.send_signal(signal.SIGSTOP)
         for stamp in range(1000):
