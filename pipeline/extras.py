@@ -9,6 +9,8 @@ EXTRAS = {
     "matplotlib": "view",
     "distributed": "dask",
     "prometheus_client": "metrics",
+    "google": "foxglove",
+    "mcap_protobuf": "foxglove",
 }
 
 

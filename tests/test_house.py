@@ -134,7 +134,7 @@ def test_each_package_beyond_the_core_has_its_extra_named() -> None:
     wanted = set()
     for package, distributions in packages_distributions().items():
         if any(name.split(".")[0] == package for name in imported):
-            names = {distribution.lower().replace("_", "-") for distribution in distributions}
+            names = {re.sub("[._]", "-", distribution.lower()) for distribution in distributions}
             wanted |= set() if names & locked else {package}
     wanted -= {*PACKAGES}
     assert {"pydrake", "rerun", "matplotlib"} <= wanted

@@ -1,6 +1,6 @@
 """Decompression that believes no length: what comes out is never longer than what was claimed, nor is the memory."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from io import BytesIO
 from typing import Any
@@ -16,6 +16,9 @@ _LZ4_FRAME = 32  # bytes, more than the ends of a frame take
 _PIECE = 2**20  # bytes
 _AT_ONCE = 2**23  # bytes: as much may be taken on the claim of a length field, which is faster than piece by piece
 _UNKNOWN = -1  # zstd's size of a frame whose writer did not know the size
+SLICE = 2**10
+"""Bytes of zstd frames that are decompressed at once: no more than 45 MB come out of as many."""
+
 _WINDOW = 2**26  # bytes that one of several frames may look back, which takes memory beside what comes out
 
 
@@ -64,6 +67,43 @@ def decompress(data: bytes | memoryview, compression: str, size: int) -> bytes:
     if len(found) != size:
         raise ValueError(f"it holds {len(found)} bytes and claims {size}")
     return found
+
+
+def decompress_frames(data: bytes, most: int) -> bytes:
+    """Return what is in zstd frames that need not state its size.
+
+    Raises
+    ------
+    DECOMPRESS_ERRORS
+        If they do not decompress, or hold more than `most` bytes.
+    """
+    found = BytesIO()
+    for piece in zstd_frames(data[place : place + SLICE] for place in range(0, len(data), SLICE)):
+        found.write(piece)
+        if found.tell() > most:
+            raise ValueError(f"it holds more than {most} bytes")
+    return found.getvalue()
+
+
+def zstd_frames(slices: Iterable[bytes]) -> Iterator[bytes]:
+    """Yield what comes out of zstd frames, some for each slice of at most `SLICE` bytes of them.
+
+    Raises
+    ------
+    DECOMPRESS_ERRORS
+        If they do not decompress, or the last one is cut off.
+    """
+    frame: Any = None
+    for part in slices:
+        rest = part
+        while rest:
+            frame = frame or zstandard.ZstdDecompressor(max_window_size=_WINDOW).decompressobj()
+            yield frame.decompress(rest)
+            rest = frame.unused_data if frame.eof else b""
+            if frame.eof:
+                frame = None
+    if frame is not None:
+        raise EOFError("its last frame is cut off")
 
 
 def _lz4(data: bytes | memoryview, size: int) -> bytes:

@@ -6,11 +6,31 @@ from recorders.text.wording import value_text
 ZIP_MAGIC = b"PK\x03\x04"
 """First bytes of a zip archive, and so of a controller (.npz)."""
 
+ROS1_MAGIC = b"#ROSBAG V2.0\n"
+"""First bytes of a bag of ROS 1."""
+
+SQLITE_MAGIC = b"SQLite format 3\0"
+"""First bytes of an sqlite file, and so of a `.db3` of rosbag2."""
+
 LOG_KIND = "a log (MCAP)"
+
+_OTHERS = (
+    (ZIP_MAGIC, "a zip archive, as a controller (.npz) is"),
+    (ROS1_MAGIC[:8], "a bag of ROS 1, which `reenact convert` makes an MCAP file of"),
+    (SQLITE_MAGIC[:8], "sqlite, which `reenact convert` makes an MCAP file of if it is a rosbag2 recording"),
+    (b"\x28\xb5\x2f\xfd", "a file compressed with zstd; `zstd -d` decompresses it"),
+    (b"\x1f\x8b", "a file compressed with gzip; `gunzip` decompresses it"),
+    (b"BZh", "a file compressed with bzip2; `bunzip2` decompresses it"),
+    (b"\xfd7zXZ", "a file compressed with xz; `unxz` decompresses it"),
+    (b"\x04\x22\x4d\x18", "a file compressed with lz4; `lz4 -d` decompresses it"),
+    (b"\x89HDF", "HDF5; write its joints and poses to MCAP with a library such as mcap-ros2-support"),
+    (b"PAR1", "Parquet; write its joints and poses to MCAP with a library such as mcap-ros2-support"),
+    (b"RRF2", "a recording of Rerun; record the topics themselves too, as with `reenact record`"),
+)
 
 
 def mixed_up_kind(begin: bytes) -> str | None:
-    """Return the kind of file that begins so, for an error line; None if it is neither a log nor like a controller.
+    """Return the kind of file that begins so, for an error line; None for one that nobody mixes up with a log.
 
     Parameters
     ----------
@@ -19,7 +39,7 @@ def mixed_up_kind(begin: bytes) -> str | None:
     """
     if begin.startswith(MAGIC):
         return LOG_KIND
-    return "a zip archive, as a controller (.npz) is" if begin.startswith(ZIP_MAGIC) else None
+    return next((kind for magic, kind in _OTHERS if begin.startswith(magic)), None)
 
 
 def no_log_text(begin: bytes) -> str:

@@ -1,4 +1,4 @@
-"""Sessions in parts: a recording that was split, or a list of logs, named by a folder, by its stem or file by file."""
+"""Recordings by their names: one file, one that was split or a list of logs, a folder, a stem of several names."""
 
 import logging
 import re
@@ -10,6 +10,8 @@ from typing import NamedTuple, TypeAlias
 from recorders.errors import LogError
 from recorders.files.regular_file import begins_with
 from recorders.mcap_format.records import MAGIC
+from recorders.reading.bag_metadata import METADATA_FILE, is_bag_folder, read_bag_metadata
+from recorders.reading.file_kind import ROS1_MAGIC, SQLITE_MAGIC
 from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
 
@@ -24,6 +26,7 @@ _NUMBERED = re.compile(r"(.+)_(\d{1,9})(\.mcap)", re.IGNORECASE)
 _SET_ASIDE = re.compile(r"\.part\.\d+$")
 _SUFFIX = ".mcap"
 _SHOWN = 3  # names in a line
+_MAGICS = (MAGIC, SQLITE_MAGIC, ROS1_MAGIC)
 
 
 class _Part(NamedTuple):
@@ -148,14 +151,18 @@ def is_followed(path: Path) -> bool:
 def is_log(path: Path) -> bool:
     """Whether a path names a recording: a file by its first bytes or its ending, or what `find_log` finds logs for."""
     if path.is_dir():
-        return bool(_logs_in(path))
+        return is_bag_folder(path) or bool(_logs_in(path) or _logs_in(path, SQLITE_MAGIC))
     if path.is_file():
-        return _ends_as_log(path) or begins_with(path, MAGIC)
+        return _ends_as_log(path) or any(begins_with(path, magic) for magic in _MAGICS)
     return _ends_as_log(path) or bool(parts_in(path.parent, path.name))
 
 
 def _in_folder(folder: Path) -> Log:
-    logs = _logs_in(folder)
+    if is_bag_folder(folder):
+        return _bag(folder)
+    logs = _logs_in(folder) or _logs_in(folder, SQLITE_MAGIC)
+    if logs and len(logs) > 1 and begins_with(logs[0], SQLITE_MAGIC):
+        raise LogError(f"{folder}: expected {METADATA_FILE} beside its {len(logs)} files; `ros2 bag reindex` writes it")
     names = {_split_name(path.name.removesuffix(".part")) for path in logs}
     if not logs:
         raise LogError(f"{folder}: expected a log, or the parts of a session in a folder, found no MCAP file in it")
@@ -165,13 +172,21 @@ def _in_folder(folder: Path) -> Log:
     return logs[0] if len(logs) == 1 else _whole(sorted(logs, key=_number))
 
 
-def _logs_in(folder: Path) -> list[Path]:
+def _bag(folder: Path) -> Log:
+    """Return the recording in a rosbag2 folder: its files if they are MCAP as it is, else the folder."""
+    about = read_bag_metadata(folder)
+    if about.storage != "mcap" or about.compression_mode:
+        return folder
+    return about.files[0] if len(about.files) == 1 else Parts(about.files)
+
+
+def _logs_in(folder: Path, magic: bytes = MAGIC) -> list[Path]:
     """Return the files of a folder that are logs, those that are still written or were cut off included.
 
     What a crash left of other recordings and was set aside, as `NAME.part.0001`, is not.
     """
     files = (path for path in folder.iterdir() if path.is_file() and not _SET_ASIDE.search(path.name))
-    return sorted(path for path in files if begins_with(path, MAGIC))
+    return sorted(path for path in files if begins_with(path, magic))
 
 
 def _whole(parts: Sequence[Path]) -> Parts:

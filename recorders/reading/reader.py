@@ -122,6 +122,11 @@ class LogReader:
             return tuple((entry.name, read_metadata(file, entry.offset)) for entry in self._contents.metadata)
 
     @property
+    def indexed(self) -> bool:
+        """Whether it states its channels and counts at its end; else they take reading all of it."""
+        return isinstance(self._summary, Contents)
+
+    @property
     def by_file(self) -> bool:
         """Whether its messages go by the order of the file, whatever their log times: a log of our own writer."""
         return self._order.by_file

@@ -10,7 +10,7 @@ from typing import Any, TypeAlias
 from recorders.errors import LogError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.reading.parts import PART, Log, Parts
+from recorders.reading.parts import PART, Parts
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
@@ -57,7 +57,7 @@ class SessionReader:
             for part in self.parts
         ]
         in_turn = file_order or self._recorded_here
-        return chain.from_iterable(read() for read in reads) if in_turn else _merged(reads)
+        return chain.from_iterable(read() for read in reads) if in_turn else merged_by_time(reads)
 
     @cached_property
     def _recorded_here(self) -> bool:
@@ -73,6 +73,11 @@ class SessionReader:
         """Manifest of the session: values of later parts replace earlier ones."""
         entries = {key: value for part in self.parts for key, value in part.manifest.items()}
         return {key: value for key, value in entries.items() if key not in (*RESERVED, PART)}
+
+    @property
+    def indexed(self) -> bool:
+        """Whether every part states its channels and counts at its end."""
+        return all(part.indexed for part in self.parts)
 
     @property
     def by_file(self) -> bool:
@@ -115,12 +120,7 @@ class SessionReader:
 _UnderWay: TypeAlias = tuple[int, int, RecordedMessage, Iterator[RecordedMessage]]
 
 
-def open_mcap(log: Log) -> LogReader | SessionReader:
-    """Return what reads a log or a session's parts in MCAP; raises LogError as these do."""
-    return SessionReader(log) if isinstance(log, Parts) else LogReader(log)
-
-
-def _merged(parts: Sequence[Callable[[], Iterator[RecordedMessage]]]) -> Iterator[RecordedMessage]:
+def merged_by_time(parts: Sequence[Callable[[], Iterator[RecordedMessage]]]) -> Iterator[RecordedMessage]:
     """Yield the messages of parts by log time, those of one time in the order of the parts."""
     firsts = ((part, next(read(), None)) for part, read in enumerate(parts))
     waiting = deque(sorted((first.log_time_ns, part) for part, first in firsts if first is not None))

@@ -1,0 +1,158 @@
+"""Messages of others' encodings and definitions as ours: the same log, with joints, poses and transforms in CDR."""
+
+from collections.abc import Iterable, Iterator
+from functools import cached_property
+from typing import Any
+
+from recorders.cdr.codec import encode
+from recorders.cdr.message_format import FORMATS
+from recorders.cdr.rosbags_types import schema_text
+from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding
+from recorders.containers.definitions import is_standard
+from recorders.containers.reader import Reader
+from recorders.errors import MessageError, ReenactError
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.mcap_format.errors import DamagedLog
+from recorders.messages.record import RecordedMessage
+from recorders.reading.parts import Log
+from recorders.reading.raw_messages import FOREVER_NS
+from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import SessionReader
+
+
+def translated(reader: Reader) -> Reader:
+    """Return a reader of the same log whose messages are ours; the same one if they are already."""
+    try:
+        if isinstance(reader, LogReader | SessionReader) and reader.by_file and not reader.indexed:
+            return reader  # our recorder was cut off, and writes nothing else
+        return TranslatedReader(reader) if any(map(is_foreign, reader.channels)) else reader
+    except DamagedLog:
+        return reader  # who reads it meets the damage where it is
+
+
+class TranslatedReader:
+    """Reads another reader's log and translates what can be; everything else is as it is.
+
+    Parameters
+    ----------
+    reader : Reader
+        The other one.
+    """
+
+    def __init__(self, reader: Reader) -> None:
+        self._reader = reader
+
+    @property
+    def path(self) -> Log:
+        """The recording."""
+        return self._reader.path
+
+    @cached_property
+    def _decodings(self) -> dict[str, Decoding | ReenactError]:
+        """How topics are translated that are, or why they cannot be."""
+        found: dict[str, Decoding | ReenactError] = {}
+        for channel in filter(is_foreign, self._reader.channels):
+            try:
+                decoding = find_decoding(channel)
+            except ReenactError as error:
+                found[channel.topic] = error
+                continue
+            if decoding is not None:
+                found[channel.topic] = decoding
+        return found
+
+    def records(
+        self,
+        *,
+        topics: Iterable[str] | None = None,
+        start_ns: int = 0,
+        end_ns: int = FOREVER_NS,
+        file_order: bool = False,
+    ) -> Iterator[RecordedMessage]:
+        """Yield the messages: see `recorders.reading.reader.LogReader.records`.
+
+        Raises
+        ------
+        MessageError
+            If one that is to be translated is none of its type.
+        MissingExtra
+            If a topic that is asked for by name needs a package that is not installed.
+        """
+        wanted = None if topics is None else frozenset(topics)
+        for topic in sorted(wanted or ()):
+            error = self._decodings.get(topic)
+            if isinstance(error, ReenactError):
+                raise error
+        return map(
+            self._translate,
+            self._reader.records(topics=wanted, start_ns=start_ns, end_ns=end_ns, file_order=file_order),
+        )
+
+    def __iter__(self) -> Iterator[RecordedMessage]:
+        return self.records()
+
+    def _translate(self, record: RecordedMessage) -> RecordedMessage:
+        decoding = self._decodings.get(record.topic)
+        if not isinstance(decoding, Decoding):
+            return record
+        return record._replace(type=decoding.type, data=encode(decoding.decode(record.data)))
+
+    @property
+    def channels(self) -> tuple[DeclaredChannel, ...]:
+        """Every channel, those that are translated as ours."""
+        return tuple(dict.fromkeys(map(self._declared, self._reader.channels)))
+
+    def _declared(self, channel: DeclaredChannel) -> DeclaredChannel:
+        decoding = self._decodings.get(channel.topic)
+        if not isinstance(decoding, Decoding) or not is_foreign(channel):
+            return channel
+        schema = decoding.type, "ros2msg", schema_text(decoding.type).encode()
+        return DeclaredChannel(channel.topic, "cdr", channel.metadata, schema)
+
+    @property
+    def topics(self) -> dict[str, str]:
+        """The type of each topic, in the order in which they first appeared."""
+        types = self._reader.topics
+        return {
+            topic: found.type if isinstance(found := self._decodings.get(topic), Decoding) else kind
+            for topic, kind in types.items()
+        }
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """The number of messages on each topic that has any."""
+        return self._reader.counts
+
+    @property
+    def protected(self) -> bool:
+        """Whether CRCs cover every message and the summary."""
+        return self._reader.protected
+
+    @property
+    def manifest(self) -> dict[str, Any]:
+        """The manifest given to the log's writer."""
+        return self._reader.manifest
+
+    @property
+    def by_file(self) -> bool:
+        """Whether its messages go by the order of the file, whatever their log times."""
+        return self._reader.by_file
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """The names of the attachments."""
+        return self._reader.attachments
+
+    def attachment(self, name: str) -> bytes:
+        """Return an attachment; raises LogError if there is none."""
+        return self._reader.attachment(name)
+
+
+def is_foreign(channel: DeclaredChannel) -> bool:
+    """Whether messages of a channel are to be translated: of another encoding, or another definition of our type."""
+    if channel.encoding not in ("cdr", ""):
+        return channel.encoding in ENCODINGS
+    try:
+        return FORMATS.get(channel.type) is not None and not is_standard(channel)
+    except MessageError:
+        return True

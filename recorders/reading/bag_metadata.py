@@ -1,0 +1,83 @@
+"""The `metadata.yaml` of a rosbag2 folder: which files hold the recording, and how."""
+
+import re
+from pathlib import Path, PurePath
+from typing import Any, NamedTuple
+
+from recorders.errors import LogError
+from recorders.files.regular_file import require_regular_file
+from recorders.text.wording import names_text
+
+METADATA_FILE = "metadata.yaml"
+
+_MOST_METADATA = 2**20  # bytes
+_DEEP = re.compile(rb"[\[{]{9}|(?:- ){9}| {99}")  # nobody's metadata; its parser takes quadratic time for each level
+
+
+class BagMetadata(NamedTuple):
+    """What is needed of it.
+
+    Attributes
+    ----------
+    storage : str
+        `mcap`, `sqlite3`, or another.
+    compression_mode : str
+        `file`, `message`, or an empty string for none.
+    files : tuple of Path
+        The files of the recording, in order, all of which are there.
+    """
+
+    storage: str
+    compression_mode: str
+    files: tuple[Path, ...]
+
+
+def is_bag_folder(folder: Path) -> bool:
+    """Whether a folder is a rosbag2 recording."""
+    return (folder / METADATA_FILE).is_file()
+
+
+def read_bag_metadata(folder: Path) -> BagMetadata:
+    """Read the metadata of a rosbag2 folder.
+
+    Raises
+    ------
+    LogError
+        If they are malformed, name no file, or one that is missing, or the compression is unknown.
+    """
+    about = _information(folder / METADATA_FILE)
+    names, storage = about.get("relative_file_paths"), about.get("storage_identifier")
+    mode, how = (str(about.get(f"compression_{part}") or "").lower() for part in ("mode", "format"))
+    if not (isinstance(names, list) and names and isinstance(storage, str)):
+        raise LogError(f"{folder / METADATA_FILE}: expected the files of a rosbag2 recording, found none")
+    files = tuple(folder / PurePath(str(name)).name for name in names)
+    missing = [file.name for file in files if not file.is_file()]
+    if missing:
+        raise LogError(
+            f"{folder}: {names_text(missing, limit=200)} missing: expected the {len(files)} files that {METADATA_FILE} "
+            f"names, found {len(files) - len(missing)}; copy the rest here, or name the files that you mean"
+        )
+    mode = "" if mode == "none" else mode
+    if mode not in ("", "file", "message") or (mode and how != "zstd"):
+        raise LogError(f"{folder}: expected a bag compressed with zstd by file or message, found {how!r} by {mode!r}")
+    return BagMetadata(storage, mode, files)
+
+
+def _information(path: Path) -> dict[str, Any]:
+    from ruamel.yaml import YAML  # noqa: PLC0415  # most logs are no bags
+    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+
+    require_regular_file(path, expected="the metadata of a rosbag2 recording")
+    try:
+        with path.open("rb") as file:
+            text = file.read(_MOST_METADATA + 1)
+        usual = len(text) <= _MOST_METADATA and not _DEEP.search(text)
+        found = YAML(typ="safe").load(text.decode()) if usual else None
+    except OSError as error:
+        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+    except (YAMLError, ValueError, RecursionError):
+        found = None
+    about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
+    if not isinstance(about, dict):
+        raise LogError(f"{path}: expected the metadata of a rosbag2 recording, found other content")
+    return about

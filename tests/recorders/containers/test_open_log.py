@@ -1,0 +1,83 @@
+"""Every log opens behind `open_log`, and the same session comes out of every container."""
+
+import importlib.util
+
+import bags
+import pytest
+
+from recorders.cdr.codec import decode_as, encode
+from recorders.containers.decoding import MessageDecoder
+from recorders.containers.opening import open_as_it_is, open_log
+from recorders.messages.message_types import JointState, PoseStamped
+
+NEEDS_PROTOBUF = pytest.mark.skipif(
+    importlib.util.find_spec("mcap_protobuf") is None, reason="needs the extra foxglove"
+)
+CONTAINERS = [pytest.param(name, marks=NEEDS_PROTOBUF if "protobuf" in name else ()) for name in bags.CONTAINERS]
+EXPECTED = [(topic, encode(message), time_ns) for topic, message, time_ns in bags.messages()]
+
+
+@pytest.fixture(scope="module", params=CONTAINERS)
+def named(request, tmp_path_factory):
+    return request.param, bags.CONTAINERS[request.param](tmp_path_factory.mktemp("logs"))
+
+
+def decoded(reader, **options):
+    decoder = MessageDecoder(reader.channels)
+    return [(record.topic, encode(decoder.decode(record)), record.log_time_ns) for record in reader.records(**options)]
+
+
+def without_frames(rows):
+    """Return the rows with joints that have no frame."""
+    found = []
+    for topic, data, time_ns in rows:
+        if topic == bags.JOINTS:
+            joints = decode_as(JointState, data)
+            data = encode(JointState(joints.stamp_ns, joints.name, joints.position, velocity=joints.velocity))
+        found.append((topic, data, time_ns))
+    return found
+
+
+def test_every_container_yields_the_same_messages_in_order_of_log_time(named):
+    name, path = named
+    same = without_frames if name.startswith("foxglove") else list
+    reader = open_log(path)
+    assert decoded(reader) == same(EXPECTED)
+    assert sorted(decoded(reader, file_order=True)) == sorted(same(EXPECTED))
+    assert reader.counts == {bags.JOINTS: 40, bags.POSE: 40, bags.ODOMETRY: 40, bags.TF: 10}
+    assert set(reader.topics) == set(reader.counts)
+    # our own types arrive as such, undecoded
+    assert reader.topics[bags.JOINTS] == "sensor_msgs/msg/JointState"
+    rows = [(record.topic, record.data, record.log_time_ns) for record in reader.records(topics=[bags.JOINTS, bags.TF])]
+    assert rows == [row for row in same(EXPECTED) if row[0] in (bags.JOINTS, bags.TF)]
+
+
+def test_a_slice_is_what_it_is_of_all(named):
+    reader = open_log(named[1])
+    start_ns, end_ns = bags.START_NS + 55_000_000, bags.START_NS + 201_000_000
+    everything = decoded(reader)
+    inside = [row for row in everything if start_ns <= row[2] < end_ns]
+    assert 0 < len(inside) < len(everything)
+    assert decoded(reader, start_ns=start_ns, end_ns=end_ns) == inside
+    assert decoded(reader, start_ns=start_ns, end_ns=end_ns, topics=[bags.POSE]) == [
+        row for row in inside if row[0] == bags.POSE
+    ]
+
+
+def test_bytes_and_encodings_are_as_recorded_where_they_are_asked_for(named):
+    name, path = named
+    reader = open_as_it_is(path)
+    if name.startswith("ros1") or name.startswith("db3") or "folder" in name:
+        stored = [(topic, data, time_ns) for topic, _, data, time_ns in bags.raw(ros=1 if "ros1" in name else 2)]
+        assert [(record.topic, record.data, record.log_time_ns) for record in reader] == stored
+    encoding = {"ros1": "ros1", "json": "json", "protobuf": "protobuf"}
+    expected = next((value for word, value in encoding.items() if word in name), "cdr")
+    assert {channel.encoding for channel in reader.channels} == {expected}
+    assert all(channel.schema and channel.schema[2] for channel in reader.channels)
+
+
+def test_poses_of_other_types_come_out_as_poses(tmp_path):
+    reader = open_log(bags.bag_folder(tmp_path / "bag"))
+    decoder = MessageDecoder(reader.channels)
+    assert reader.topics[bags.ODOMETRY] == "nav_msgs/msg/Odometry"  # CDR stays what it is
+    assert decoder.types[bags.ODOMETRY] == PoseStamped.TYPE
