@@ -5,7 +5,7 @@ from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
 from functools import partial
-from importlib.util import find_spec
+from importlib.metadata import PackageNotFoundError, distribution
 from itertools import product
 from pathlib import Path
 
@@ -31,7 +31,7 @@ from recorders.errors import ConfigError
 FOLDER = "explorations"
 """Where the logs go, within the folder of a run."""
 
-_MODELS = "example_robot_data"
+_MODELS = "example-robot-data"
 
 
 @dataclass(frozen=True)
@@ -85,8 +85,7 @@ def compare(
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{folder}: expected a folder to write to: {error.strerror}") from error
-    installed = find_spec(_MODELS) is not None
-    known = [one for one in config.explorations if installed or one.robot == TAUGHT.robot]
+    known = [one for one in config.explorations if one.robot == TAUGHT.robot or _has_models()]
     explored = _explored(known, seeds, folder, config.step_ns)
     first = config.explorations[0]
     logs = [one.log for one in explored if one.exploration == first]
@@ -126,3 +125,12 @@ def _side_by_side(
     except BrokenProcessPool as error:
         raise RunsError("a process that explores was killed: is there enough memory?") from error
     return [future.result() for future in futures]
+
+
+def _has_models() -> bool:
+    """Whether the models of the other robots are installed: a distribution of data, with no module."""
+    try:
+        distribution(_MODELS)
+    except PackageNotFoundError:
+        return False
+    return True
