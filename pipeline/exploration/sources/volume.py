@@ -15,16 +15,29 @@ from pipeline.motions.motion import Motion
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, TeacherConfig, approach
 from recorders.errors import MotionError
 
-_PLANNED = Nearest(CLEARANCE_M + 0.005, "", "")  # what the servos' lag takes away stays below the difference
+_LAG_SHARE, _HELD_LAG_SHARE = 0.02, 0.008  # of the widest box: what the servos' lag takes away stays below it
 _STEP_NS = 20_000_000  # of the planned posture
+_HOLD_NS = 200_000_000  # the longest that a target is held, at 5 Hz
 _DRAWS = 40  # of a via point, before the one before is drawn anew; on average, of each
 
 
 class _State(NamedTuple):
-    """Position of a plan: the via point [m] (hands, 3), and the posture commanded there (n,)."""
+    """Position of a plan.
+
+    Attributes
+    ----------
+    point : ndarray
+        The via point [m], shape (hands, 3).
+    posture : ndarray
+        The posture commanded there (n,), if targets flow.
+    target, held : ndarray
+        If each target is held: the last of them [m], shape (hands, 3), and the posture commanded there (n,).
+    """
 
     point: Floats
     posture: Floats
+    target: Floats
+    held: Floats
 
 
 def volume(
@@ -39,7 +52,8 @@ def volume(
     """Make a motion of minimum-jerk moves between random via points, each hand's drawn in its own box.
 
     A via point is drawn anew where the teacher does not reach it, or comes nearer to the robot's own body than the
-    clearance on its way. Targets are made of additions, products and divisions alone, to the nanometre.
+    clearance on its way: with targets that flow, as at 50 Hz, or that are held, as at 5 Hz, so that both rates have the
+    same via points. Targets are made of additions, products and divisions alone, to the nanometre.
 
     Parameters
     ----------
@@ -73,11 +87,15 @@ class _Planner:
         self._distances = SelfDistance(self._robot)
         self._noise = repeat(np.zeros(len(self._robot.joints))) if noise is None else noise
         self._offsets: list[Floats] = []  # of the commands, by step
+        widest_m = float(self._robot.boxes.max())
+        self._clear = Nearest(CLEARANCE_M + _LAG_SHARE * widest_m, "", "")
+        self._clear_held = Nearest(CLEARANCE_M + _HELD_LAG_SHARE * widest_m, "", "")
 
     def via_points(self, moves: int, progress: Callable[[float], None]) -> list[Floats]:
         """Return the centres of the boxes and as many via points as there are moves [m], each (hands, 3)."""
         centres = self._robot.centres
-        way = [_State(centres, approach(self._teacher, self._robot.comfort, centres)[0])]
+        start = approach(self._teacher, self._robot.comfort, centres)[0]
+        way = [_State(centres, start, centres, start)]
         drawn = [0]  # how many points, by move
         for _ in range(_DRAWS * (moves + 1)):
             if len(way) > moves:
@@ -88,7 +106,7 @@ class _Planner:
                 way.append(after)
                 drawn.append(0)
                 progress(len(way) / (moves + 1))
-            elif drawn[-1] == _DRAWS and len(way) > 1:  # no way on from here: draw the point before anew
+            elif drawn[-1] >= _DRAWS and len(way) > 1:  # no way on from here: draw the point before anew
                 way.pop()
                 drawn.pop()
         raise MotionError(
@@ -100,16 +118,30 @@ class _Planner:
         """Go from a via point to the next; return where that ends, or None if the way is not free."""
         posture, steps = state.posture, MOVE_NS // _STEP_NS
         for step in range(1, steps + 1):
-            target = between(state.point, goal, step / steps)
-            posture = self._teacher.step_for(posture, target, _STEP_NS * 1e-9)
-            if not self._is_free(posture + self._offset(move * steps + step)):
+            posture = self._step(posture, between(state.point, goal, step / steps))
+            if not self._is_free(posture + self._offset(move * steps + step), self._clear):
                 return None
         settled, short_m = approach(self._teacher, posture, goal)
-        reached = short_m.max() <= REACH_BOUND_M and self._is_free(settled)
-        return _State(goal, posture) if reached else None
+        if short_m.max() > REACH_BOUND_M or not self._is_free(settled, self._clear):
+            return None
+        return self._follow_held(_State(goal, posture, state.target, state.held), state.point, move=move)
 
-    def _is_free(self, posture: Floats) -> bool:
-        return self._distances.nearest(posture, below=_PLANNED) is _PLANNED
+    def _follow_held(self, state: _State, point: Floats, *, move: int) -> _State | None:
+        """Go the same way with held targets from a via point [m] (hands, 3); `state` is where it ends without."""
+        target, held, steps = state.target, state.held, MOVE_NS // _STEP_NS
+        for step in range(steps):
+            if (move * steps + step) % (_HOLD_NS // _STEP_NS) == 0:
+                target = between(point, state.point, step / steps)
+            held = self._step(held, target)
+            if not self._is_free(held + self._offset(move * steps + step + 1), self._clear_held):
+                return None
+        return state._replace(target=target, held=held)
+
+    def _step(self, posture: Floats, target: Floats) -> Floats:
+        return self._teacher.step_for(posture, target, _STEP_NS * 1e-9)
+
+    def _is_free(self, posture: Floats, clear: Nearest) -> bool:
+        return self._distances.nearest(posture, below=clear) is clear
 
     def _offset(self, step: int) -> Floats:
         """Noise of the command at a step of the plan."""

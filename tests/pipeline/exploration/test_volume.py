@@ -1,6 +1,7 @@
 """An exploration of the hands' boxes: drawn by seed, within reach, clear of the body, with noise of a stated size."""
 
 from itertools import islice
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,8 +12,11 @@ from pipeline.exploration.explore import ExplorationResult, explore
 from pipeline.exploration.joint_noise import joint_noise
 from pipeline.exploration.reproduce import simulate
 from pipeline.exploration.source import Source, source
+from pipeline.exploration.sources import volume as volume_source
 from pipeline.motions.motion import Motion
 from pipeline.robot.config import load_robot
+from pipeline.robot.kinematics import Kinematics
+from pipeline.teacher.teacher import Teacher, approach
 from recorders.cdr.codec import decode, encode
 from recorders.errors import ConfigError
 from recorders.messages.topics import JOINT_STATES, SAMPLE_JOINTS
@@ -74,6 +78,56 @@ def test_the_robot_stays_clear_of_itself_and_says_how_clear(explored: Exploratio
 
     assert explored.self_distance_cm is not None
     assert 100.0 * CLEARANCE_M <= explored.self_distance_cm <= 100.0 * smallest + 1e-4
+
+
+def test_held_targets_are_planned_for(monkeypatch: pytest.MonkeyPatch) -> None:
+    at_first_m = commanded_distance_m(motion(seed=8, duration_s=3.0), seed=8)
+    monkeypatch.setattr(volume_source, "_HELD_LAG_SHARE", 0.08)
+    careful_m = commanded_distance_m(motion(seed=8, duration_s=3.0), seed=8)
+
+    wanted_m = CLEARANCE_M + 0.08 * 0.25  # of boxes of 25 cm
+    assert at_first_m < wanted_m - 0.01
+    assert careful_m > wanted_m - 0.002  # the plan goes in steps of 20 ms
+
+
+def commanded_distance_m(drawn: Motion, *, seed: int) -> float:
+    """Smallest distance of asimo's parts in what is commanded, with each target held until the next [m]."""
+    way, distances = volume(), SelfDistance(ASIMO)
+    teacher = Teacher(Kinematics(ASIMO), way.teacher)
+    noise = way.config.noise(ASIMO, seed=seed, period_ns=teacher.period_ns)
+    assert noise is not None
+    posture, _ = approach(teacher, ASIMO.comfort, drawn.targets[0])
+    commanded = []
+    for target in np.repeat(drawn.targets, 200_000_000 // teacher.period_ns, axis=0):
+        posture = teacher.step(posture, target)
+        commanded.append(posture + next(noise))
+    return min(distances.nearest(one).distance_m for one in commanded[::4])
+
+
+def test_a_robot_whose_hands_begin_near_its_body_finds_a_way() -> None:
+    drawn = volume(duration_s=1.0).motion(load_robot("icub"), seed=3)
+
+    assert len(drawn) == 5
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize("seed", range(5))
+@pytest.mark.parametrize("name", ["icub", "g1", "talos"])
+def test_every_robot_explores_its_boxes(name: str, seed: int, tmp_path: Path) -> None:
+    robot, way = load_robot(name), source("volume")
+
+    done = explore(
+        robot,
+        way.motion(robot, seed=seed),
+        seed=seed,
+        out=tmp_path / "volume.mcap",
+        config=way.config,
+        guidance=way.guidance(robot, seed=seed),
+    )
+
+    assert done.self_distance_cm is not None
+    assert done.self_distance_cm >= 100.0 * CLEARANCE_M
 
 
 def test_limits_reached_are_in_the_manifest(explored: ExplorationResult) -> None:
