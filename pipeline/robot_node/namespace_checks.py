@@ -14,7 +14,7 @@ from recorders.wire.session import Session, watching_tokens
 
 logger = logging.getLogger(__name__)
 
-_ANSWER_S = 1.0  # who is there already answers within milliseconds
+_ANSWER_S = 5.0  # who is there already answers within milliseconds; this machine may be very busy
 _LOCKSTEP = (
     "the robot moves in lockstep: it refuses a command unless the targets are stamped with its own time; "
     "for any others start it with --real-time"

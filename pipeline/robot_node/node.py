@@ -45,7 +45,7 @@ logger = logging.getLogger(__name__)
 MAX_WAITING = 1024
 """Commands and questions beyond this many are dropped: a flood must not fill the memory."""
 
-_ALIVE_WAIT_S = 1.0  # a robot that is there already answers within milliseconds
+_ALIVE_WAIT_S = 5.0  # who is there is known at once; this machine may be very busy
 _QUIET_S = 1.0  # after so much silence a flood is over, and the next one is worth a line again
 _SLIP_S = 0.1  # from here on it is logged that the robot's time has slipped, and again whenever that has doubled
 

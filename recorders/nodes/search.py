@@ -12,6 +12,7 @@ NO_ANSWER = "no answer"
 MALFORMED = "malformed"
 """State of whoever answers for a node with what is no status of it."""
 
+_TOKENS_S = 5.0  # who is there is known at once; this machine may be very busy
 _MAX_NODES = 1000  # anybody may declare tokens and answer as often as they like
 
 
@@ -29,7 +30,7 @@ def find_nodes(session: zenoh.Session, *, namespace: str, timeout_s: float = 1.0
     timeout_s : float
         How long a node may take to answer [s].
     """
-    tokens = session.liveliness().get(node_key(namespace, "*", "*", "alive"), timeout=timeout_s)
+    tokens = session.liveliness().get(node_key(namespace, "*", "*", "alive"), timeout=max(timeout_s, _TOKENS_S))
     alive = {node for reply in _bounded(tokens) if (node := _sender(namespace, reply)) is not None}
     answers = session.get(
         node_key(namespace, "*", "*", "status"),

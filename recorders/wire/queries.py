@@ -17,7 +17,7 @@ MAX_CONTROL = 16 << 20
 
 _NAMESAKE_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
 _POLL_NAMESAKE_S = 0.1
-_ANSWER_S = 1.0
+_ANSWER_S = 5.0  # who is there is known at once; this machine may be very busy
 
 Answer: TypeAlias = Callable[[Progress], None]
 """Answers a query, once."""

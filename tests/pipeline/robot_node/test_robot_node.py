@@ -3,9 +3,13 @@
 import hashlib
 import json
 import signal
+import threading
 import time
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from dataclasses import replace
+from itertools import pairwise
 from subprocess import Popen
 
 import numpy as np
@@ -13,6 +17,8 @@ import pytest
 import zenoh
 from late_subscriber import subscribe
 from live import robot, spawn, stop
+from numpy.typing import ArrayLike
+from waiting import wait_until
 
 from pipeline.robot.config import load_robot
 from pipeline.robot.kinematics import Kinematics
@@ -34,6 +40,7 @@ from recorders.wire.session import SessionConfig, open_session
 ASIMO = load_robot("asimo")
 PERIOD_NS = 5_000_000
 STOPPED_S = 1.0
+BLOCK = zenoh.CongestionControl.BLOCK
 COMMAND_KEY = robot_key("reenact", "command")
 TOPIC_KEY = message_key("reenact", topics.JOINT_COMMANDS)
 DESCRIPTION_KEY = message_key("reenact", topics.ROBOT_DESCRIPTION)
@@ -55,7 +62,7 @@ def session(endpoint: str) -> Iterator[zenoh.Session]:
 
 @pytest.fixture
 def remote(session: zenoh.Session) -> RemoteRobot:
-    return RemoteRobot(session)
+    return RemoteRobot(session, patience_s=120.0)
 
 
 def command(stamp_ns: int = 0, q: np.ndarray = ASIMO.comfort, names: tuple[str, ...] = ASIMO.joints) -> JointState:
@@ -172,7 +179,7 @@ def test_a_wrong_command_is_refused_and_the_robot_stays(session: zenoh.Session, 
     assert isinstance(reason, str)
     assert expected in reason
     assert "\n" not in reason
-    session.put(TOPIC_KEY, payload)
+    session.put(TOPIC_KEY, payload, congestion_control=BLOCK)
     remote.advance(ASIMO.comfort, PERIOD_NS)  # it goes on from where it was
     remote.wait()
     after = status(session)
@@ -259,9 +266,7 @@ def test_it_says_its_state_at_its_own_rate(session: zenoh.Session, remote: Remot
         for posture in moves(40):
             remote.advance(posture, PERIOD_NS)
         remote.wait()
-        deadline_s = time.monotonic() + 120.0
-        while len(heard) < 11 * 5 and time.monotonic() < deadline_s:
-            time.sleep(0.01)
+        wait_until(lambda: len(heard) >= 11 * 5)
     due = list(range(0, 40 * PERIOD_NS + 1, 20_000_000))
     for topic in (topics.CLOCK, topics.JOINT_STATES, topics.TF, topics.LEFT_MEASURED, topics.RIGHT_MEASURED):
         records = [record for record in heard if record.topic == topic]
@@ -345,34 +350,75 @@ def test_a_signal_ends_it_cleanly_and_it_has_named_each_reason_once(signum: sign
     with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
         assert alive(session)
         for _ in range(5):
-            session.put(TOPIC_KEY, encode(command(0, np.full(15, np.nan))))
+            session.put(TOPIC_KEY, encode(command(0, np.full(15, np.nan))), congestion_control=BLOCK)
         assert status(session).refused == 5
         complaints = stop(process, signum)
     assert process.returncode == exit_status
     assert complaints == ["refused a command: expected a finite position for joint hip_height, found nan"]
 
 
-def test_a_flood_is_one_line_and_the_robot_goes_on() -> None:
-    """While it is busy with a hundred commands, far more comes than it has room for."""
-    endpoint = free_endpoint()
-    with robot(endpoint) as process, open_session(SessionConfig(connect=(endpoint,))) as session:
+class Over(Exception):
+    """Ends a robot that would go on for ever."""
+
+
+class Busy(Simulation):
+    """Takes its time over the first command, until it may go on."""
+
+    def __init__(self) -> None:
+        super().__init__(ASIMO)
+        self.begun, self.may_go_on, self.is_over = threading.Event(), threading.Event(), False
+
+    def advance(self, q_command: ArrayLike, duration_ns: int) -> None:
+        self.begun.set()
+        assert self.may_go_on.wait(120)
+        if self.is_over:
+            raise Over
+        super().advance(q_command, duration_ns)
+
+
+def test_a_flood_is_one_line_and_the_robot_goes_on(caplog: pytest.LogCaptureFixture) -> None:
+    """While it is busy with the first of a hundred commands, far more comes than it has room for."""
+    from pipeline.robot_node.node import RobotNode
+
+    endpoint, backend = free_endpoint(), Busy()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as here,
+        open_session(SessionConfig(connect=(endpoint,))) as session,
+        RobotNode(backend, here) as node,
+        ThreadPoolExecutor() as pool,
+        ExitStack() as stack,
+    ):
+        running = pool.submit(node.run)
+        stack.callback(end, backend, session)  # or it would outlive a test that fails
         long = [encode(command(k * PERIOD_NS)) for k in range(100)]
         answers = session.get(COMMAND_KEY, payload=pack_messages(long), timeout=120.0)
-        with session.declare_publisher(TOPIC_KEY, congestion_control=zenoh.CongestionControl.BLOCK) as flood:
+        assert backend.begun.wait(120)
+        with session.declare_publisher(TOPIC_KEY, congestion_control=BLOCK) as flood:
             for k in range(10 * MAX_WAITING):
                 flood.put(encode(command((1000 + k) * PERIOD_NS)))
+        assert ask(session, DESCRIPTION_KEY, b"")  # answered on the thread that reads: it has read all before
+        backend.may_go_on.set()
         assert [reply.ok is not None for reply in answers] == [True]
         remote = RemoteRobot(session)
         for posture in moves(20):
             remote.advance(posture, PERIOD_NS)
         remote.wait()
         found = status(session)
-        complaints = stop(process)
+        complaints = list(caplog.messages)
+        end(backend, session)
+        assert isinstance(running.exception(timeout=120), Over)
     assert (found.time_ns, found.commands) == (120 * PERIOD_NS, 120)
     assert found.refused > 0
     floods = [line for line in complaints if "flood" in line]
     assert floods == ["a flood: dropped commands and questions, as more than 1024 of them wait"]
     assert len(complaints) == 2, complaints  # and one for those that were handled, and refused
+
+
+def end(backend: Busy, session: zenoh.Session) -> None:
+    """End a robot with its next command."""
+    backend.is_over = True
+    backend.may_go_on.set()
+    session.put(TOPIC_KEY, encode(command(backend.time_ns)), congestion_control=BLOCK)
 
 
 def test_an_inbox_drops_what_it_has_no_room_for_and_counts_it() -> None:
@@ -402,16 +448,19 @@ def test_in_real_time_it_keeps_its_rate_and_says_what_it_could_not_keep() -> Non
         process.send_signal(signal.SIGCONT)
         wait_for(process, session, status(session).time_ns + 300_000_000)
         after, took_s = status(session), time.monotonic() - began_s
+        wait_until(lambda: len(stamps) >= 10)
         complaints = stop(process)
     slipped_s = after.slipped_s - before.slipped_s
     moved_s = (after.time_ns - before.time_ns) / 1e9
     assert slipped_s > STOPPED_S / 2
     assert moved_s + slipped_s < took_s + 2 * PERIOD_NS / 1e9  # it never hurries
     assert np.diff(stamps).tolist() == [40_000_000] * (len(stamps) - 1)
-    assert len(stamps) >= 10
     assert complaints
     assert all(line.startswith("time slips: ") for line in complaints)
-    assert len(complaints) < 8
+    slips_s = [float(line.removeprefix("time slips: ").split()[0]) for line in complaints]
+    assert all(
+        later >= 2 * earlier - 0.16 for earlier, later in pairwise(slips_s)
+    )  # again when doubled, but for rounding
 
 
 def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> None:
@@ -419,7 +468,7 @@ def wait_for(process: Popen[str], session: zenoh.Session, time_ns: int) -> None:
     began_s = time.monotonic()
     while status(session).time_ns < time_ns:
         assert process.poll() is None
-        assert time.monotonic() < began_s + 60.0
+        assert time.monotonic() < began_s + 120.0
         time.sleep(0.01)
 
 
@@ -433,7 +482,7 @@ def test_in_real_time_it_goes_on_by_itself_and_holds_the_latest_command() -> Non
         wait_for(process, session, 300_000_000)
         assert time.monotonic() - began_s > 0.29  # never faster than the clock on the wall
         goal = ASIMO.comfort + 0.05
-        session.put(TOPIC_KEY, encode(command(0, goal)))
+        session.put(TOPIC_KEY, encode(command(0, goal)), congestion_control=BLOCK)
         wait_for(process, session, status(session).time_ns + 500_000_000)
         remote.advance(goal, PERIOD_NS)
         np.testing.assert_allclose(remote.positions, goal, atol=5e-3)

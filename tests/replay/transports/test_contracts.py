@@ -6,8 +6,10 @@ from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
+from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from recorders.wire.stream import Consumer, Offer
@@ -23,18 +25,26 @@ class TestInProcess(TransportContract):
         return InProcess({"learner": consumer}).deliver(offer, stream_from)["learner"]
 
 
+class Once(Receiver):
+    """Waits for no other offer when it has refused one."""
+
+    def refuse(self, offered: ReceivedOffer, reason: str) -> None:
+        super().refuse(offered, reason)
+        raise WireError(reason)
+
+
 class TestZenoh(TransportContract):
     def deliver(self, consumer: Consumer, offer: Offer, stream_from: StreamFrom) -> dict[str, Any]:
         endpoint = free_endpoint()
         with (
             open_session(SessionConfig(listen=(endpoint,))) as here,
             open_session(SessionConfig(connect=(endpoint,))) as there,
-            Receiver(there, config=ReceiverConfig(name="learner")) as receiver,
+            Once(there, config=ReceiverConfig(name="learner")) as receiver,
             ThreadPoolExecutor(1) as thread,
         ):
-            served = thread.submit(receiver.serve, consumer, wait_s=2.0)
+            served = thread.submit(receiver.serve, consumer, wait_s=120.0)
             try:
-                transport = ZenohTransport(here, config=SenderConfig(wait_s=5.0))
+                transport = ZenohTransport(here, config=SenderConfig(wait_s=120.0))
                 return transport.deliver(offer, stream_from)["learner"]
             finally:
                 served.exception()

@@ -27,6 +27,8 @@ from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import InProcess, Transport
 from replay.transports.zenoh import ZenohTransport, _Delivery
 
+PATIENCE_S = 120.0  # for a process to start
+PATIENT = SenderConfig(wait_s=PATIENCE_S)
 COUNT = 2_000
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
 
@@ -56,7 +58,6 @@ class Feed:
         self, options: dict[str, Any], stream: Callable[[int], Iterator[RecordedMessage]] = stream_from
     ) -> dict[str, Any]:
         if self._endpoint is None:
-            options.pop("wait_s", None)
             transport: Transport = InProcess({"learner": Collector(**options)})
             return transport.deliver(OFFER, stream)["learner"]
         command = [sys.executable, collector.__file__, self._endpoint, "learner", json.dumps(options)]
@@ -66,16 +67,18 @@ class Feed:
                     transport = ZenohTransport(session, config=self._config)
                     return transport.deliver(OFFER, stream)["learner"]
             finally:
+                if "refuse" in options:
+                    process.kill()  # it waits for another offer
                 out, _ = process.communicate(timeout=120)
                 self.said = json.loads(out) if out else None
 
 
 CONFIGS = {
     "in-process": None,
-    "zenoh, window 1, one a payload": SenderConfig(window=1, batch_size=1),
-    "zenoh, window 64, one a payload": SenderConfig(window=64, batch_size=1),
-    "zenoh, window 1024, batches of 64": SenderConfig(window=1024, batch_size=64),
-    "zenoh, window 100, batches of 7": SenderConfig(window=100, batch_size=7),
+    "zenoh, window 1, one a payload": SenderConfig(window=1, batch_size=1, wait_s=PATIENCE_S),
+    "zenoh, window 64, one a payload": SenderConfig(window=64, batch_size=1, wait_s=PATIENCE_S),
+    "zenoh, window 1024, batches of 64": SenderConfig(window=1024, batch_size=64, wait_s=PATIENCE_S),
+    "zenoh, window 100, batches of 7": SenderConfig(window=100, batch_size=7, wait_s=PATIENCE_S),
 }
 
 
@@ -103,7 +106,7 @@ def test_an_empty_stream_ends(feed: Feed) -> None:
 
 def test_a_refused_offer_says_why(feed: Feed) -> None:
     with pytest.raises(ReenactError, match="another robot"):
-        feed({"refuse": "another robot", "wait_s": 2.0})
+        feed({"refuse": "another robot"})
 
 
 def test_a_consumer_that_fails_is_named_with_its_reason(feed: Feed) -> None:
@@ -147,8 +150,9 @@ def collectors(endpoint: str, **options: dict[str, Any]) -> Iterator[dict[str, A
     try:
         yield said
         for name, process in processes.items():
-            out, _ = process.communicate(timeout=120)
-            said[name] = json.loads(out)
+            if "refuse" not in options[name]:  # that one waits for another offer
+                out, _ = process.communicate(timeout=120)
+                said[name] = json.loads(out)
     finally:
         for process in processes.values():
             process.kill()
@@ -173,7 +177,7 @@ def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, f
             else:
                 super()._put(frame)
 
-    config = SenderConfig(window=window, batch_size=batch)
+    config = SenderConfig(window=window, batch_size=batch, wait_s=PATIENCE_S)
     offer = replace(OFFER, sender="cd" * 16, window=window)
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
         with Lossy(session, config, offer, lambda consumed: None, ()) as delivery:
@@ -192,7 +196,7 @@ def test_no_more_than_the_window_is_under_way(window: int, batch: int) -> None:
             yield message(index)
 
     with collectors(endpoint, learner={"delay_s": 0.0005}), open_session(SessionConfig(listen=(endpoint,))) as session:
-        config = SenderConfig(window=window, batch_size=batch)
+        config = SenderConfig(window=window, batch_size=batch, wait_s=PATIENCE_S)
         ZenohTransport(session, config=config, on_progress=consumed.append).deliver(OFFER, counted)
     assert max(under_way) <= window + batch  # a batch is gathered before there is room for it
     assert consumed[-1] == 300
@@ -202,16 +206,16 @@ def test_two_consumers_both_get_everything_at_the_pace_of_the_slower() -> None:
     endpoint = free_endpoint()
     with collectors(endpoint, anna={}, bob={"delay_s": 0.001, "start": 1_000}) as said:
         with open_session(SessionConfig(listen=(endpoint,))) as session:
-            config = SenderConfig(consumers=("anna", "bob"), wait_s=120.0)
+            config = SenderConfig(consumers=("anna", "bob"), wait_s=PATIENCE_S)
             results = ZenohTransport(session, config=config).deliver(OFFER, stream_from)
     assert results == {"anna": expected(), "bob": expected(1_000)} == said
 
 
 def test_who_accepted_is_told_when_another_refuses() -> None:
     endpoint = free_endpoint()
-    with collectors(endpoint, anna={}, bob={"refuse": "another robot", "wait_s": 3.0}) as said:
+    with collectors(endpoint, anna={}, bob={"refuse": "another robot"}) as said:
         with open_session(SessionConfig(listen=(endpoint,))) as session:
-            transport = ZenohTransport(session, config=SenderConfig(consumers=("anna", "bob"), wait_s=120.0))
+            transport = ZenohTransport(session, config=SenderConfig(consumers=("anna", "bob"), wait_s=PATIENCE_S))
             with pytest.raises(WireError, match="bob: another robot"):
                 transport.deliver(OFFER, stream_from)
     assert "the sender gave up at message 0: bob: another robot" in said["anna"]["error"]
@@ -226,7 +230,7 @@ def test_a_message_too_large_to_be_received_is_refused_before_it_is_sent() -> No
 
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
         with pytest.raises(WireError, match=f"expected at most {MAX_PAYLOAD} bytes"):
-            ZenohTransport(session).deliver(OFFER, large)
+            ZenohTransport(session, config=PATIENT).deliver(OFFER, large)
     assert "expected at most" in said["learner"]["error"]
 
 
@@ -237,7 +241,7 @@ def test_large_messages_travel_in_small_batches() -> None:
         return (message(index)._replace(data=bytes(3 << 20)) for index in range(start, 12))
 
     with collectors(endpoint, learner={}), open_session(SessionConfig(listen=(endpoint,))) as session:
-        assert ZenohTransport(session).deliver(OFFER, large)["learner"]["count"] == 12
+        assert ZenohTransport(session, config=PATIENT).deliver(OFFER, large)["learner"]["count"] == 12
 
 
 class Waiting:
@@ -251,7 +255,7 @@ class Waiting:
 
     def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         next(messages)
-        assert self._blocked.wait(60)
+        assert self._blocked.wait(120)
         return {"count": 1 + sum(1 for _ in messages)}
 
 
@@ -287,7 +291,7 @@ def test_a_start_beyond_the_end_is_refused() -> None:
     endpoint = free_endpoint()
     with collectors(endpoint, learner={"start": COUNT + 1}), open_session(SessionConfig(listen=(endpoint,))) as session:
         with pytest.raises(WireError, match=f"wants message {COUNT + 1} of a stream that has {COUNT}"):
-            ZenohTransport(session).deliver(replace(OFFER, messages=COUNT), stream_from)
+            ZenohTransport(session, config=PATIENT).deliver(replace(OFFER, messages=COUNT), stream_from)
 
 
 @pytest.mark.parametrize(
