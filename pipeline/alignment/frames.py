@@ -1,0 +1,108 @@
+"""Frames that poses are given in: the robot's own, and those that stand still in it by `/tf_static`."""
+
+from collections.abc import Collection
+
+import numpy as np
+
+from pipeline.alignment.config import Transform
+from pipeline.alignment.rotations import product, rotated, unit
+from pipeline.arrays import Floats
+from recorders.cdr.codec import decode_as
+from recorders.errors import MessageError
+from recorders.messages.message_types import TFMessage
+from recorders.messages.record import RecordedMessage
+
+TF_STATIC = "/tf_static"
+
+_HERE: Transform = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
+_MAX_FRAMES = 10_000
+_POSITION = 3
+
+
+def placed(transform: Transform, poses: Floats) -> Floats:
+    """Return poses of a frame, shape (n, 7), in the frame in which it has this pose; those of `_HERE` to the bit."""
+    if transform == _HERE or not len(poses):
+        return poses
+    pose = np.array([transform])
+    turn = np.repeat(unit(pose[:, _POSITION:]), len(poses), axis=0)
+    positions = rotated(turn, poses[:, :_POSITION]) + pose[:, :_POSITION]
+    return np.concatenate((positions, unit(product(turn, poses[:, _POSITION:]))), axis=1)
+
+
+class StaticFrames:
+    """Frames by name, each in the robot's world.
+
+    Until there is a message on `/tf_static`, every frame is taken for the robot's own, unless the log is known to have
+    that topic; from then on a frame must be the robot's, or stand still in it.
+
+    Parameters
+    ----------
+    own : collection of str
+        Names of the robot's world: its root link, and what stands for it.
+    expected : bool
+        Whether there will be messages on `/tf_static`.
+    """
+
+    topics = frozenset({TF_STATIC})
+
+    def __init__(self, own: Collection[str], *, expected: bool = False) -> None:
+        self._own = frozenset(own)
+        self._known = expected
+        self._parents: dict[str, tuple[str, Transform]] = {}
+
+    def learn(self, record: RecordedMessage) -> None:
+        """Take in a message on `/tf_static`; one that cannot be read is passed over."""
+        try:
+            message = decode_as(TFMessage, record.data)
+        except MessageError:
+            return
+        self._known = True
+        for transform in message.transforms:
+            numbers = (*transform.translation.tolist(), *transform.rotation.tolist())
+            if len(self._parents) < _MAX_FRAMES and np.isfinite(numbers).all() and any(numbers[_POSITION:]):
+                self._parents[_plain(transform.child_frame_id)] = _plain(transform.frame_id), numbers
+
+    def find(self, frame_id: str) -> Transform | None:
+        """Return the pose of a frame in the robot's world, None if it has none that is known."""
+        if not self._known:
+            return _HERE
+        return self._climb(_plain(frame_id)) or self._descend(_plain(frame_id))
+
+    def _climb(self, frame: str) -> Transform | None:
+        """Return the pose of a frame that the robot's world is an ancestor of."""
+        pose = np.array([_HERE])
+        for _ in range(_MAX_FRAMES):
+            if frame in self._own:
+                return _transform(pose)
+            if frame not in self._parents:
+                return None
+            frame, transform = self._parents[frame]
+            pose = placed(transform, pose)
+        return None
+
+    def _descend(self, frame: str) -> Transform | None:
+        """Return the pose of a frame that is an ancestor of the robot's world, such as a map that it stands in."""
+        for own in sorted(self._own & self._parents.keys()):
+            pose, at = np.array([_HERE]), own
+            for _ in range(_MAX_FRAMES):
+                if at == frame:
+                    return _transform(_inverse(pose))
+                if at not in self._parents:
+                    break
+                at, transform = self._parents[at]
+                pose = placed(transform, pose)
+        return None
+
+
+def _inverse(pose: Floats) -> Floats:
+    back = pose[:, _POSITION:] * np.array([-1.0, -1.0, -1.0, 1.0])
+    return np.concatenate((-rotated(back, pose[:, :_POSITION]), back), axis=1)
+
+
+def _transform(pose: Floats) -> Transform:
+    x, y, z, qx, qy, qz, qw = pose[0].tolist()
+    return x, y, z, qx, qy, qz, qw
+
+
+def _plain(frame_id: str) -> str:
+    return frame_id.removeprefix("/")

@@ -1,0 +1,268 @@
+"""The aligner: messages in order of arrival become ticks, the same ones whether they come one by one or in blocks."""
+
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from pipeline.alignment.blocks import Block, BlockReader, Dropped, Kind, Times
+from pipeline.alignment.config import AlignmentConfig, Transform
+from pipeline.alignment.frames import StaticFrames, placed
+from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
+from pipeline.arrays import Floats
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.record import RecordedMessage
+
+_PAUSE_NS = 10**9
+_PAUSES = 10  # tolerances: ticks of a topic that are farther apart follow upon a pause
+
+
+@dataclass(frozen=True)
+class Source:
+    """A topic that is aligned.
+
+    Parameters
+    ----------
+    topic : str
+        Its name in the log.
+    ours : str
+        Our name for it.
+    kind : Kind
+        What its messages are.
+    """
+
+    topic: str
+    ours: str
+    kind: Kind
+
+    @property
+    def turns(self) -> bool:
+        """Whether it is of poses."""
+        return self.kind.message is PoseStamped
+
+
+class Ticks(NamedTuple):
+    """Some ticks.
+
+    Attributes
+    ----------
+    stamps_ns : ndarray, shape (n,)
+        Their times [ns].
+    values : tuple of ndarray, shape (n, d) each
+        The values of each source.
+    cuts : ndarray, shape (n,)
+        Which of them do not follow upon the one before.
+    """
+
+    stamps_ns: Times
+    values: tuple[Floats, ...]
+    cuts: NDArray[np.bool_]
+
+
+@dataclass
+class SourceCounts:
+    """What became of the messages of a topic: how many were used or not, and the times of those that were [ns]."""
+
+    used: int = 0
+    dropped: Counter[Dropped] = field(default_factory=Counter)
+    first_ns: int | None = None
+    last_ns: int | None = None
+    frames: dict[str, None] = field(default_factory=dict)
+    first_error: str = ""
+
+
+class Aligner:
+    """Makes ticks of messages.
+
+    A tick is made where each topic has a message within the tolerance before it, and one within the tolerance after
+    it; nothing is extrapolated. It is complete at the first message of every topic that is no earlier than the tick. A
+    message that is no later by stamp than one of its topic before it is dropped, and a tick for which a topic is
+    `WAIT_NS` behind another is given up: both in order of arrival, so that a log gives what its robot gave live.
+
+    Parameters
+    ----------
+    sources : sequence of Source
+        The topics; of joints and hands, in the order of the ticks' values.
+    config : AlignmentConfig
+        Tolerance, latencies, clock and frames.
+    period_ns : int, optional
+        Ticks at multiples of this [ns].
+    pivot : int, optional
+        Place of the source whose stamps are the ticks, without a period.
+    frames : StaticFrames
+        Frames that are known.
+
+    Attributes
+    ----------
+    counts : list of SourceCounts
+        What became of the messages of each source.
+    made, missed : int
+        Ticks so far, and those between the first and the last of them that could not be made.
+    """
+
+    def __init__(
+        self,
+        sources: Sequence[Source],
+        config: AlignmentConfig,
+        *,
+        period_ns: int | None = None,
+        pivot: int = 0,
+        frames: StaticFrames,
+    ) -> None:
+        self.sources, self._config = tuple(sources), config
+        self._period_ns, self._pivot, self._frames = period_ns, pivot, frames
+        self._readers = [BlockReader(source.kind) for source in sources]
+        self._tracks = [Track(source.kind.size, turns=source.turns) for source in sources]
+        self._ranks = {source.topic: rank for rank, source in enumerate(sources)}
+        self._latencies = [config.latencies_ns.get(source.topic, 0) for source in sources]
+        self._fixed: Mapping[int, Transform] = {
+            rank: config.frames[source.topic] for rank, source in enumerate(sources) if source.topic in config.frames
+        }
+        self._ahead_ns = NEVER
+        self._done_ns = NEVER
+        self._made_ns = NEVER
+        self._since = 0  # candidates since the latest tick that could not be made
+        self.counts = [SourceCounts() for _ in sources]
+        self.made = self.missed = 0
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """Topics whose messages are wanted."""
+        return frozenset((*self._ranks, *self._frames.topics))
+
+    def feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
+        """Take in messages, in order of arrival, and return the ticks that they complete; others are passed over."""
+        found, start = list[Ticks](), 0
+        for place, record in enumerate(records):
+            if record.topic in self._frames.topics:  # from here on it is known
+                found += self._feed(records[start:place])
+                self._frames.learn(record)
+                start = place + 1
+        return found + self._feed(records[start:] if start else records)
+
+    def _feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
+        arrivals: list[list[int]] = [[] for _ in self.sources]
+        ranks = self._ranks
+        for place, record in enumerate(records):
+            rank = ranks.get(record.topic)
+            if rank is not None:
+                arrivals[rank].append(place)
+        latest = np.full(len(records) + 1, NEVER, np.int64)
+        latest[0] = self._ahead_ns
+        samples = [self._samples(rank, records, places) for rank, places in enumerate(arrivals)]
+        for places, stamps, _ in samples:
+            latest[places + 1] = stamps
+        np.maximum.accumulate(latest, out=latest)
+        for track, (places, stamps, values) in zip(self._tracks, samples, strict=True):
+            track.add(stamps, values, latest[places])
+        self._ahead_ns = int(latest[-1])
+        return self._close()
+
+    def _samples(
+        self, rank: int, records: Sequence[RecordedMessage], arrivals: list[int]
+    ) -> tuple[NDArray[np.intp], Times, Floats]:
+        """Return arrivals, stamps [ns] and values of the messages of a source that are samples."""
+        places = np.array(arrivals, np.intp)
+        block = self._readers[rank].read([records[place].data for place in arrivals])
+        stamps = block.stamps_ns
+        if self._config.clock == "log":
+            stamps = np.array([min(records[place].log_time_ns, -NEVER) for place in arrivals], np.int64)
+        block.dropped[(block.dropped == Dropped.NOT) & (stamps <= 0)] = Dropped.NO_STAMP
+        stamps = stamps - self._latencies[rank]
+        self._place(rank, block)
+        fine = np.flatnonzero(block.dropped == Dropped.NOT)
+        on_time = self._tracks[rank].on_time(stamps[fine])
+        block.dropped[fine[~on_time]] = Dropped.LATE
+        used = fine[on_time]
+        self._count(rank, block, stamps[used])
+        return places[used], stamps[used], block.values[used]
+
+    def _place(self, rank: int, block: Block) -> None:
+        """Turn poses into the robot's world."""
+        counts = self.counts[rank]
+        for frame_id, indices in block.frames.items():
+            if frame_id not in counts.frames and len(counts.frames) < WAIT_NS:
+                counts.frames[frame_id] = None
+            if not self.sources[rank].turns:
+                continue
+            transform = self._fixed.get(rank) or self._frames.find(frame_id)
+            if transform is None:
+                unknown = indices[block.dropped[indices] == Dropped.NOT]
+                block.dropped[unknown] = Dropped.UNKNOWN_FRAME
+            else:
+                block.values[indices] = placed(transform, block.values[indices])
+
+    def _count(self, rank: int, block: Block, stamps: Times) -> None:
+        counts = self.counts[rank]
+        reasons, found = np.unique(block.dropped, return_counts=True)
+        for reason, count in zip(reasons.tolist(), found.tolist(), strict=True):
+            if reason == Dropped.NOT:
+                counts.used += count
+            else:
+                counts.dropped[Dropped(reason)] += count
+        counts.first_error = self._readers[rank].first_error
+        if len(stamps):
+            counts.first_ns = int(stamps[0]) if counts.first_ns is None else counts.first_ns
+            counts.last_ns = int(stamps[-1])
+
+    def _close(self) -> list[Ticks]:
+        """Return the ticks that are complete now."""
+        limit = max(min(track.last_ns for track in self._tracks), self._ahead_ns - WAIT_NS - 1)
+        if limit <= self._done_ns:
+            return []
+        ticks = self._due(limit)
+        spans = [track.span(ticks, self._config.tolerance_ns) for track in self._tracks]
+        near = np.logical_and.reduce([span.near for span in spans])
+        made = self._made(ticks, near, spans) if near.any() else None
+        if self._period_ns is None:
+            self._since = self._since + len(ticks) if made is None else len(ticks) - 1 - int(np.flatnonzero(near)[-1])
+        self._done_ns = limit
+        for track in self._tracks:
+            track.forget_before(limit)
+        return [] if made is None else [made]
+
+    def _made(self, ticks: Times, near: NDArray[np.bool_], spans: Sequence[Span]) -> Ticks:
+        """Return the ticks that can be made, and whether each follows upon the one before."""
+        stamps = ticks[near]
+        apart = np.diff(stamps, prepend=self._made_ns)
+        if self._period_ns is not None:
+            skipped = apart // self._period_ns - 1
+            cuts = skipped > 0
+        else:
+            skipped = np.diff(np.flatnonzero(near), prepend=-1 - self._since) - 1
+            cuts = (skipped > 0) | (apart > max(_PAUSES * self._config.tolerance_ns, _PAUSE_NS))
+        if not self.made:
+            cuts[0] = False
+            skipped[0] = 0
+        values = tuple(
+            track.between(stamps, Span(*(part[near] for part in span)))
+            for track, span in zip(self._tracks, spans, strict=True)
+        )
+        self.made += len(stamps)
+        self.missed += int(skipped.sum())
+        self._made_ns = int(stamps[-1])
+        return Ticks(stamps, values, cuts)
+
+    def _due(self, limit_ns: int) -> Times:
+        """Return the times at which there may be a tick, up to a limit [ns], that were not looked at yet."""
+        stamps = self._tracks[self._pivot].stamps_ns
+        if self._period_ns is not None:
+            stamps = _multiples(stamps, self._period_ns, self._config.tolerance_ns, self._done_ns, limit_ns)
+        return stamps[(stamps > self._done_ns) & (stamps <= limit_ns)]
+
+
+def _multiples(stamps: Times, period_ns: int, tolerance_ns: int, after_ns: int, limit_ns: int) -> Times:
+    """Return the multiples of a period that lie between samples near enough to each other, or at one [ns]."""
+    if not len(stamps):
+        return stamps
+    start, end = np.concatenate((stamps[:1] - 1, stamps[:-1])), stamps
+    first, last = start // period_ns + 1, end // period_ns
+    wide = end - start > 2 * tolerance_ns
+    first = np.where(wide, np.where(end % period_ns == 0, last, last + 1), first)
+    first, last = np.maximum(first, after_ns // period_ns + 1), np.minimum(last, limit_ns // period_ns)
+    counts = np.maximum(last - first + 1, 0)
+    before = np.cumsum(counts) - counts
+    return (np.repeat(first - before, counts) + np.arange(int(counts.sum()))) * period_ns
