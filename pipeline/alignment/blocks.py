@@ -167,9 +167,7 @@ class BlockReader:
     def read(self, payloads: Sequence[bytes]) -> Block:
         """Return stamps and values of messages, in order of arrival; what is no sample is noted."""
         count = len(payloads)
-        block = Block(
-            np.full(count, -1, np.int64), np.zeros((count, self._kind.size)), np.zeros(count, np.int8), {}
-        )
+        block = Block(np.full(count, -1, np.int64), np.zeros((count, self._kind.size)), np.zeros(count, np.int8), {})
         by_size: dict[int, list[int]] = {}
         for index, data in enumerate(payloads):
             by_size.setdefault(len(data), []).append(index)

@@ -1,5 +1,4 @@
-"""Settings of an alignment: which ticks, how far from its neighbours in time a value may be taken, and what is known
-of the topics' clocks and frames."""
+"""Settings of an alignment: which ticks, of what; and what is known of the clocks and frames of topics."""
 
 import re
 from collections.abc import Mapping, Sequence

@@ -16,6 +16,7 @@ from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
 
+_MAX_FRAMES = 100  # that are remembered of a topic
 _PAUSE_NS = 10**9
 _PAUSES = 10  # tolerances: ticks of a topic that are farther apart follow upon a pause
 
@@ -184,7 +185,7 @@ class Aligner:
         """Turn poses into the robot's world."""
         counts = self.counts[rank]
         for frame_id, indices in block.frames.items():
-            if frame_id not in counts.frames and len(counts.frames) < WAIT_NS:
+            if frame_id not in counts.frames and len(counts.frames) < _MAX_FRAMES:
                 counts.frames[frame_id] = None
             if not self.sources[rank].turns:
                 continue
@@ -238,7 +239,7 @@ class Aligner:
             cuts[0] = False
             skipped[0] = 0
         values = tuple(
-            track.between(stamps, Span(*(part[near] for part in span)))
+            track.between(stamps, Span(span.before[near], span.after[near], span.near[near]))
             for track, span in zip(self._tracks, spans, strict=True)
         )
         self.made += len(stamps)

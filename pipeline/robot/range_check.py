@@ -10,10 +10,10 @@ from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
 from recorders.containers.opening import open_log
+from recorders.containers.reader import Opened
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState
 from recorders.messages.topics import COMMANDED_TICK
-from recorders.reading.parts import Log
 from recorders.ticks.joiner import JointMap
 from replay.sources.live import LiveLog
 
@@ -156,7 +156,7 @@ def range_check(robot: RobotConfig) -> RangeCheck:
 
 
 def live_log(
-    log: Log,
+    log: Opened,
     *,
     robot: RobotConfig | None = None,
     epochs: int = 1,

@@ -5,10 +5,9 @@ from types import MappingProxyType
 
 from pipeline.robot.config import RobotConfig, parse_robot
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.messages.topics import hands_among, is_target
-from recorders.reading.parts import Log
 from recorders.text.wording import names_text
 from recorders.wire.stream import Offer
 from replay.sources.scheduled import read_robot
@@ -40,7 +39,7 @@ def require_recorded_robot(reader: Reader, *, has_option: bool = False) -> Robot
 
 
 def recorded_hands(
-    log: Log, *, robot: RobotConfig | None = None, renames: Mapping[str, str] = MappingProxyType({})
+    log: Opened, *, robot: RobotConfig | None = None, renames: Mapping[str, str] = MappingProxyType({})
 ) -> tuple[str, ...]:
     """Return the names of the hands of a log: those of its robot, or of one that is given.
 
@@ -48,7 +47,7 @@ def recorded_hands(
 
     Parameters
     ----------
-    log : Path or Parts
+    log : Path, Parts or Reader
         The log, or a session in parts.
     robot : RobotConfig, optional
         The robot, which counts for more than the log's.

@@ -1,7 +1,8 @@
 """Robot configs of older forms, as logs and controllers hold them, in the form of today: the one place that knows them.
 
-Until hands were a list, `[hands]` named the links of two, left and right, and `[pattern]` held their centres; there was
-no box. A text is never rewritten: what was recorded stays as it is, to the byte, and is upgraded whenever it is read.
+Until hands were a list, `[hands]` named the links of left and right, or of one of them, and `[pattern]` held their
+centres; there was no box. A text is never rewritten: what was recorded stays as it is, to the byte, and is upgraded
+whenever it is read.
 """
 
 from collections.abc import Mapping
@@ -26,12 +27,13 @@ def upgraded(table: Mapping[str, Any]) -> dict[str, Any]:
     """
     if not isinstance(table.get("hands"), dict) or "pattern" not in table:
         return dict(table)
-    links = as_table(table["hands"], frozenset(_SIDES), "[hands]")
-    pattern = as_table(table["pattern"], frozenset({*_CENTRES.values(), *_PLANE}), "[pattern]")
+    sides = [side for side in _SIDES if side in table["hands"] or _CENTRES[side] in table["pattern"]] or _SIDES
+    links = as_table(table["hands"], frozenset(sides), "[hands]")
+    pattern = as_table(table["pattern"], frozenset({*(_CENTRES[side] for side in sides), *_PLANE}), "[pattern]")
     box = list(_box(*(as_point(pattern[key], f"[pattern] {key}") for key in _PLANE)))
     hands = [
         {"name": side, "link": links[side], "controls": "position", "centre": pattern[_CENTRES[side]], "box": box}
-        for side in _SIDES
+        for side in sides
     ]
     return {**table, "hands": hands, "pattern": {key: pattern[key] for key in _PLANE}}
 

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from recorders.containers.bag_folder import BagFolder
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.containers.ros1_bag import Ros1Bag
 from recorders.containers.sqlite_bag import SqliteBag
 from recorders.containers.translated import translated
@@ -45,7 +45,7 @@ CONTAINERS = (
 """The containers, in the order in which they are tried."""
 
 
-def open_log(log: Log) -> Reader:
+def open_log(log: Opened) -> Reader:
     """Return what reads a recording, whatever container it is in; its messages are ours wherever they can be.
 
     Joints, poses, transforms, texts and numbers in another encoding than CDR, or of other definitions than ROS 2's,
@@ -53,15 +53,16 @@ def open_log(log: Log) -> Reader:
 
     Parameters
     ----------
-    log : path or Parts
-        A log, a session's parts, named one by one, by their folder or by their stem, or a folder of rosbag2.
+    log : Path, Parts or Reader
+        A log, a session's parts, named one by one, by their folder or by their stem, or a folder of rosbag2; what
+        reads one already is returned.
 
     Raises
     ------
     LogError
         If there is none, or it is none that can be read.
     """
-    return translated(open_as_it_is(log))
+    return translated(open_as_it_is(log)) if isinstance(log, Path | Parts) else log
 
 
 def open_as_it_is(log: Log) -> Reader:

@@ -1,7 +1,7 @@
 """The interface of what reads a log, whatever container it is in."""
 
 from collections.abc import Iterable, Iterator
-from typing import Any, Protocol
+from typing import Any, Protocol, TypeAlias
 
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
@@ -58,3 +58,7 @@ class Reader(Protocol):
 
     def attachment(self, name: str) -> bytes:
         """Return an attachment, of several of one name the last; raises LogError if there is none."""
+
+
+Opened: TypeAlias = Log | Reader
+"""A recording by its path or paths, or what reads one."""

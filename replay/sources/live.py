@@ -9,12 +9,12 @@ from itertools import pairwise
 
 from recorders.cdr.codec import decode_as, encode
 from recorders.containers.opening import open_log
+from recorders.containers.reader import Opened
 from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
-from recorders.reading.parts import Log
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import Check, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks
@@ -196,7 +196,7 @@ class LiveLog:
 
     Parameters
     ----------
-    path : Path or Parts
+    path : Path, Parts or Reader
         A recording, by whomever, with phase markers or without.
     epochs : int
         Epochs of the run.
@@ -216,7 +216,7 @@ class LiveLog:
 
     def __init__(
         self,
-        path: Log,
+        path: Opened,
         *,
         epochs: int = 1,
         check: Check = pass_all,

@@ -5,10 +5,11 @@ import json
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from itertools import chain, count, islice, pairwise
+from typing import Any
 
 from recorders.cdr.codec import encode
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
@@ -17,6 +18,7 @@ from recorders.reading.parts import Log
 from recorders.text.wording import names_text
 from recorders.ticks.joiner import TickJoiner
 from recorders.wire.stream import MAX_MESSAGE, Offer
+from replay.sources.episodes import ALIGNMENT, WHOLE, Span, alignment_of, episode_spans
 from replay.sources.schedule import Schedule
 from replay.sources.stream_digest import StreamDigest
 
@@ -33,13 +35,15 @@ class EpisodeLog:
 
     Parameters
     ----------
-    path : Path or Parts
+    path : Path, Parts or Reader
         A log, or a session in parts.
     renames : mapping of str to str
         Our topic names for those that the log uses, so that a log recorded by others trains; those of topics that it
         does not have count for nothing.
     tick : tuple of str
         Topics that a tick has a message of each, by our names.
+    span : Span
+        The part of the log that is the episode; all of it if left out.
 
     Attributes
     ----------
@@ -61,9 +65,14 @@ class EpisodeLog:
     """
 
     def __init__(
-        self, path: Log, *, renames: Mapping[str, str] = _NO_RENAMES, tick: tuple[str, ...] = COMMANDED_TICK
+        self,
+        path: Opened,
+        *,
+        renames: Mapping[str, str] = _NO_RENAMES,
+        tick: tuple[str, ...] = COMMANDED_TICK,
+        span: Span = WHOLE,
     ) -> None:
-        self._tick = tick
+        self._tick, self._span = tick, span
         self._reader = open_log(path)
         self.path = self._reader.path
         self.topics = tuple(self._reader.topics)
@@ -77,12 +86,18 @@ class EpisodeLog:
         return iter(self._cache) if self._cache is not None else self._read()
 
     @property
+    def alignment(self) -> dict[str, Any]:
+        """Account of how the log was aligned, under this name, if it was; of its first episode alone."""
+        account = alignment_of(self._reader) if self._span.start_ns == 0 else None
+        return {} if account is None else {ALIGNMENT: account}
+
+    @property
     def retained(self) -> bool:
         """Whether the messages are in memory."""
         return self._cache is not None
 
     def _read(self) -> Iterator[RecordedMessage]:
-        return renamed(self._reader, self._renames, self._tick)
+        return renamed(self._reader, self._renames, self._tick, span=self._span)
 
     def _survey(self) -> None:
         """Read the log through once: check, count and hash it and, if it is small, keep it."""
@@ -125,7 +140,12 @@ class EpisodeLog:
 
 
 def renamed(
-    reader: Reader, renames: Mapping[str, str], topics: Collection[str], *, file_order: bool = False
+    reader: Reader,
+    renames: Mapping[str, str],
+    topics: Collection[str],
+    *,
+    file_order: bool = False,
+    span: Span = WHOLE,
 ) -> Iterator[RecordedMessage]:
     """Yield the messages of a log on some topics, by our names for them, those without a type as of our topic's.
 
@@ -139,18 +159,21 @@ def renamed(
         The topics, by our names.
     file_order : bool
         Whether they come in the order of the file, and not of log time.
+    span : Span
+        Log times that are wanted.
 
     Raises
     ------
     LogError
         If the log cannot be read, has no topic of a name that is to be replaced, or one of another type than our topic.
     """
+    start_ns, end_ns = span
     if not renames:
-        yield from map(typed, reader.records(topics=topics, file_order=file_order))
+        yield from map(typed, reader.records(topics=topics, start_ns=start_ns, end_ns=end_ns, file_order=file_order))
         return
     check_renames(renames, reader.topics, where=str(reader.path))
     _check_types(renames, reader.topics, where=str(reader.path))
-    for record in reader.records(file_order=file_order):
+    for record in reader.records(start_ns=start_ns, end_ns=end_ns, file_order=file_order):
         topic = renames.get(record.topic, record.topic)
         if topic in topics:
             yield typed(record._replace(topic=topic))
@@ -237,7 +260,7 @@ class Replay:
 
     Parameters
     ----------
-    paths : sequence of Path or Parts
+    paths : sequence of Path, Parts or Reader
         Logs; a cycle presents them in this order, each under a phase marker of its own.
     schedule : Schedule
         Epochs and phases, and topics of a tick.
@@ -253,11 +276,17 @@ class Replay:
         If a message is not what it should be.
     """
 
-    def __init__(self, paths: Sequence[Log], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES) -> None:
+    def __init__(
+        self, paths: Sequence[Opened], schedule: Schedule, *, renames: Mapping[str, str] = _NO_RENAMES
+    ) -> None:
         if not paths:
             raise LogError("expected at least one log, found none")
         self.schedule = schedule
-        self.episodes = [EpisodeLog(path, renames=renames, tick=schedule.topics) for path in paths]
+        self.episodes = [
+            EpisodeLog(path, renames=renames, tick=schedule.topics, span=span)
+            for path in map(open_log, paths)
+            for span in episode_spans(path, schedule.topics)
+        ]
         self.robot = self.episodes[0].robot
         for episode in self.episodes[1:]:
             if episode.robot != self.robot:
@@ -281,7 +310,10 @@ class Replay:
         return Offer(
             run=self.run,
             schedule=self.schedule.to_dict(),
-            logs=[{"name": episode.path.name, "ticks_sha256": episode.digest} for episode in self.episodes],
+            logs=[
+                {"name": episode.path.name, "ticks_sha256": episode.digest} | episode.alignment
+                for episode in self.episodes
+            ],
             robot=self.robot,
             messages=len(self),
         )

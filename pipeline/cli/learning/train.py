@@ -1,10 +1,13 @@
 """The verb train."""
 
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
+from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
 from pipeline.cli.options import (
     AsLive,
@@ -13,11 +16,9 @@ from pipeline.cli.options import (
     Logs,
     Overwrite,
     Pairs,
-    Renames,
     Rule,
     Seed,
     StreamsRobot,
-    renames,
 )
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -26,11 +27,14 @@ if TYPE_CHECKING:
     from pipeline.learner.rule import Settings
     from pipeline.robot.config import RobotConfig
     from pipeline.samples.pairing import PairingRule
+    from recorders.containers.reader import Opened
     from replay.transports.transport import Source
 
 
+@grouped
 def train(
     logs: Logs,
+    *,
     out: Annotated[Path, typer.Option(help="Controller to write.", metavar="CONTROLLER.npz")],
     seed: Seed = 0,
     rule: Rule = None,
@@ -44,7 +48,7 @@ def train(
     as_recorded: AsRecorded = False,
     as_live: AsLive = False,
     robot: StreamsRobot = None,
-    map_: Renames = None,
+    alignment: AlignmentOptions,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -55,18 +59,27 @@ def train(
     from pipeline.learner.controller import check_writable
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
+    from pipeline.robot.recorded import recorded_hands
     from pipeline.training.trainer import Trainer, pairing_of, train_on
+    from recorders.reading.parts import one_session, recordings
 
     check_writable(out, overwrite=overwrite)
     config = None if robot is None else load_robot(robot)
     if as_recorded and as_live:
         raise ConfigError("expected one of --as-recorded and --as-live, found both")
     learner = default_config(rule, seed=seed)
-    pairing, names = pairing_of(learner, pairs), renames(map_)
-    if as_live:
-        source = _as_live(logs, config, epochs or 1, names, pairing)
+    found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
+    names: Mapping[str, str] = alignment.renames
+    pairing = pairing_of(learner, pairs)
+    if as_recorded:
+        alignment.refuse("--as-recorded")
     else:
-        source = _from_logs(logs, config, learner, epochs, names, pairing, as_recorded=as_recorded)
+        tick = pairing.topics(recorded_hands(found[0], robot=config, renames=names))
+        found, names = alignment.align(found, robot=config, tick=tick)
+    if as_live:
+        source = _as_live(found[0], config, epochs or 1, names, pairing)
+    else:
+        source = _from_logs(found, config, learner, epochs, names, pairing, as_recorded=as_recorded)
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             learner,
@@ -84,35 +97,32 @@ def train(
 
 
 def _as_live(
-    logs: list[Path], robot: "RobotConfig | None", epochs: int, names: dict[str, str], pairing: "PairingRule"
+    log: "Opened", robot: "RobotConfig | None", epochs: int, names: "Mapping[str, str]", pairing: "PairingRule"
 ) -> "Source":
     from pipeline.robot.range_check import live_log
     from pipeline.robot.recorded import recorded_hands
-    from recorders.reading.parts import one_session
 
-    log = one_session(logs)
     topics = pairing.topics(recorded_hands(log, robot=robot, renames=names))
     return live_log(log, robot=robot, epochs=epochs, tick=topics, renames=names)
 
 
 def _from_logs(
-    logs: list[Path],
+    logs: "Sequence[Opened]",
     robot: "RobotConfig | None",
     learner: "Settings",
     epochs: int | None,
-    names: dict[str, str],
+    names: "Mapping[str, str]",
     pairing: "PairingRule",
     *,
     as_recorded: bool,
 ) -> "Source":
     """Return logs as their learner is to be presented them, or a session as it was recorded."""
     from pipeline.robot.recorded import recorded_hands
-    from recorders.reading.parts import one_session, recordings
+    from recorders.containers.opening import open_log
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
-    found = [one_session(logs)] if as_recorded else recordings(logs)
-    topics = pairing.topics(recorded_hands(found[0], robot=robot, renames=names))
+    topics = pairing.topics(recorded_hands(logs[0], robot=robot, renames=names))
     if as_recorded:
-        return RecordedSession(found[0], epochs=epochs, renames=names, topics=topics)
-    return Replay(found, learner.schedule(epochs, topics), renames=names)
+        return RecordedSession(open_log(logs[0]).path, epochs=epochs, renames=names, topics=topics)
+    return Replay(logs, learner.schedule(epochs, topics), renames=names)

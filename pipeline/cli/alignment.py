@@ -1,0 +1,105 @@
+"""Options of alignment, the same for every verb that learns from logs, checks them, or serves."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.options import Renames, renames
+from pipeline.terminal import console
+from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.alignment.config import AlignmentConfig
+    from pipeline.robot.config import RobotConfig
+    from recorders.containers.reader import Opened
+
+
+@dataclass(frozen=True)
+class AlignmentOptions:
+    """Ticks of topics that have rates and stamps of their own, and names of topics."""
+
+    map_: Renames = None
+    tick_rate: Annotated[
+        str | None,
+        typer.Option(help="Align topics to ticks at this rate, where a log carries no ticks: 10.", metavar="HZ"),
+    ] = None
+    ticks_of: Annotated[
+        str | None,
+        typer.Option(help="Align topics to ticks at the stamps of this one.", metavar="TOPIC"),
+    ] = None
+    tolerance: Annotated[
+        str | None,
+        typer.Option(
+            help="Make a tick where each topic has a message so near before and after it: 0.1.", metavar="SECONDS"
+        ),
+    ] = None
+    latency: Annotated[
+        list[str] | None,
+        typer.Option(help="Stamps of a topic are so much later than what they are of.", metavar="TOPIC=SECONDS"),
+    ] = None
+    clock: Annotated[
+        str | None,
+        typer.Option(help="Align by header, the stamps of messages, or by log, where they have none.", metavar="CLOCK"),
+    ] = None
+    frame: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Pose, in the robot's world, of the frame that a topic's poses are in.",
+            metavar="TOPIC=x,y,z,qx,qy,qz,qw",
+        ),
+    ] = None
+
+    @property
+    def renames(self) -> dict[str, str]:
+        """Our topic names for those of the logs; raises ConfigError if one is not FOREIGN=OURS."""
+        return renames(self.map_)
+
+    def config(self) -> "AlignmentConfig":
+        """Return the settings; raises ConfigError if one cannot be read or two exclude each other."""
+        from pipeline.alignment.config import (
+            DEFAULT_TOLERANCE_NS,
+            AlignmentConfig,
+            parse_frames,
+            parse_latencies,
+            parse_rate,
+            parse_tolerance,
+        )
+
+        return AlignmentConfig(
+            period_ns=None if self.tick_rate is None else parse_rate(self.tick_rate),
+            ticks_of=self.ticks_of,
+            tolerance_ns=DEFAULT_TOLERANCE_NS if self.tolerance is None else parse_tolerance(self.tolerance),
+            latencies_ns=parse_latencies(self.latency or ()),
+            clock=self.clock or "header",
+            frames=parse_frames(self.frame or ()),
+        )
+
+    def refuse(self, beside: str) -> None:
+        """Raise ConfigError if ticks are asked for beside an option that takes a log as it is."""
+        if self.config().asks:
+            raise ConfigError(
+                f"{beside}: expected none of --tick-rate, --ticks-of, --tolerance, --latency, --clock and --frame "
+                "beside it"
+            )
+
+    def align(
+        self, logs: "Sequence[Opened]", *, robot: "RobotConfig | None", tick: Sequence[str]
+    ) -> "tuple[list[Opened], Mapping[str, str]]":
+        """Return logs of ticks and the renames that are left to make, and print how they were aligned, if they were.
+
+        Raises
+        ------
+        ReenactError
+            As `pipeline.alignment.align.align_logs` does.
+        """
+        from pipeline.alignment.align import align_logs
+        from pipeline.alignment.aligned_log import AlignedLog
+
+        aligned, left = align_logs(logs, self.config(), robot=robot, renames=self.renames, tick=tick)
+        for log in aligned:
+            if isinstance(log, AlignedLog):
+                for line in log.summary.lines(log.path.name):
+                    console.notice(line)
+        return aligned, left

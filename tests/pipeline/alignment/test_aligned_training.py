@@ -1,0 +1,222 @@
+"""A log of others trains: its topics are aligned, which says what was used; what cannot be aligned is one line."""
+
+import json
+import math
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from more_hands import ONE, write_robot
+from sessions import write_foreign
+
+from pipeline.cli import app
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.kinematics import Kinematics
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.record import RecordedMessage
+from recorders.writing.writer import LogWriter
+
+MS = 10**6
+START = 1_764_000_000 * 10**9
+SECONDS = 8
+MAPPED = ("--map", "/tracker=/hand/tip/measured")
+
+
+def run(*arguments: object) -> int:
+    with pytest.raises(SystemExit) as end:
+        app.main([str(argument) for argument in arguments])
+    return int(end.value.code or 0)
+
+
+@pytest.fixture(scope="module")
+def robot(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_robot(tmp_path_factory.mktemp("robot") / "robot", ONE)
+
+
+def posture(robot: RobotConfig, time_s: float) -> Any:
+    """Return a posture that goes about the comfortable one, never the same way twice."""
+    waves = [math.sin((0.9 + 0.37 * place) * time_s + place) for place in range(len(robot.joints))]
+    return robot.comfort + 0.25 * np.array(waves)
+
+
+def recording(folder: Path, *, tracked: bool = True) -> list[RecordedMessage]:
+    """Return what a lab records: joints and a gripper at 100 Hz, a tracker at 30 Hz, each with stamps of its own."""
+    robot = load_robot(folder)
+    kinematics = Kinematics(robot)
+    names = ("gripper", *robot.joints[::-1])
+    records = []
+    for index in range(SECONDS * 100):
+        stamp = START + index * 10 * MS + index % 7 * 30_000
+        values = np.array([0.02, *posture(robot, (stamp - START) * 1e-9)[::-1]])
+        message = JointState(stamp, names, values, velocity=np.full(len(names), math.nan))
+        records.append(RecordedMessage("/joint_states", message.TYPE, encode(message), index, stamp + 2 * MS))
+    for index in range(SECONDS * 30 if tracked else 0):
+        stamp = START + index * 33_333_333 + 5 * MS
+        hand = kinematics.hands(posture(robot, (stamp - START) * 1e-9))[0]
+        tracker = PoseStamped(stamp, hand, frame_id="world")
+        records.append(RecordedMessage("/tracker", tracker.TYPE, encode(tracker), index, stamp + 9 * MS))
+    return sorted(records, key=lambda record: record.log_time_ns)
+
+
+@pytest.fixture(scope="module")
+def log(robot: Path) -> Path:
+    return write_foreign(robot.parent / "lab.mcap", recording(robot))
+
+
+@pytest.fixture
+def trained(robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Any:
+    """Train from a log and return the result, what was noted, and the controller."""
+
+    def train(log: Path, *options: object) -> tuple[Any, str, Controller]:
+        out = tmp_path / "out.npz"
+        arguments = (
+            "--robot",
+            robot,
+            "--rule",
+            "forward-inverse",
+            "--epochs",
+            1,
+            "--out",
+            out,
+            "--overwrite",
+            "--json",
+        )
+        assert run("train", log, *arguments, *options) == 0
+        shown = capsys.readouterr()
+        return json.loads(shown.out), shown.err, Controller.load(out)
+
+    return train
+
+
+def test_ticks_are_those_of_the_tracker(log: Path, trained: Any) -> None:
+    result, noted, controller = trained(log, *MAPPED)
+    assert result["ticks"] == 2 * SECONDS * 30  # learned, then evaluated
+    assert "aligned to 240 ticks at the stamps of /tracker, in 1 episode" in noted
+    assert "/joint_states as /sample/joint_states: 800 messages used" in noted
+    account = controller.provenance["logs"][0]["alignment"]
+    assert account["topics"] == {
+        "/tracker": {"as": "/hand/tip/measured", "used": SECONDS * 30},
+        "/joint_states": {"as": "/sample/joint_states", "used": SECONDS * 100},
+    }
+    assert (account["ticks"], account["episodes"], account["tolerance_ns"]) == (240, 1, 100 * MS)
+
+
+def test_what_is_aligned_may_be_written_and_trained(log: Path, robot: Path, trained: Any, tmp_path: Path) -> None:
+    """The ticks as a log of their own come to the same digests, with the cuts between episodes."""
+    from pipeline.alignment.aligned_log import AlignedLog
+    from pipeline.alignment.config import AlignmentConfig
+    from recorders.containers.opening import open_log
+
+    whole = recording(robot)
+    holed = write_foreign(
+        tmp_path / "holed.mcap", [r for r in whole if not 3 * 10**9 < r.log_time_ns - START < 4 * 10**9]
+    )
+    options = (*MAPPED, "--tick-rate", 25, "--tolerance", "0.05")
+    result, noted, _ = trained(holed, *options)
+    assert "in 2 episodes; 26 not made" in noted
+    config = AlignmentConfig(period_ns=40 * MS, tolerance_ns=50 * MS)
+    ticks = AlignedLog(
+        open_log(holed),
+        load_robot(robot),
+        config=config,
+        renames={"/tracker": "/hand/tip/measured"},
+        wanted=("/hand/tip/measured", "/sample/joint_states"),
+    )
+    attachments = {name: ticks.attachment(name) for name in ticks.attachments}
+    with LogWriter(tmp_path / "ticks.mcap", manifest=ticks.manifest, attachments=attachments) as writer:
+        for record in ticks:
+            writer.copy(record)
+    again, noted, _ = trained(tmp_path / "ticks.mcap")
+    assert noted == ""
+    assert {key: again[key] for key in ("digest", "stream_digest", "ticks")} == {
+        key: result[key] for key in ("digest", "stream_digest", "ticks")
+    }
+
+
+def test_live_takes_the_same_ticks(log: Path, trained: Any) -> None:
+    """`--as-live` learns each of them once."""
+    result, _, _ = trained(log, *MAPPED, "--tick-rate", 30, "--as-live")
+    offline, _, _ = trained(log, *MAPPED, "--tick-rate", 30)
+    assert offline["ticks"] == 2 * result["ticks"] > 400
+
+
+def still(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/tracker", lambda pose, stamp: PoseStamped(stamp, np.array((0.5, 0.0, 0.75))))
+
+
+def no_quaternion(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/tracker", lambda pose, stamp: PoseStamped(stamp, pose.position, orientation=np.zeros(4)))
+
+
+def an_hour_apart(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/tracker", lambda pose, stamp: PoseStamped(stamp + 3600 * 10**9, pose.position))
+
+
+def other_joints(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/joint_states", lambda state, stamp: JointState(stamp, ("a", "b"), np.zeros(2)))
+
+
+def unstamped(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/tracker", lambda pose, stamp: PoseStamped(0, pose.position))
+
+
+def changed(records: list[RecordedMessage], topic: str, change: Any) -> list[RecordedMessage]:
+    """Return messages of which those of one topic are others."""
+    from recorders.cdr.codec import decode
+
+    found = []
+    for record in records:
+        if record.topic == topic:
+            message = decode(record.type, record.data)
+            record = record._replace(data=encode(change(message, message.stamp_ns)))
+        found.append(record)
+    return found
+
+
+@pytest.mark.parametrize(
+    ("change", "line"),
+    [
+        (still, "/tracker: expected a hand that moves as the joints do, found it at (0.5, 0, 0.75) m all the time"),
+        (no_quaternion, "/tracker: expected messages that can be used, found 240 with a quaternion of zero length"),
+        (an_hour_apart, "found those of /tracker 3600.005 s after"),
+        (other_joints, "expected a topic of sensor_msgs/msg/JointState with the joints of the robot, turn, tip_yaw"),
+        (unstamped, "found 240 without a stamp; take the times of recording with --clock log"),
+    ],
+)
+def test_what_cannot_be_aligned_is_one_line(
+    robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], change: Any, line: str
+) -> None:
+    bad = write_foreign(tmp_path / "bad.mcap", change(recording(robot)))
+    assert run("train", bad, "--robot", robot, "--rule", "forward-inverse", *MAPPED, "--out", tmp_path / "x.npz") == 2
+    shown = capsys.readouterr().err
+    assert line in shown
+    assert shown.count("\n") == 1
+    assert not (tmp_path / "x.npz").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "line"),
+    [
+        (("--tick-rate", "0"), "--tick-rate: expected a rate from 0.001 to 1000 Hz, found '0'"),
+        (("--tick-rate", "10", "--ticks-of", "/tracker"), "expected one of --tick-rate and --ticks-of, found both"),
+        (("--ticks-of", "/camera"), "--ticks-of: expected a topic of joints or poses, found /camera; there are: "),
+        (("--latency", "/camera=0.1"), "--latency: expected a topic /camera, found none"),
+        (("--latency", "/tracker=soon"), "--latency /tracker: expected seconds within 3600 of 0, such as 0.02, found"),
+        (("--frame", "/tracker=1,2,3,0,0,0"), "--frame /tracker: expected seven numbers x,y,z,qx,qy,qz,qw, found"),
+        (("--frame", "/tracker=1,2,3,0,0,0,0"), "--frame /tracker: expected a quaternion with a length, found"),
+        (("--clock", "sun"), "--clock: expected header or log, found 'sun'"),
+        (("--tolerance", "60"), "--tolerance: expected seconds within 5 of 0, such as 0.02, found '60'"),
+        (("--tick-rate", "10", "--as-recorded"), "--as-recorded: expected none of --tick-rate"),
+    ],
+)
+def test_a_wrong_option_is_one_line(
+    log: Path, robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str], options: tuple[str, ...], line: str
+) -> None:
+    arguments = (log, "--robot", robot, "--rule", "forward-inverse", *MAPPED, "--out", tmp_path / "x.npz", *options)
+    assert run("train", *arguments) == 2
+    shown = capsys.readouterr().err
+    assert line in shown
+    assert shown.count("\n") == 1
