@@ -8,6 +8,8 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.learner.look_ahead import look_ahead_of
 from pipeline.learner.rule import OnlineLearner
+from pipeline.serving.output.command_types import Encode
+from pipeline.serving.output.speed_limiter import SpeedLimiter
 from recorders.cdr.templates import PositionEncoder
 from recorders.messages.record import RecordedMessage
 
@@ -20,7 +22,7 @@ class Command(NamedTuple):
     stamp_ns : int
         Stamp of the targets, and of the command [ns].
     data : bytes
-        The command, a JointState as CDR.
+        The command as CDR.
     answered : tuple of RecordedMessage
         The messages of the tick: the targets of the hands and, when learning, the joints.
     """
@@ -41,6 +43,10 @@ class Commander:
         Names of the n joints, in the order of the outputs.
     limits : ndarray, shape (2, n)
         Lower, then upper limits of the joints [rad, m].
+    encode : callable, optional
+        Encodes stamp and positions; as JointState if left out.
+    limiter : SpeedLimiter, optional
+        Keeps the joints from moving too fast.
 
     Attributes
     ----------
@@ -50,7 +56,15 @@ class Commander:
         In how many commands a joint was at its limit because the output was beyond.
     """
 
-    def __init__(self, learner: OnlineLearner, joints: tuple[str, ...], *, limits: Floats) -> None:
+    def __init__(
+        self,
+        learner: OnlineLearner,
+        joints: tuple[str, ...],
+        *,
+        limits: Floats,
+        encode: Encode | None = None,
+        limiter: SpeedLimiter | None = None,
+    ) -> None:
         n, look_ahead = len(joints), look_ahead_of(learner)
         self.u = u = np.zeros(learner.config.inputs)
         outputs, self._limited = np.empty(learner.config.outputs), np.empty(n)
@@ -58,7 +72,9 @@ class Commander:
         self._fill = struct.Struct(f"={u.size}d").pack_into  # several times as fast as an assignment
         self._look_ahead = look_ahead.bind_look_ahead(u, limits=limits, outputs=outputs, limited=self._limited)
         self._check, self._advance = look_ahead.check, look_ahead.advance
-        self._encoder = PositionEncoder(joints)
+        self._as_joint_state = PositionEncoder(joints).encode
+        self._encode, self._limiter = encode or self._as_joint_state, limiter
+        self._sent = self._limited
         self.clipped = np.zeros(n, dtype=np.int64)
 
     def command(self, stamp_ns: int, *targets: float) -> bytes:
@@ -68,11 +84,27 @@ class Commander:
         ------
         ConfigError
             If the outputs are not finite.
+        RejectionError
+            If it is to start from the posture measured, and none was.
         """
+        self._compute(targets)
+        if self._limiter is not None:
+            self._sent = self._limiter.limit(stamp_ns, self._limited)
+        return self._encode(stamp_ns, self._sent)
+
+    def warm_up(self, *targets: float) -> None:
+        """Do all that a command takes, so that the first one waits for no kernel."""
+        self._compute(targets)
+        self._encode(0, self._limited)
+
+    def joint_state(self, stamp_ns: int) -> bytes:
+        """Return the last command as a JointState (CDR)."""
+        return self._as_joint_state(stamp_ns, self._sent)
+
+    def _compute(self, targets: tuple[float, ...]) -> None:
         self._fill(self._targets, 0, *targets)
         if status := self._look_ahead():
             self._check(status)
-        return self._encoder.encode(stamp_ns, self._limited)
 
     def finish(self, *, advance: bool) -> None:
         """Count the joints that were clipped in the last command and, if `advance`, take the step without targets.

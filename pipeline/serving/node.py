@@ -24,9 +24,8 @@ from pipeline.serving.node_config import ServeConfig
 from pipeline.serving.rejections import Rejection
 from pipeline.serving.served_controller import ServedController
 from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
-from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_COMMANDS, SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -95,7 +94,8 @@ def serve(
                 ),
             ):
                 where = ", ".join(session.listen or session.connect)
-                logger.info(f"{config.name} serves {message_key(config.namespace, JOINT_COMMANDS)} at {where}")
+                key = message_key(config.namespace, config.serving.commands.topic)
+                logger.info(f"{config.name} serves {key} at {where}")
                 node.wait(robot)
     finally:
         if node is not None and node.serves:
@@ -149,6 +149,7 @@ class Node:
         self._held: Arrival | None = None
         self._failure: Exception | None = None
         self._commands = 0
+        self._sent_as = config.serving.commands.topic, config.serving.commands.type_name
         self.serves = False
         self._first, self._second = served.pair or ("", "")
         self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
@@ -174,7 +175,7 @@ class Node:
         JointError
             If the robot that is there has other joints.
         """
-        name, namespace = self._config.name, self._config.namespace
+        name, namespace, commands = self._config.name, self._config.namespace, self._config.serving.commands
         refuse_other_controllers(session, name, namespace=namespace, allow_multiple=self._config.allow_multiple)
         robot = RobotCheck(session, self._served.joints, namespace=namespace)
         with ExitStack() as stack:
@@ -183,8 +184,8 @@ class Node:
             self._publisher = stack.enter_context(
                 publishing(
                     session,
-                    message_key(namespace, JOINT_COMMANDS),
-                    encoding=f"{CDR}{JointState.TYPE}",
+                    message_key(namespace, commands.topic),
+                    encoding=f"{CDR}{commands.type_name}",
                     congestion_control=zenoh.CongestionControl.DROP,
                     priority=zenoh.Priority.REAL_TIME,
                 )
@@ -351,10 +352,10 @@ class Node:
     def _pass_on(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
         """Pass a command on to whoever records and watches."""
         if self._writer.records:
-            sent = RecordedMessage(JOINT_COMMANDS, JointState.TYPE, command, self._commands - 1, time.time_ns())
+            sent = RecordedMessage(*self._sent_as, command, self._commands - 1, time.time_ns())
             self._record((*answered, sent))
         if self._on_command is not None:
-            self._on_command(command, answered)
+            self._on_command(self._served.joint_state(), answered)
 
     def _read(self, reader: TopicReader, sample: zenoh.Sample, time_ns: int) -> RecordedMessage | None:
         """Return the message of a sample, as it goes into a log too; None if there is none."""

@@ -2,7 +2,6 @@
 
 import logging
 from collections.abc import Callable
-from enum import Enum, auto
 from itertools import chain
 from typing import Any
 
@@ -21,6 +20,7 @@ from pipeline.serving.config import ServingConfig
 from pipeline.serving.deviations import Deviations
 from pipeline.serving.inputs import JointsReader, TargetReader, reader_of
 from pipeline.serving.online_learning import OnlineLearning
+from pipeline.serving.output.speed_limiter import SpeedLimiter
 from pipeline.serving.rejections import Rejection, Rejections, undecodable
 from pipeline.serving.tick_stream import MAX_OPEN, Parts, TickStream
 from recorders.cdr.codec import decode_as, encode
@@ -29,21 +29,14 @@ from recorders.errors import MessageError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE, hand_target
+from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, hand_target
 from recorders.ticks.stamp_joiner import RejectionError
 
 logger = logging.getLogger(__name__)
 
 
-class _Step(Enum):
-    """Work that is left on the learner before the next command."""
-
-    WASHOUT = auto()  # a cycle begins: hold its first target
-    TAKE = auto()  # take the step of the command that was sent
-    NONE = auto()
-
-
-_WASHOUT, _TAKE, _NONE = _Step  # the members of an Enum are slow to reach
+_NONE, _WASHOUT, _TAKE = range(3)
+"""Work left on the learner before the next command: hold the first target of a cycle, or take the step of the last."""
 
 
 class ServedController:
@@ -110,8 +103,12 @@ class ServedController:
         self._robot = robot = robot_of(controller)
         self._learner = learner = controller.learner()
         self._config.check_offers(learner, pairs=controller.pairs)
-        self._commander = Commander(learner, robot.joints, limits=np.array([robot.lower, robot.upper]))
         check, self._centres = range_check(robot), robot.centres.tolist()
+        self._joints = JointsReader(check)
+        speed = self._config.max_speed
+        self._limiter = limiter = None if speed is None else SpeedLimiter(robot, speed)
+        limits, encode_command = np.array([robot.lower, robot.upper]), self._config.commands.encoder(robot.joints)
+        self._commander = Commander(learner, robot.joints, limits=limits, encode=encode_command, limiter=limiter)
         self._targets = tuple(TargetReader(centre, check, self._config.outside_m) for centre in self._centres)
         self._layout = pose_layout()
         self._usual_m = min(self._config.outside_m, *map(check.margin_m, self._centres))
@@ -130,7 +127,7 @@ class ServedController:
             self._online = OnlineLearning(learner, robot, pairing)
             self._learned_topics = pairing.topics(robot.hand_names)
             if pairing.name == COMMANDED:
-                readers, self._topics = (*readers, JointsReader(check)), self._learned_topics
+                readers, self._topics = (*readers, self._joints), self._learned_topics
             else:
                 self._measured = TickStream(
                     self._learned_topics,
@@ -140,7 +137,9 @@ class ServedController:
                 )
         self._ticks = TickStream(self._topics, readers, reject=self.reject, restart=self._begin_anew)
         self._order = self._ticks.order
-        self._is_pair = len(self._topics) == len(self._targets) == 2 and not self._config.refuse_beyond
+        self._is_pair = (
+            len(self._topics) == len(self._targets) == 2 and not self._config.refuse_beyond and self._limiter is None
+        )
         self._learning = self._config.learn
         self._accepted = 0
         self._restarted = False
@@ -151,8 +150,9 @@ class ServedController:
 
     @property
     def topics(self) -> tuple[str, ...]:
-        """The topics that it takes: of the ticks that are answered, and of those that are learned."""
-        return tuple(dict.fromkeys((*self._topics, *self._learned_topics)))
+        """The topics that it takes: of the ticks answered, of those learned, and of joints to start from."""
+        start = () if self._limiter is None else (JOINT_STATES,)
+        return tuple(dict.fromkeys((*self._topics, *self._learned_topics, *start)))
 
     @property
     def pair(self) -> tuple[str, str] | None:
@@ -168,6 +168,10 @@ class ServedController:
     def state(self) -> str:
         """State in a word or two: serving or learning, and how far off the last command may be, if it knows."""
         return ("learning" if self._learning else "serving") + (self._deviations.text() if self._deviations else "")
+
+    def joint_state(self) -> bytes:
+        """Return the last command as a JointState (CDR), whatever the type of commands."""
+        return self._commander.joint_state(self._order.last_ns)
 
     def take(self, record: RecordedMessage) -> Command | None:
         """Take in one message and return the command that it leads to, if any; `settle` can follow once it is sent.
@@ -322,6 +326,8 @@ class ServedController:
 
     def _begin(self) -> None:
         """Begin a cycle: stamps start anew, nothing is pending, the next target is held for the washout."""
+        if self._limiter is not None:
+            self._limiter.begin()
         self._ticks.begin()
         if self._measured is not None:
             self._measured.begin()
@@ -348,7 +354,7 @@ class ServedController:
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
-        self._commander.command(0, *chain.from_iterable(self._centres))
+        self._commander.warm_up(*chain.from_iterable(self._centres))
         self._controller.learner().predict([self._robot.input_centre])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 
@@ -357,6 +363,8 @@ class ServedController:
             self._follow(record)
         if self._measured is not None and record.topic in self._measured:
             self._learn(self._measured, record)
+        if self._limiter is not None and record.topic == JOINT_STATES:
+            self._limiter.measure(self._joints.read(record)[1])
         if record.topic not in self._ticks:
             return None
         tick = self._ticks.take(record)

@@ -40,6 +40,23 @@ class ServeOptions:
         bool,
         typer.Option("--refuse-beyond", help="Refuse targets beyond what the controller has explored, if it knows."),
     ] = False
+    max_speed: Annotated[
+        float | None,
+        typer.Option(
+            help="Move no joint faster [rad/s, m/s], nor than its own limit; start from /joint_states.",
+            metavar="SPEED",
+        ),
+    ] = None
+    command_type: Annotated[
+        str,
+        typer.Option(help="Commands as joint-state, trajectory or float64-array (ros2_control's).", metavar="TYPE"),
+    ] = "joint-state"
+    command_topic: Annotated[
+        str, typer.Option(help="Topic of the commands; that of their type if left out.", metavar="TOPIC")
+    ] = ""
+    reach_in: Annotated[
+        float | None, typer.Option(help="Time to reach the point of a trajectory in [s]; 0.1 s.", metavar="S")
+    ] = None
     allow_multiple: Annotated[
         bool, typer.Option("--allow-multiple", help="Serve although another controller does, in the same namespace.")
     ] = False
@@ -48,11 +65,17 @@ class ServeOptions:
         """Return the settings of the node."""
         from pipeline.serving.config import ServingConfig
         from pipeline.serving.node_config import ServeConfig
+        from pipeline.serving.output.command_types import CommandFormat
 
         return ServeConfig(
             name=self.name,
             namespace=node.namespace,
-            serving=ServingConfig(learn=self.learn, refuse_beyond=self.refuse_beyond),
+            serving=ServingConfig(
+                learn=self.learn,
+                refuse_beyond=self.refuse_beyond,
+                max_speed=self.max_speed,
+                commands=CommandFormat(self.command_type, self.command_topic, self.reach_in),
+            ),
             record=self.record,
             overwrite=overwrite,
             allow_multiple=self.allow_multiple,

@@ -30,12 +30,14 @@ from pipeline.serving.config import ServingConfig
 from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import decode_as, encode
+from recorders.cdr.types.joint_trajectory import JointTrajectory
 from recorders.errors import LogError, WireError
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import (
     CONTROLLER_DEVIATION,
     JOINT_COMMANDS,
+    JOINT_STATES,
     LEARNER_TOPICS,
     LEFT_TARGET,
     RIGHT_TARGET,
@@ -285,6 +287,35 @@ def test_a_signal_leaves_a_complete_log_of_targets_and_commands(
     ]
     assert summary["recorded"] == len(records) == 3 * len(samples.targets)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["controller.npz", "served.mcap"]
+
+
+def test_a_trajectory_controller_gets_what_moves_the_robot_slowly(
+    controller: Controller, samples: Samples, tmp_path: Path
+) -> None:
+    """Nothing before its joints are known, then where it stands, then on the way; and the log has the same bytes."""
+    topic, start = "/arm/joint_trajectory", samples.robot.comfort + 0.01
+    joints = RecordedMessage(JOINT_STATES, JointState.TYPE, encode(JointState(1, controller.joints, start)), 0, 1)
+    options = ("--command-type", "trajectory", "--command-topic", topic, "--reach-in", "0.02", "--max-speed", "0.5")
+    with serving(controller, tmp_path, *options, "--record", "served.mcap") as (watcher, process):
+        commands = watcher.listen(topic)
+        for record in targets(1, samples.targets[0]):
+            watcher.put(record)
+        watcher.status_where(refused={"not measured": 1})
+        watcher.put(joints)
+        for stamp in (2, 20_000_002):
+            for record in targets(stamp, samples.targets[0]):
+                watcher.put(record)
+        answers = [commands.get(timeout=WAIT_S) for _ in range(2)]
+        summary, said = stop(process)
+    assert f"serves reenact{topic} at" in said
+    assert {str(answer.encoding) for answer in answers} == {f"application/cdr;{JointTrajectory.TYPE}"}
+    payloads = [answer.payload.to_bytes() for answer in answers]
+    first, second = (decode_as(JointTrajectory, payload) for payload in payloads)
+    assert first.points[0].positions.tobytes() == start.tobytes()
+    assert first.points[0].time_from_start_ns == 20_000_000
+    assert 0.0 < np.abs(second.points[0].positions - start).max() <= 0.01 * (1 + 1e-9)
+    assert summary["commands"] == 2
+    assert [record.data for record in LogReader(tmp_path / "served.mcap") if record.topic == topic] == payloads
 
 
 def test_learning_over_zenoh_is_learning_in_process_and_its_log_trains(

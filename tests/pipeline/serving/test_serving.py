@@ -30,7 +30,14 @@ from recorders.errors import ConfigError, ControllerError
 from recorders.messages.message_types import JointState, Message, PoseStamped, String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
+from recorders.messages.topics import (
+    JOINT_COMMANDS,
+    JOINT_STATES,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    SAMPLE_JOINTS,
+    SESSION_PHASE,
+)
 from recorders.reading.reader import LogReader
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
@@ -502,3 +509,34 @@ def test_a_configuration_out_of_range_is_refused(wrong: dict[str, float]) -> Non
 def test_other_topics_are_passed_over(controller: Controller) -> None:
     served = ServedController(controller)
     assert served.take(record(JOINT_COMMANDS, JointState(1, ("a",), np.zeros(1)))) is None
+
+
+def measured(stamp_ns: int, position: np.ndarray, joints: tuple[str, ...]) -> RecordedMessage:
+    return record(JOINT_STATES, JointState(stamp_ns, joints, position))
+
+
+def test_with_a_largest_speed_a_controller_starts_from_where_the_robot_is(
+    controller: Controller, samples: Samples
+) -> None:
+    """No command before the joints are known; then from them, no joint faster than it may be; counts stay right."""
+    served, free = (ServedController(controller, config=ServingConfig(max_speed=speed)) for speed in (0.5, None))
+    step_ns, start = 20_000_000, samples.robot.comfort + 0.01
+    assert feed(served, pair(1)) == []
+    assert served.status()["refused"] == {"not measured": 1}
+    assert feed(served, [measured(99, start, controller.joints)]) == []
+    ticks = [pair(2 + k * step_ns, samples.targets[0]) for k in range(300)]
+    commands = [positions(command) for tick in ticks for command in feed(served, tick)]
+    asked = [positions(command) for tick in ticks for command in feed(free, tick)]
+    assert len(commands) == len(asked) == len(ticks)
+    assert commands[0].tobytes() == start.tobytes()
+    assert (np.abs(np.diff(commands, axis=0)) <= 0.5 * step_ns * 1e-9 * (1 + 1e-9)).all()
+    assert commands[-1].tobytes() == asked[-1].tobytes()  # it has arrived
+    assert served.status()["accepted"] == len(ticks)
+    assert served.status()["digest"] == free.status()["digest"]  # what was learned moves on as ever
+    assert feed(served, [measured(99, start[:-1], controller.joints[:-1])]) == []
+    assert served.status()["refused"] == {"not measured": 1, "wrong joints": 1}
+
+
+def test_joints_on_their_way_are_none_that_a_target_commands(controller: Controller) -> None:
+    with pytest.raises(ConfigError, match="--max-speed: with --learn"):
+        ServedController(controller, config=ServingConfig(learn=True, max_speed=0.5))

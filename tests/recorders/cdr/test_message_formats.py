@@ -3,6 +3,7 @@
 import json
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,11 +20,13 @@ from recorders.cdr.types import (
     clock,
     float64_multi_array,
     joint_state,
+    joint_trajectory,
     pose_stamped,
     string,
     tf_message,
     transform_stamped,
 )
+from recorders.cdr.types.joint_trajectory import JointTrajectory, TrajectoryPoint
 from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import (
     MESSAGE_TYPES,
@@ -53,6 +56,34 @@ def registered(tmp_path_factory: pytest.TempPathFactory) -> Iterator[None]:
 class TestPointStamped(MessageFormatContract):
     format = toy_message.FORMAT
     examples = (PointStamped(STAMP_NS, np.arange(3.0)), PointStamped(0, np.array([-0.0, 1e-300, 7.0]), "base"))
+
+
+class TestJointTrajectory(MessageFormatContract):
+    format = joint_trajectory.FORMAT
+    examples = (
+        JointTrajectory(STAMP_NS, ("a", "bb"), (TrajectoryPoint(100_000_000, np.array([1.0, -0.0])),)),
+        JointTrajectory(
+            0,
+            ("a",),
+            (
+                TrajectoryPoint(0, np.zeros(1), velocities=np.ones(1)),
+                TrajectoryPoint(STAMP_NS, accelerations=np.full(1, 1e-300), effort=np.array([7.0])),
+            ),
+            frame_id="base",
+        ),
+        JointTrajectory(0, (), ()),
+    )
+
+    @pytest.mark.parametrize(
+        ("points", "expected"),
+        [
+            (("point",), "expected TrajectoryPoint, found str"),
+            ((TrajectoryPoint(0, np.zeros(3)),), r"points\[0\].positions: expected 2 values"),
+        ],
+    )
+    def test_points_are_of_the_joints(self, points: tuple[Any, ...], expected: str) -> None:
+        with pytest.raises(MessageError, match=expected):
+            JointTrajectory(0, ("a", "b"), points)
 
 
 class TestJointState(MessageFormatContract):

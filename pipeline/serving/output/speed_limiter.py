@@ -1,0 +1,88 @@
+"""Speed limit of commanded joints, which starts from where the robot is."""
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.robot.config import RobotConfig
+from pipeline.serving.rejections import Rejection
+from recorders.errors import ConfigError
+from recorders.messages.message_types import JointState
+from recorders.ticks.joiner import JointMap
+from recorders.ticks.stamp_joiner import RejectionError
+
+PAUSE_NS = 1_000_000_000
+"""After a pause of the targets longer than this, the next command starts from the posture measured again [ns]."""
+
+
+class SpeedLimiter:
+    """Moves the joints towards each command no faster than they may, along a straight line in joint space.
+
+    The first command is the posture that was measured, so that it moves nothing; so is the first after a pause, as
+    somebody may have moved the robot meanwhile. Time is that of the targets' stamps. When targets end, commands end,
+    and the robot holds the last: a joint stops where it is on its way.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        The joints, n of them, with limits of their own on how fast they move.
+    max_speed : float
+        Largest speed of any joint [rad/s, m/s].
+
+    Raises
+    ------
+    ConfigError
+        If the speed is not above 0.
+    """
+
+    def __init__(self, robot: RobotConfig, max_speed: float) -> None:
+        check_speed(max_speed)
+        self._speeds = np.minimum(robot.speed_limits, max_speed)
+        self._joints = JointMap(robot.joints)
+        self._measured: Floats | None = None
+        self._last: tuple[int, Floats] | None = None
+
+    def measure(self, joints: JointState) -> None:
+        """Take note of the joints as measured.
+
+        Raises
+        ------
+        JointError
+            If a joint of the robot is missing.
+        """
+        self._measured = self._joints.positions(joints)
+
+    def begin(self) -> None:
+        """Start from the posture measured with the next command."""
+        self._last = None
+
+    def limit(self, stamp_ns: int, position: Floats) -> Floats:
+        """Return what to command at a stamp [ns] on the way to a position [rad, m], shape (n,).
+
+        Raises
+        ------
+        RejectionError
+            If it is to start from the posture measured, and none was.
+        """
+        last = self._last
+        if last is None or not 0 < stamp_ns - last[0] <= PAUSE_NS:
+            if self._measured is None:
+                raise RejectionError(
+                    Rejection.NOT_MEASURED, "/joint_states: expected the joints as measured, to start from; none came"
+                )
+            found = np.array(self._measured)
+        else:
+            found = self._step(last[1], position, (stamp_ns - last[0]) * 1e-9)
+        self._last = stamp_ns, found
+        return found
+
+    def _step(self, start: Floats, goal: Floats, seconds: float) -> Floats:
+        """Return where the joints are after a time [s], the slowest one deciding for all."""
+        way = goal - start
+        share = float(np.max(np.abs(way) / (self._speeds * seconds)))
+        return np.array(goal) if share <= 1.0 else start + way / share
+
+
+def check_speed(max_speed: float) -> None:
+    """Raise ConfigError if a largest speed is not above 0."""
+    if not 0.0 < max_speed < np.inf:
+        raise ConfigError(f"--max-speed: expected a speed above 0 rad/s, found {max_speed:g}")
