@@ -58,10 +58,6 @@ def _reenact(
 app.command(epilog="Example: reenact demo --out out/demo")(demo.demo)
 app.command(epilog="Example: reenact explore --motion circles --seed 0 --out circles.mcap")(explore.explore)
 app.command(epilog="Example: reenact demonstrate right_hand_house --out house.mcap")(demonstrate.demonstrate)
-app.command(
-    epilog="Example: reenact robot\n\n"
-    "Then, in a second terminal: reenact explore --connect tcp/127.0.0.1:7447 --motion eight"
-)(robot.robot)
 app.command(epilog="Example: reenact record --out session.mcap --exclude /tf")(record.record)
 app.command(epilog="Example: reenact train circles.mcap --out controller.npz")(train.train)
 app.command(
@@ -80,6 +76,7 @@ app.command(epilog="Example: reenact info session.mcap")(info.info)
 app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(recover.recover)
 app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
 app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(view.view)
+app.add_typer(robot.app)
 app.add_typer(golden.app)
 
 

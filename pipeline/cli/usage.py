@@ -5,7 +5,7 @@ from collections.abc import Callable
 from typing import Any
 
 import typer
-from typer.core import TyperArgument, TyperCommand
+from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from pipeline.cli.renamed_options import present_name
 from pipeline.terminal import console
@@ -21,17 +21,43 @@ class Verb(TyperCommand):
 
     def format_options(self, ctx: Any, formatter: Any) -> None:
         """Write the arguments, then the options."""
-        records: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
-        for param in self.get_params(ctx):
-            record = param.get_help_record(ctx)
-            if record is not None and isinstance(param, TyperArgument):
-                records["Arguments"].append((param.display_name_raw, record[1]))
-            elif record is not None:
-                records["Options"].append(record)
-        for title, rows in records.items():
-            if rows:
-                with formatter.section(title):
-                    formatter.write_dl(rows)
+        _write_parameters(self, ctx, formatter)
+
+
+class VerbGroup(TyperGroup):
+    """A verb that has verbs of its own beside what it does alone; its options stand before none of these."""
+
+    def format_options(self, ctx: Any, formatter: Any) -> None:
+        """Write the options, then the verbs."""
+        _write_parameters(self, ctx, formatter)
+        self.format_commands(ctx, formatter)
+
+
+def refuse_options(ctx: typer.Context) -> None:
+    """Raise a usage error where options of a `VerbGroup` stand before one of its own verbs, which would ignore them."""
+    names = [param.opts[0] for param in ctx.command.params if _is_given(ctx, param.name)]
+    if names:
+        raise typer.BadParameter(f"{', '.join(names)}: expected no option before {ctx.invoked_subcommand}", ctx=ctx)
+
+
+def _is_given(ctx: typer.Context, name: str | None) -> bool:
+    source = None if name is None else ctx.get_parameter_source(name)
+    return source is not None and source.name == "COMMANDLINE"
+
+
+def _write_parameters(command: Any, ctx: Any, formatter: Any) -> None:
+    """Write the arguments, then the options, of a command."""
+    records: dict[str, list[tuple[str, str]]] = {"Arguments": [], "Options": []}
+    for param in command.get_params(ctx):
+        record = param.get_help_record(ctx)
+        if record is not None and isinstance(param, TyperArgument):
+            records["Arguments"].append((param.display_name_raw, record[1]))
+        elif record is not None:
+            records["Options"].append(record)
+    for title, rows in records.items():
+        if rows:
+            with formatter.section(title):
+                formatter.write_dl(rows)
 
 
 class Verbs(typer.Typer):

@@ -21,15 +21,20 @@ def moved_links(urdf: Element) -> set[str]:
     return {child.get("link", "") for joint in joints for child in joint.iterfind("child")}
 
 
-def moving_joints(urdf: Element, link: str) -> set[str]:
-    """Return the joints that move between the root of a checked URDF and a link."""
+def chain_to(urdf: Element, link: str) -> list[str]:
+    """Return the joints that move between the root of a checked URDF and a link, from the root on."""
     above = {end_link(joint, "child"): joint for joint in urdf.iterfind("joint")}
-    moving = set()
+    moving = []
     while (joint := above.get(link)) is not None:
         if joint.get("type") != "fixed":
-            moving.add(joint.get("name", ""))
+            moving.append(joint.get("name", ""))
         link = end_link(joint, "parent")
-    return moving
+    return moving[::-1]
+
+
+def moving_joints(urdf: Element, link: str) -> set[str]:
+    """Return the joints that move between the root of a checked URDF and a link."""
+    return set(chain_to(urdf, link))
 
 
 def joint_limits(urdf: Element, joints: Sequence[str]) -> tuple[Floats, Floats]:
@@ -65,6 +70,13 @@ def speed_limits(urdf: Element, joints: Sequence[str]) -> Floats:
     limits = {name: joint.find("limit") for name, joint in named(urdf, "joint").items()}
     speeds = [0.0 if (limit := limits[name]) is None else float(limit.get("velocity", "0")) for name in joints]
     return np.array([speed or np.inf for speed in speeds])
+
+
+def effort_limits(urdf: Element, joints: Sequence[str]) -> Floats:
+    """Effort limits [N m or N] of `joints` of a checked URDF, shape (n,)."""
+    elements = named(urdf, "joint")
+    limits = [elements[name].find("limit") for name in joints]
+    return np.array([0.0 if limit is None else float(limit.get("effort", "0")) for limit in limits])
 
 
 def _check_motors(urdf: Element, joints: Sequence[str]) -> None:

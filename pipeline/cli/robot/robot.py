@@ -1,4 +1,4 @@
-"""The verb robot."""
+"""The verb robot: a simulated robot as a node, and the verbs about robots' folders."""
 
 from typing import Annotated
 
@@ -6,11 +6,21 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import Robot
+from pipeline.cli.robot.folders import check, new
 from pipeline.cli.sessions import ListeningNode
+from pipeline.cli.usage import VerbGroup, Verbs, refuse_options
+
+app = Verbs(name="robot", cls=VerbGroup, rich_markup_mode=None)
 
 
+@app.callback(
+    invoke_without_command=True,
+    epilog="Example: reenact robot\n\n"
+    "Then, in a second terminal: reenact explore --connect tcp/127.0.0.1:7447 --motion eight",
+)
 @grouped
 def robot(
+    ctx: typer.Context,
     *,
     robot: Robot = "asimo",
     rate: Annotated[
@@ -31,8 +41,11 @@ def robot(
 ) -> None:
     """Simulate a robot that follows joint commands over Zenoh.
 
-    It stands there until it is stopped, with Ctrl-C or SIGTERM.
+    It stands there until it is stopped, with Ctrl-C or SIGTERM. `new` and `check` simulate nothing.
     """
+    if ctx.invoked_subcommand is not None:
+        refuse_options(ctx)
+        return
     from pipeline.robot.config import load_robot
     from pipeline.robot_node.follower import FollowerConfig
     from pipeline.robot_node.node import run_robot
@@ -51,3 +64,7 @@ def robot(
         metrics_port=node.prometheus,
         joint_offsets=offsets,
     )
+
+
+app.command(epilog="Example: reenact robot new panda.urdf --hand panda_hand_tcp --out panda")(new)
+app.command(epilog="Example: reenact robot check panda")(check)

@@ -11,12 +11,13 @@ from pipeline.robot.toml_values import Vector, as_list, as_name, as_number, as_p
 from pipeline.urdf.description import MAX_BYTES
 from recorders.errors import RobotError
 from recorders.files.regular_file import require_regular_file
-from recorders.text.wording import value_text
+from recorders.text.wording import names_text, value_text
 
 _KEYS = frozenset({"source"})
-_OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "virtual", "frames"})
+_OPTIONAL_KEYS = frozenset({"base", "drop", "frozen", "limits", "virtual", "frames"})
 _POSE_KEYS = frozenset({"xyz", "rpy"})
 _FRAME_KEYS = frozenset({"name", "parent"})
+_RANGE_KEYS, _MOTOR_KEYS = frozenset({"lower", "upper"}), frozenset({"effort", "velocity"})
 _VIRTUAL_KEYS = frozenset({"name", "type", "axis", "lower", "upper", "effort", "velocity"})
 _VIRTUAL_TYPES = ("revolute", "prismatic")
 _ZERO: Vector = (0.0, 0.0, 0.0)
@@ -44,6 +45,21 @@ class VirtualJoint:
 
 
 @dataclass(frozen=True)
+class JointLimits:
+    """Limits of a joint of the model in place of its own [rad or m, N m or N, 1/s]; None leaves what the model has."""
+
+    lower: float
+    upper: float
+    effort: float | None = None
+    velocity: float | None = None
+
+    def given(self) -> dict[str, float]:
+        """Return what is given, by the names that a URDF has for it."""
+        found = {"lower": self.lower, "upper": self.upper, "effort": self.effort, "velocity": self.velocity}
+        return {key: value for key, value in found.items() if value is not None}
+
+
+@dataclass(frozen=True)
 class AddedFrame:
     """A frame fixed to a link of the model, for a hand or the gaze."""
 
@@ -68,6 +84,8 @@ class RobotSource:
         Joints that are left out, with all that hangs on them.
     frozen : tuple of (str, float)
         Posture of joints that do not move in our robot [rad or m]; 0 for those not named.
+    limits : tuple of (str, JointLimits)
+        Limits of joints that have none, such as continuous ones, or wider ones.
     virtual : tuple of VirtualJoint
         Joints added between ground and root, from the ground up.
     frames : tuple of AddedFrame
@@ -79,6 +97,7 @@ class RobotSource:
     base: Pose = Pose()
     drop: tuple[str, ...] = ()
     frozen: tuple[tuple[str, float], ...] = ()
+    limits: tuple[tuple[str, JointLimits], ...] = ()
     virtual: tuple[VirtualJoint, ...] = ()
     frames: tuple[AddedFrame, ...] = ()
 
@@ -94,9 +113,7 @@ def parse_source(toml_text: str) -> RobotSource:
     table = parse_toml(toml_text)
     check_keys(table, _KEYS, "import.toml", or_not=_OPTIONAL_KEYS)
     package, urdf = _model(table["source"])
-    frozen = table.get("frozen", {})
-    if not isinstance(frozen, dict):
-        raise RobotError(f"[frozen] of the robot config: expected a table, found {value_text(frozen)}")
+    frozen, limits = _by_joint(table, "frozen"), _by_joint(table, "limits")
     return RobotSource(
         package=package,
         urdf=urdf,
@@ -105,6 +122,7 @@ def parse_source(toml_text: str) -> RobotSource:
         frozen=tuple(
             (as_name(name, "[frozen]"), as_number(value, f"[frozen] {name}")) for name, value in frozen.items()
         ),
+        limits=tuple((as_name(name, "[limits]"), _limits(value, f"[limits] {name}")) for name, value in limits.items()),
         virtual=tuple(_virtual(row, index) for index, row in enumerate(as_list(table.get("virtual", []), "virtual"))),
         frames=tuple(_frame(row, index) for index, row in enumerate(as_list(table.get("frames", []), "frames"))),
     )
@@ -138,17 +156,39 @@ def read_source(source: RobotSource, directory: Path) -> str:
     """
     if source.package is None:
         return read_text(directory / source.urdf)
-    try:
-        files = importlib.metadata.files(source.package) or []
-    except importlib.metadata.PackageNotFoundError:
-        raise RobotError(
-            f"the robot's model comes with the package '{source.package}', which is not installed: "
-            f"{sys.executable} -m pip install {source.package}"
-        ) from None
-    for file in files:
+    for file in _package_files(source.package):
         if file.as_posix() == source.urdf:
             return read_text(Path(str(file.locate())))
     raise RobotError(f"the package '{source.package}' has no file '{source.urdf}': expected the robot's model there")
+
+
+def package_file(package: str, end: str) -> str:
+    """Return the one file of an installed package whose path ends so, such as `urdf/panda.urdf`.
+
+    Raises
+    ------
+    RobotError
+        The package is not installed, or has no such file or several.
+    """
+    every = [file.as_posix() for file in _package_files(package)]
+    found = [path for path in every if f"/{path}".endswith(f"/{end}")]
+    if len(found) == 1:
+        return found[0]
+    urdfs = [path for path in every if path.endswith(".urdf")]
+    raise RobotError(
+        f"the package '{package}': expected one file whose path ends with '{end}', found "
+        f"{names_text(found) or 'none'}" + ("" if found else f"; it has {names_text(urdfs) or 'no URDF'}")
+    )
+
+
+def _package_files(package: str) -> list[importlib.metadata.PackagePath]:
+    try:
+        return importlib.metadata.files(package) or []
+    except importlib.metadata.PackageNotFoundError:
+        raise RobotError(
+            f"the robot's model comes with the package '{package}', which is not installed: "
+            f"{sys.executable} -m pip install {package}"
+        ) from None
 
 
 def _model(value: object) -> tuple[str | None, str]:
@@ -167,6 +207,19 @@ def _pose(table: Mapping[str, Any], where: str) -> Pose:
     return Pose(
         as_point(table.get("xyz", [0, 0, 0]), f"{where} xyz"), as_point(table.get("rpy", [0, 0, 0]), f"{where} rpy")
     )
+
+
+def _by_joint(table: Mapping[str, Any], key: str) -> Mapping[str, Any]:
+    """Return a table whose keys are joints; an empty one where there is none."""
+    value = table.get(key, {})
+    if not isinstance(value, dict):
+        raise RobotError(f"[{key}] of the robot config: expected a table, found {value_text(value)}")
+    return value
+
+
+def _limits(value: object, where: str) -> JointLimits:
+    table = as_table(value, _RANGE_KEYS, where, or_not=_MOTOR_KEYS)
+    return JointLimits(**{key: as_number(number, f"{key} of {where}") for key, number in table.items()})
 
 
 def _virtual(value: object, index: int) -> VirtualJoint:

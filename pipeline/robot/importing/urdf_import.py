@@ -77,10 +77,27 @@ def _assembled(model: Element, source: RobotSource, name: str) -> Element:
         check_links(robot, [frame.parent])
         _add_joint(robot, f"{frame.name}_frame", "fixed", frame.parent, frame.name, frame.pose)
         SubElement(robot, "link", name=frame.name)
+    _set_limits(robot, source)
     _check_limits(robot)
     whole = parse_urdf(tostring(robot, encoding="unicode"))  # once more: names that were added may exist already
     check_bodies(whole)
     return whole
+
+
+def _set_limits(robot: Element, source: RobotSource) -> None:
+    """Give joints the limits of `source`; one that turns without end then turns between them."""
+    joints = {joint.get("name", ""): joint for joint in robot.iterfind("joint")}
+    _check_movable(robot, [name for name, _ in source.limits], "[limits] joints")
+    for name, limits in source.limits:
+        joint, given = joints[name], limits.given()
+        if joint.get("type") == "continuous":
+            joint.set("type", "revolute")
+        limit = joint.find("limit")
+        if limit is None:
+            limit = SubElement(joint, "limit")
+        limit.attrib.update({key: as_numbers(value) for key, value in given.items()})
+        if missing := [key for key in ("effort", "velocity") if key not in limit.attrib]:
+            raise RobotError(f"[limits] {name}: expected {missing[0]}, which the model does not have, found none")
 
 
 def _check_limits(robot: Element) -> None:

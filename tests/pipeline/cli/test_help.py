@@ -25,11 +25,11 @@ def commands(group: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     for name, command in group.commands.items():
         if hasattr(command, "commands"):
             yield from commands(command, f"{path}{name} ")
-        else:
+        if command.params or not hasattr(command, "commands"):
             yield path + name, command
 
 
-COMMANDS = dict(commands(typer.main.get_command(cli.app)))
+COMMANDS = dict(commands(typer.main.get_command(cli.app)))  # those of a group before the group
 VERBS = list(COMMANDS)
 
 

@@ -32,6 +32,13 @@ from replay.sources.schedule import Schedule
 IMPORTED = {"icub": 15, "g1": 14, "talos": 15}
 SAMPLES = 10
 
+ARMS = {  # largest mean error [cm] on a motion never trained, after 120 s of exploration
+    "panda": 0.1,
+    "ur5": 0.12,
+    "so101": 0.17,
+    "baxter": 0.12,
+}
+
 
 def load(name: str, tmp_path: Path) -> RobotConfig:
     return load_robot(write_robot(tmp_path / "robot") if name == "small" else name)
@@ -52,7 +59,7 @@ def write_csv(path: Path, motion: Motion) -> Path:
 
 
 def test_the_robots_that_come_with_the_program() -> None:
-    assert robot_names() == sorted(["asimo", *IMPORTED])
+    assert robot_names() == sorted(["asimo", *IMPORTED, *ARMS])
 
 
 @pytest.mark.parametrize(("name", "joints"), IMPORTED.items())
@@ -138,7 +145,7 @@ def test_a_log_and_a_controller_need_neither_the_model_nor_its_config(tmp_path: 
     assert evaluated.returncode == 0, evaluated.stderr
     assert json.loads(evaluated.stdout)["samples"] == 256
     assert evaluate_motion(Controller.load(tmp_path / "small.npz"), tmp_path / "short.mcap").teacher is not None
-    with pytest.raises(RobotError, match=r"unknown robot .*: expected one of asimo, g1, icub, talos, or a directory"):
+    with pytest.raises(RobotError, match=r"unknown robot .*: expected one of asimo, .*, ur5, or a directory"):
         load_robot(folder)
 
 
@@ -171,3 +178,18 @@ def test_both_patterns_in_full(name: str, tmp_path: Path) -> None:
     assert [log.teacher_error_cm < bound for log, bound in zip(logs, (1.5, 1.2), strict=True)] == [True, True]
     trainer = train([logs[0].path], schedule=Schedule(epochs=150), config=LearnerConfig(seed=0))
     assert [evaluate_motion(trainer.controller(), log.path).errors.mean_cm < 1.6 for log in logs] == [True, True]
+
+
+@pytest.mark.campaign
+@pytest.mark.timeout(1800)
+@pytest.mark.parametrize(("name", "bound_cm"), ARMS.items())
+def test_arms_explored_for_two_minutes(name: str, bound_cm: float, tmp_path: Path) -> None:
+    for command in (
+        ("explore", "--robot", name, "--motion", "volume", "--out", "volume.mcap"),
+        ("train", "volume.mcap", "--rule", "forward-inverse", "--out", "arm.npz"),
+    ):
+        run = reenact(*command, cwd=tmp_path)
+        assert run.returncode == 0, run.stderr
+    controller = Controller.load(tmp_path / "arm.npz")
+    found = {motion: evaluate_motion(controller, motion).errors.mean_cm for motion in ("circles", "eight")}
+    assert {motion: error_cm for motion, error_cm in found.items() if error_cm > bound_cm} == {}
