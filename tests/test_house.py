@@ -7,6 +7,7 @@ import shutil
 import tomllib
 from importlib.metadata import packages_distributions
 from pathlib import Path
+from typing import Any
 
 import pytest
 import typer
@@ -28,7 +29,7 @@ PACKAGES = ("pipeline", "recorders", "replay")
 def test_the_readme_lists_the_verbs_that_exist() -> None:
     table = README.partition("## Verbs")[2].partition("\n## ")[0]
     listed = re.findall(r"^\| `([a-z]+)` \| (?!does)", table, re.MULTILINE)
-    verbs = typer.main.get_command(cli.app).commands
+    verbs: dict[str, Any] = vars(typer.main.get_command(cli.app))["commands"]
     alone = [name for name, command in verbs.items() if command.params or not hasattr(command, "commands")]
     assert sorted(listed) == sorted(alone)
 

@@ -86,7 +86,7 @@ class Comfort:
         bounds = np.stack([self._kinematics.lower + room, self._kinematics.upper - room], axis=1)
         costs = np.array([self.cost(posture) for posture in self._reach.postures])
         starts = self._reach.postures[np.argsort(costs, kind="stable")[:_STARTS]]
-        found = [minimize(self.cost, start, method="L-BFGS-B", bounds=bounds) for start in starts]
+        found = [minimize(self.cost, start, method="SLSQP", bounds=bounds) for start in starts]
         for result in sorted(found, key=lambda result: float(result.fun)):
             yield result.x
 
