@@ -12,7 +12,7 @@ from recorders.containers.reader import Opened, Reader
 from recorders.errors import ConfigError, MessageError, ReenactError
 from recorders.messages.topics import SAMPLE_JOINTS, is_measured
 from recorders.text.wording import names_text
-from replay.sources.scheduled import check_renames, renamed
+from replay.sources.scheduled import ROBOT_FILES, check_renames, renamed
 
 _LOOKED_AT = 4096  # messages, to see whether their stamps meet
 
@@ -62,6 +62,8 @@ def align_logs(
 def carries_ticks(reader: Reader, renames: Mapping[str, str], tick: Sequence[str]) -> bool:
     """Return whether messages of a log meet in their stamps, or something is wrong with them that a learner names.
 
+    A log of ours that has its robot is one of ticks, unless it is a recording of what anybody published.
+
     Parameters
     ----------
     reader : Reader
@@ -71,7 +73,9 @@ def carries_ticks(reader: Reader, renames: Mapping[str, str], tick: Sequence[str
     tick : sequence of str
         Our names of the topics of a tick.
     """
-    counts = reader.counts
+    manifest, counts = reader.manifest, reader.counts
+    if manifest and manifest.get("kind") != "recording" and set(ROBOT_FILES.values()) <= set(reader.attachments):
+        return True
     there = {renames.get(topic, topic) for topic, count in counts.items() if count}
     if not there.issuperset(tick):
         return bool(counts.get(SAMPLE_JOINTS)) and SAMPLE_JOINTS not in renames

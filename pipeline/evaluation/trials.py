@@ -1,7 +1,9 @@
 """A controller tried on a motion, beside the teacher and the linear baseline."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 import numpy as np
@@ -13,10 +15,19 @@ from pipeline.learner.insight import KnowsDeviation
 from pipeline.motions.motion import is_recorded, load_motion
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from pipeline.samples.pairs import Samples, read_samples
+from recorders.containers.opening import open_log
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import ControllerError
+from recorders.messages.topics import hand_target
 from recorders.reading.parts import one_session
 from recorders.text.wording import names_text
+
+REACHED = "reached"
+"""Name of the pairing rule of hands as measured."""
+
+_NO_RENAMES: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,9 +105,10 @@ def robot_of(controller: Controller) -> RobotConfig:
 
 def evaluate_motion(
     controller: Controller,
-    motion: str | Path,
+    motion: str | Path | Reader,
     *,
     linear_from: Path | None = None,
+    renames: Mapping[str, str] = _NO_RENAMES,
 ) -> Trial:
     """Try a controller on a recording, a CSV file or a motion known by name.
 
@@ -104,10 +116,12 @@ def evaluate_motion(
     ----------
     controller : Controller
         What was learned.
-    motion : str or Path
-        What is asked for.
+    motion : str, Path or Reader
+        What is asked for: of a recording without targets, the hands as they were measured.
     linear_from : Path, optional
         The log that the linear baseline is fitted to; by default the motion's own, where it is one.
+    renames : mapping of str to str
+        Our topic names for those that a recording uses.
 
     Raises
     ------
@@ -118,11 +132,30 @@ def evaluate_motion(
     fitted = None if linear_from is None else read_samples(one_session([linear_from]), robot=robot)
     if fitted is not None:
         _check_joints(controller, fitted, name=str(linear_from))
-    if is_recorded(motion):
-        log = one_session([Path(motion)])
-        return evaluate_samples(controller, read_samples(log, robot=robot), name=log.stem, fitted=fitted)
+    if not isinstance(motion, str | Path) or is_recorded(motion):
+        log = one_session([Path(motion)]) if isinstance(motion, str | Path) else motion
+        reader = open_log(log)
+        pairs = trial_pairing(reader, robot.hand_names, renames).name
+        samples = read_samples(reader, robot=robot, pairs=pairs, renames=renames)
+        return evaluate_samples(controller, samples, name=reader.path.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, loaded.targets.reshape(len(loaded), -1), name=loaded.name, fitted=fitted)
+
+
+def trial_pairing(log: Opened, hands: Sequence[str], renames: Mapping[str, str]) -> PairingRule:
+    """Return the pairs on which a controller is tried: targets as commanded if a log has them, else hands as reached.
+
+    Parameters
+    ----------
+    log : Path, Parts or Reader
+        The log.
+    hands : sequence of str
+        Names of the robot's hands.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
+    """
+    there = {renames.get(topic, topic) for topic, count in open_log(log).counts.items() if count}
+    return find_pairing(REACHED if there.isdisjoint(map(hand_target, hands)) else COMMANDED)
 
 
 def evaluate_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:

@@ -1,7 +1,8 @@
 """From ticks to samples: those of a log, joined once."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from types import MappingProxyType
 
 import numpy as np
 
@@ -11,14 +12,16 @@ from pipeline.robot.range_check import range_check
 from pipeline.robot.recorded import recorded_robot, require_recorded_robot
 from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.reading.parts import Log
 from recorders.ticks.joiner import join_ticks
+from replay.sources.episodes import Span, episode_spans
 from replay.sources.scheduled import naming, renamed
 from replay.sources.stream_digest import digest_link
+
+_NO_RENAMES: Mapping[str, str] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,17 +97,25 @@ class Samples:
     robot: RobotConfig
 
 
-def read_samples(path: Log, *, robot: RobotConfig | None = None, pairs: str = COMMANDED) -> Samples:
+def read_samples(
+    path: Opened,
+    *,
+    robot: RobotConfig | None = None,
+    pairs: str = COMMANDED,
+    renames: Mapping[str, str] = _NO_RENAMES,
+) -> Samples:
     """Read the samples of a log; of a recorded session, those of its first presentation.
 
     Parameters
     ----------
-    path : Path or Parts
+    path : Path, Parts or Reader
         A log, or a session in parts.
     robot : RobotConfig, optional
         The robot, for a log that carries none.
     pairs : str
         Name of the pairing rule.
+    renames : mapping of str to str
+        Our topic names for those that the log uses.
 
     Raises
     ------
@@ -118,17 +129,24 @@ def read_samples(path: Log, *, robot: RobotConfig | None = None, pairs: str = CO
     rule = find_pairing(pairs)
     reader = open_log(path)
     robot = recorded_robot(reader) or robot or require_recorded_robot(reader)
-    with naming(path):
-        presented = Presentation.of(_first_presentation(reader, rule.topics(robot.hand_names)), robot, rule)
-    if not len(presented.u):
-        raise LogError(f"{path}: expected at least two complete ticks, found fewer; record with explore")
-    return Samples(presented.u, presented.d[:, presented.u.shape[1] :].copy(), robot)
+    topics = rule.topics(robot.hand_names)
+    with naming(reader.path):
+        presented = [
+            Presentation.of(_first_presentation(reader, renames, topics, span), robot, rule)
+            for span in episode_spans(reader, topics)
+        ]
+    u, d = (np.concatenate(parts) for parts in zip(*((one.u, one.d) for one in presented), strict=True))
+    if not len(u):
+        raise LogError(f"{reader.path}: expected at least two complete ticks, found fewer; record with explore")
+    return Samples(u, d[:, u.shape[1] :].copy(), robot)
 
 
-def _first_presentation(reader: Reader, topics: Collection[str]) -> Iterator[RecordedMessage]:
+def _first_presentation(
+    reader: Reader, renames: Mapping[str, str], topics: Collection[str], span: Span
+) -> Iterator[RecordedMessage]:
     """Yield the learner's messages of an episode, and of a session those between its first two phase markers."""
     under_way = not reader.counts.get(SESSION_PHASE)
-    for message in renamed(reader, {}, (SESSION_PHASE, *topics)):
+    for message in renamed(reader, renames, (SESSION_PHASE, *topics), span=span):
         if message.topic == SESSION_PHASE:
             if under_way:
                 return

@@ -5,6 +5,8 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
+from pipeline.cli.groups import grouped
 from pipeline.cli.options import MOTIONS, Controller, Json, complete_motion
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -21,6 +23,7 @@ _NOT_COMPARED = {
 """Entries for comparisons that a result lacks: why, and how to have them."""
 
 
+@grouped
 def evaluate(
     controller: Controller,
     motion: Annotated[
@@ -31,6 +34,7 @@ def evaluate(
             autocompletion=complete_motion,
         ),
     ],
+    *,
     linear_from: Annotated[
         Path | None,
         typer.Option(help="Log that linear least squares is fitted to; by default the one tried.", metavar="LOG.mcap"),
@@ -51,13 +55,13 @@ def evaluate(
             "teacher, Drake's inverse kinematics and, where installed, pink; with the errors after 1 s on a target.",
         ),
     ] = False,
+    alignment: AlignmentOptions,
     as_json: Json = False,
 ) -> None:
     """Try a controller on a motion or a recording.
 
     The result is the distances of the hands from their targets, and the pairs that the controller was trained with.
     """
-    from pipeline.evaluation.trials import evaluate_motion
     from pipeline.learner.controller import Controller as Loaded
 
     if deploy and linear_from is not None:
@@ -73,13 +77,29 @@ def evaluate(
     if deploy:
         result |= _deployed(loaded, motion)
     else:
-        trial = evaluate_motion(loaded, motion, linear_from=linear_from)
+        trial = _tried(loaded, motion, linear_from, alignment)
         if plot is not None:
             _draw(plot, trial)
         result |= trial.summary()
     if not (deploy or as_json):
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
+
+
+def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignment: AlignmentOptions) -> "Trial":
+    """Try a controller; a recording that carries no ticks is aligned."""
+    from pipeline.evaluation.trials import evaluate_motion, robot_of, trial_pairing
+    from pipeline.motions.motion import is_recorded
+    from recorders.containers.opening import open_log
+    from recorders.reading.parts import one_session
+
+    if not is_recorded(motion):
+        alignment.refuse(motion)
+        return evaluate_motion(controller, motion, linear_from=linear_from)
+    robot, log = robot_of(controller), one_session([Path(motion)])
+    tick = trial_pairing(log, robot.hand_names, alignment.renames).topics(robot.hand_names)
+    (aligned,), renames = alignment.align([log], robot=robot, tick=tick)
+    return evaluate_motion(controller, open_log(aligned), linear_from=linear_from, renames=renames)
 
 
 def _draw(path: Path, trial: "Trial") -> None:

@@ -143,6 +143,22 @@ def test_live_takes_the_same_ticks(log: Path, trained: Any) -> None:
     assert offline["ticks"] == 2 * result["ticks"] > 400
 
 
+def test_a_controller_is_tried_on_such_a_log(
+    log: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Hands as measured are what it is asked for, where there are no targets."""
+    trained(log, *MAPPED)
+    assert run("evaluate", tmp_path / "out.npz", log, *MAPPED, "--json") == 0
+    shown = capsys.readouterr()
+    assert "aligned to 240 ticks at the stamps of /tracker" in shown.err
+    result = json.loads(shown.out)
+    assert result["samples"] == 240
+    assert result["teacher_cm"] < 0.01  # the joints that were measured put the hand where the tracker saw it
+    assert result["mean_cm"] < 0.5
+    assert run("evaluate", tmp_path / "out.npz", "circles", "--tick-rate", 10) == 2
+    assert "circles: expected none of --tick-rate" in capsys.readouterr().err
+
+
 def still(records: list[RecordedMessage]) -> list[RecordedMessage]:
     return changed(records, "/tracker", lambda pose, stamp: PoseStamped(stamp, np.array((0.5, 0.0, 0.75))))
 
