@@ -36,7 +36,13 @@ def cosine(angles: ArrayLike) -> Floats:
     return _turned(angles, quarters=1)
 
 
-def _turned(angles: ArrayLike, *, quarters: int) -> Floats:
+def sine_and_cosine(angles: ArrayLike) -> Floats:
+    """Return `sine` and `cosine` of angles [rad] of any shape, along a new first axis, at the price of one."""
+    turned = np.asarray(angles, dtype=np.float64)
+    return _turned(turned, quarters=np.arange(2.0).reshape(2, *(1,) * turned.ndim))
+
+
+def _turned(angles: ArrayLike, *, quarters: int | Floats) -> Floats:
     """Return the sine of angles [rad] that are turned on by some quarters of a turn."""
     turned = np.asarray(angles, dtype=np.float64)
     if not (np.abs(turned) <= MOST_TURNED_RAD).all():  # nor is NaN

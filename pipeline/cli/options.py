@@ -33,7 +33,9 @@ Rule = Annotated[
 ]
 Pairs = Annotated[
     str | None,
-    typer.Option("--pairs", help="Pairs to learn from, commanded or reached: the rule's if left out.", metavar="PAIRS"),
+    typer.Option(
+        "--pairs", help="Pairs to learn from, commanded, reached or computed: the rule's if left out.", metavar="PAIRS"
+    ),
 ]
 Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
 Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")]

@@ -12,7 +12,8 @@ from pipeline.demo.trials import Trials, try_motions
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import default_config
 from pipeline.robot.config import RobotConfig
-from pipeline.training.trainer import pairing_of, train
+from pipeline.training.pairing_choice import pairing_of
+from pipeline.training.trainer import train
 from recorders.errors import CheckFailed
 from recorders.text.quantities import decimal_text
 

@@ -1,7 +1,7 @@
 """A team's own learner settings and robot beside those that a golden case has copies of."""
 
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, fields
 from itertools import zip_longest
 from pathlib import Path
@@ -15,6 +15,7 @@ from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.samples.pairing import COMMANDED, find_pairing
+from pipeline.training.pairing_choice import pairing_for
 from pipeline.urdf.description import canonical_urdf
 from recorders.errors import ConfigError
 from recorders.files.regular_file import require_regular_file
@@ -56,6 +57,19 @@ def with_pairs(learner: Mapping[str, Any], pairs: str) -> dict[str, Any]:
     """Return settings with a pairing rule; the paper's is not named."""
     others = {name: value for name, value in learner.items() if name != PAIRS_KEY}
     return others if pairs == COMMANDED else {PAIRS_KEY: pairs} | others
+
+
+def with_pairs_for(learner: Mapping[str, Any], logs: Sequence[Path], *, as_recorded: bool) -> dict[str, Any]:
+    """Return settings with the pairing rule that they name, or the one in its place where a log lacks topics of it.
+
+    Raises
+    ------
+    ConfigError
+        If there is no rule of this name.
+    LogError, RobotError
+        If a log cannot be read, or its robot cannot be used.
+    """
+    return with_pairs(learner, pairing_for(find_pairing(pairs_of(learner)), logs, as_recorded=as_recorded).name)
 
 
 def read_settings(
@@ -122,7 +136,10 @@ class Own:
         LogError
             If a log of the case carries no robot.
         """
-        changed = None if self._settings is None else _of_settings(recipe.learner, self._settings)
+        changed = None
+        if self._settings is not None:
+            settings = with_pairs_for(self._settings, recipe.logs, as_recorded=recipe.as_recorded)
+            changed = _of_settings(recipe.learner, settings)
         if changed is not None or self._robot is None:
             return changed
         found = (_of_robots(require_recorded_robot(LogReader(log)), self._robot) for log in recipe.logs)

@@ -11,7 +11,7 @@ from pipeline.evaluation.trials import evaluate_samples
 from pipeline.extras import missing_extra
 from pipeline.golden import states as golden_states
 from pipeline.golden.observer import ObservedRun
-from pipeline.golden.own_settings import pairs_of, read_settings, with_pairs, without_pairs
+from pipeline.golden.own_settings import pairs_of, read_settings, with_pairs, with_pairs_for, without_pairs
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
@@ -190,13 +190,14 @@ def recipe(
         learner = read_settings(config, rule=rule, pairs=pairs, before=before)
     elif pairs is not None:
         learner = with_pairs(learner, pairs)
-    hands = recorded_hands((logs or old.logs)[0])
+    learned, follows = tuple(logs) or old.logs, old.as_recorded if as_recorded is None else as_recorded
+    learner = with_pairs_for(learner, learned, as_recorded=follows)
     case = replace(
         old,
-        logs=tuple(logs) or old.logs,
+        logs=learned,
         learner=learner,
-        schedule=replace(old.schedule, topics=find_pairing(pairs_of(learner)).topics(hands)),
-        as_recorded=old.as_recorded if as_recorded is None else as_recorded,
+        schedule=replace(old.schedule, topics=find_pairing(pairs_of(learner)).topics(recorded_hands(learned[0]))),
+        as_recorded=follows,
         resume_after=resume_after or old.resume_after,
         physics=old.physics if physics is None else physics,
     )

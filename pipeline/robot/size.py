@@ -17,20 +17,20 @@ def joint_types(robot: RobotConfig) -> dict[str, str]:
 
 def chain_length_m(robot: RobotConfig) -> float:
     """Return the length of the longest chain of links from the root to a hand, with all that slides drawn out [m]."""
-    return max(_length_m(chain) for chain in _chains(robot))
+    return max(_length_m(chain) for chain in hand_chains(robot))
 
 
 def hand_joints(robot: RobotConfig) -> dict[str, tuple[int, ...]]:
     """Return the places in `robot.joints` of the joints between the ground and each hand, which move it, by hand."""
-    chains = (frozenset(joint.get("name", "") for joint in chain) for chain in _chains(robot))
+    chains = (frozenset(joint.get("name", "") for joint in chain) for chain in hand_chains(robot))
     return {
         hand: tuple(place for place, name in enumerate(robot.joints) if name in chain)
         for hand, chain in zip(robot.hand_names, chains, strict=True)
     }
 
 
-def _chains(robot: RobotConfig) -> list[list[ElementTree.Element]]:
-    """Return the joints from each hand to the root."""
+def hand_chains(robot: RobotConfig) -> list[list[ElementTree.Element]]:
+    """Return the joints from each hand to the root, fixed ones included, in the order of `robot.hands`."""
     joints = named(parse_urdf(robot.urdf_text), "joint").values()
     held_by = {end_link(joint, "child"): joint for joint in joints}
     chains = []

@@ -61,7 +61,7 @@ class Presentation:
             If a message is not what it should be, or cannot be of the robot.
         """
         ticks = list(join_ticks(messages, range_check(robot), rule.topics(robot.hand_names)))
-        pairs = rule.pairs(robot.joints, len(robot.hands))
+        pairs = rule.pairs(robot)
         inputs = 3 * len(robot.hands)
         u, d = np.empty((len(ticks), inputs)), np.empty((len(ticks), inputs + len(robot.joints)))
         stamps_ns: list[int] = []

@@ -38,7 +38,7 @@ class OnlineLearning:
 
     def __init__(self, learner: OnlineLearner, robot: RobotConfig, pairing: PairingRule) -> None:
         self._learner = learner
-        self._pairs = pairing.pairs(robot.joints, len(robot.hands))
+        self._pairs = pairing.pairs(robot)
         self._joints = joints_rank(pairing.topics(robot.hand_names))
         self._u = np.empty((1, learner.config.inputs))  # u(k), d(k) of one step
         self._d = np.empty((1, learner.config.outputs))

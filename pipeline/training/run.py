@@ -133,7 +133,7 @@ class LearningRun:
         self._on_steps = on_steps
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
-        self._pairs = self._pairing.pairs(robot.joints, len(robot.hands))
+        self._pairs = self._pairing.pairs(robot)
         self._joiner = TickJoiner(range_check(robot), self._pairing.topics(robot.hand_names))
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, robot.input_centre.size))

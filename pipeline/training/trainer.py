@@ -7,13 +7,13 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.learner.controller import Controller
-from pipeline.learner.registry import find_rule
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import offered_robot, recorded_hands
-from pipeline.samples.pairing import PairingRule, find_pairing
+from pipeline.samples.pairing import fitting_pairing
 from pipeline.samples.pairs import Presentation
 from pipeline.training.checkpoints import CheckpointConfig, Whole, checkpoint_phase, resume
+from pipeline.training.pairing_choice import pairing_for, pairing_of
 from pipeline.training.run import CycleReport, LearningRun, Steps
 from recorders.errors import ConfigError, JointError, LearningError, MessageError
 from recorders.messages.phase import LEARN, Phase
@@ -39,7 +39,8 @@ class Trainer:
     robot : RobotConfig, optional
         The robot; taken from the stream's offer if left out.
     pairs : str, optional
-        Name of the pairing rule; that of the learning rule if left out.
+        Name of the pairing rule; that of the learning rule if left out. Of a stream that lacks its topics, the rule in
+        its place is followed, if there is one.
     checkpoint : CheckpointConfig, optional
         Where to keep checkpoints; one that is there already, of the same run, is gone on from.
     on_cycle : callable
@@ -58,7 +59,7 @@ class Trainer:
         on_cycle: Callable[[CycleReport], None] = lambda report: None,
         on_progress: Callable[[int, float | None], None] = lambda ticks, share: None,
     ) -> None:
-        self.pairing = pairing_of(config, pairs)
+        self.pairing = self._asked = pairing_of(config, pairs)
         self._config = config
         self._robot = robot
         self._checkpoint = checkpoint
@@ -85,7 +86,7 @@ class Trainer:
         """
         schedule = Schedule.from_dict(offer.schedule)
         robot = self._robot or offered_robot(offer, has_option=True)
-        self._check_topics(schedule, robot)
+        self._check_pairing(schedule, robot)
         config = self._config.fitted(epochs=schedule.epochs)
         run = LearningRun(config, robot, offer.run, pairing=self.pairing, on_steps=self._on_steps)
         self._next = 0 if self._checkpoint is None else resume(run, self._checkpoint.path, run_name=offer.run)
@@ -268,12 +269,14 @@ class Trainer:
             checkpoint.save(self._checkpoint.path)
             self._saved_ticks = run.counts.ticks
 
-    def _check_topics(self, schedule: Schedule, robot: RobotConfig) -> None:
-        wanted = self.pairing.topics(robot.hand_names)
-        if missing := [topic for topic in wanted if topic not in schedule.topics]:
+    def _check_pairing(self, schedule: Schedule, robot: RobotConfig) -> None:
+        """Follow the pairing rule asked for, or the one in its place."""
+        hands, topics = robot.hand_names, schedule.topics
+        self.pairing = fitting_pairing(self._asked, hands, topics, where="the stream")
+        if missing := self.pairing.missing(hands, topics):
             raise ConfigError(
                 f"pairs {self.pairing.name}: expected a stream with {names_text(missing)}, found one of "
-                f"{names_text(schedule.topics)}; give sender and learner the same --pairs, and the same robot"
+                f"{names_text(topics)}; give sender and learner the same --pairs, and the same robot"
             )
 
     def _provenance(self) -> dict[str, Any]:
@@ -351,7 +354,8 @@ def train(
     robot : RobotConfig, optional
         The robot, for logs that carry none.
     pairs : str, optional
-        Name of the pairing rule, whose topics are presented; that of the learning rule if left out.
+        Name of the pairing rule, whose topics are presented; that of the learning rule if left out. Of logs that lack
+        its topics, the rule in its place is followed, if there is one.
     renames : mapping of str to str
         Our topic names for those that the logs use.
     on_cycle : callable
@@ -362,10 +366,11 @@ def train(
     ReenactError
         If a log, its robot or a message is not what it should be.
     """
-    trainer = Trainer(config, robot=robot, pairs=pairs, on_cycle=on_cycle)
     logs = [Path(path) for path in paths]
+    pairing = pairing_for(pairing_of(config, pairs), logs, robot=robot, renames=renames)
+    trainer = Trainer(config, robot=robot, pairs=pairing.name, on_cycle=on_cycle)
     hands = recorded_hands(logs[0], robot=robot, renames=renames) if logs else ()
-    topics = trainer.pairing.topics(hands) if hands else schedule.topics
+    topics = pairing.topics(hands) if hands else schedule.topics
     return train_on(Replay(logs, replace(schedule, topics=topics), renames=renames), trainer)
 
 
@@ -382,14 +387,3 @@ def train_on(source: Source, trainer: Trainer) -> Trainer:
     else:
         InProcess({"learner": trainer}).deliver(source.offer(), source.stream)
     return trainer
-
-
-def pairing_of(config: Settings, pairs: str | None = None) -> PairingRule:
-    """Return a pairing rule by its name, that of a configuration's learning rule if none is named.
-
-    Raises
-    ------
-    ConfigError
-        If there is none of this name.
-    """
-    return find_pairing(pairs or find_rule(config.rule).pairs)

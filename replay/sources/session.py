@@ -6,6 +6,7 @@ from itertools import islice
 
 from recorders.cdr.codec import decode
 from recorders.containers.opening import open_log
+from recorders.containers.reader import Reader
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
@@ -56,7 +57,7 @@ class RecordedSession:
         self.path = self._reader.path
         self._renames = dict(renames)
         self._robot = read_robot(self._reader)
-        topics = topics or self._stated_topics()
+        topics = topics or stated_topics(self._reader) or COMMANDED_TICK
         self._topics = frozenset({SESSION_PHASE, *topics})
         self._count, runs = 0, list[str]()
         for message in self.stream():
@@ -88,12 +89,6 @@ class RecordedSession:
         """Yield the messages in the order of the file, from index `start` on."""
         return islice(renamed(self._reader, self._renames, self._topics, file_order=True), start, None)
 
-    def _stated_topics(self) -> tuple[str, ...]:
-        recorded = self._reader.manifest.get("schedule")
-        if not isinstance(recorded, dict) or "topics" not in recorded:
-            return COMMANDED_TICK
-        return Schedule.from_dict(recorded).topics
-
     def _find_schedule(self, epochs: int | None, topics: tuple[str, ...]) -> Schedule:
         if epochs is not None:
             return Schedule(epochs, topics=topics)
@@ -101,6 +96,20 @@ class RecordedSession:
         if not isinstance(recorded, dict):
             raise LogError(f"{self.path}: the log does not state how many epochs the session had; give --epochs")
         return replace(Schedule.from_dict(recorded), topics=topics)
+
+
+def stated_topics(reader: Reader) -> tuple[str, ...] | None:
+    """Return the topics of a tick of the stream that a log is a recording of; None if the log does not state them.
+
+    Raises
+    ------
+    ConfigError
+        If what it states is no schedule.
+    """
+    recorded = reader.manifest.get("schedule")
+    if not isinstance(recorded, dict):
+        return None
+    return Schedule.from_dict(recorded).topics if "topics" in recorded else COMMANDED_TICK
 
 
 def _phase(path: Log, message: RecordedMessage) -> Phase:

@@ -3,14 +3,15 @@
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairing import PairingRule
 from recorders.messages.topics import commanded_tick
 from recorders.ticks.joiner import JointMap, Tick
 
 
 class ToyPairs:
-    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
-        self._joints = JointMap(joints)
+    def __init__(self, robot: RobotConfig) -> None:
+        self._joints = JointMap(robot.joints)
         self.pending: Floats = np.empty(0)
         self.stamp_ns = 0
 

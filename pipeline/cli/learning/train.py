@@ -60,7 +60,8 @@ def train(
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
     from pipeline.robot.recorded import recorded_hands
-    from pipeline.training.trainer import Trainer, pairing_of, train_on
+    from pipeline.training.pairing_choice import pairing_for, pairing_of
+    from pipeline.training.trainer import Trainer, train_on
     from recorders.reading.parts import one_session, recordings
 
     check_writable(out, overwrite=overwrite)
@@ -70,7 +71,8 @@ def train(
     learner = default_config(rule, seed=seed)
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
     names: Mapping[str, str] = alignment.renames
-    pairing = pairing_of(learner, pairs)
+    asked = pairing_of(learner, pairs)
+    pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     if as_recorded:
         alignment.refuse("--as-recorded")
     else:
@@ -84,7 +86,7 @@ def train(
         trainer = Trainer(
             learner,
             robot=config,
-            pairs=pairs,
+            pairs=pairing.name,
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )
         train_on(source, trainer)
@@ -93,7 +95,8 @@ def train(
     controller.save(out)
     for line in controller.config.notes():
         console.notice(line)
-    console.show(trainer.result() | {"controller": str(out)}, as_json=as_json)
+    shown = {"pairs": controller.pairs, "controller": str(out)}
+    console.show(trainer.result() | shown, as_json=as_json)
 
 
 def _as_live(

@@ -108,7 +108,7 @@ def learn(
     from pipeline.learner_node.node import own_topics
     from pipeline.robot.config import load_robot
     from pipeline.terminal.learning_progress import learning_progress
-    from pipeline.training.trainer import pairing_of
+    from pipeline.training.pairing_choice import pairing_of
     from recorders.nodes.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
 
@@ -129,8 +129,9 @@ def learn(
         learn_from = partial(learn_live, robot=config, config=live.config(overwrite=overwrite)) if live.live else run
         result = learn_from(trainer, session=session, receiver=receiver, metrics_port=node.prometheus)
     trainer.check_learned()
-    trainer.controller().save(out)
-    console.show(result | {"controller": str(out)}, as_json=as_json)
+    controller = trainer.controller()
+    controller.save(out)
+    console.show(result | {"pairs": controller.pairs, "controller": str(out)}, as_json=as_json)
 
 
 def _check_files(out: Path, checkpoint: Path | None, record: Path | None, *, overwrite: bool) -> None:

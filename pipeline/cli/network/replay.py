@@ -49,7 +49,7 @@ class ScheduleOptions:
     as_recorded: AsRecorded = False
     pairs: Annotated[
         str | None,
-        typer.Option(help="Pairs that the learner is to learn from: commanded, or as recorded.", metavar="PAIRS"),
+        typer.Option(help="Pairs that the learner is to learn from: the rule's, or as recorded.", metavar="PAIRS"),
     ] = None
 
 
@@ -174,7 +174,7 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     from pipeline.learner.registry import default_config
     from pipeline.robot.recorded import recorded_hands
     from pipeline.samples.pairing import find_pairing
-    from pipeline.training.trainer import pairing_of
+    from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
@@ -185,8 +185,12 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     if schedule.as_recorded:
         log = one_session(logs)
         hands = recorded_hands(log, renames=names)
-        topics = None if schedule.pairs is None else find_pairing(schedule.pairs).topics(hands)
+        topics = None
+        if schedule.pairs is not None:
+            asked = find_pairing(schedule.pairs)
+            topics = pairing_for(asked, [log], renames=names, as_recorded=True).topics(hands)
         return RecordedSession(log, epochs=schedule.epochs, renames=names, topics=topics)
     found, learner = recordings(logs), default_config(schedule.rule)
-    topics = pairing_of(learner, schedule.pairs).topics(recorded_hands(found[0], renames=names))
+    pairing = pairing_for(pairing_of(learner, schedule.pairs), found, renames=names)
+    topics = pairing.topics(recorded_hands(found[0], renames=names))
     return Replay(found, learner.schedule(schedule.epochs, topics), renames=names)

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairing import COMMANDED, PairingRule
 from recorders.messages.topics import commanded_tick
 from recorders.ticks.joiner import JointMap, Tick
@@ -16,16 +17,14 @@ class CommandedPairs:
 
     Parameters
     ----------
-    joints : tuple of str
-        The joints in the order of the outputs.
-    hands : int
-        How many hands.
+    robot : RobotConfig
+        Whose joints and hands they are.
     """
 
-    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
-        self._joints, self._size = JointMap(joints), 3 * hands
+    def __init__(self, robot: RobotConfig) -> None:
+        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
         self._held: Floats = np.empty(self._size)
-        self._held_hands = self._held.reshape(hands, 3)
+        self._held_hands = self._held.reshape(-1, 3)
         self._held_since_ns = 0
         self._waiting = False
         self.stamp_ns = 0

@@ -3,6 +3,7 @@
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairing import PairingRule
 from recorders.messages.topics import reached_tick
 from recorders.ticks.joiner import JointMap, Tick
@@ -15,14 +16,12 @@ class ReachedPairs:
 
     Parameters
     ----------
-    joints : tuple of str
-        The joints in the order of the outputs.
-    hands : int
-        How many hands.
+    robot : RobotConfig
+        Whose joints and hands they are.
     """
 
-    def __init__(self, joints: tuple[str, ...], hands: int) -> None:
-        self._joints, self._size = JointMap(joints), 3 * hands
+    def __init__(self, robot: RobotConfig) -> None:
+        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
         self.stamp_ns = 0
 
     @property
@@ -46,4 +45,4 @@ class ReachedPairs:
         return True
 
 
-RULE = PairingRule("reached", reached_tick, ReachedPairs)
+RULE = PairingRule("reached", reached_tick, ReachedPairs, otherwise="computed")

@@ -20,10 +20,11 @@ from pipeline.golden.runner import GoldenRunner, recipe
 from pipeline.learner.controller import Controller
 from pipeline.learner.controller_diff import first_difference
 from pipeline.learner.registry import default_config
+from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.contract import PairingRuleContract
 from pipeline.samples.pairing import PAIRING_RULES, find_pairing
 from pipeline.samples.pairs import read_samples
-from pipeline.samples.rules import commanded, reached
+from pipeline.samples.rules import commanded, computed, reached
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.served_controller import ServedController
 from pipeline.training.checkpoints import CheckpointConfig
@@ -57,6 +58,10 @@ class TestReached(PairingRuleContract):
     rule = reached.RULE
 
 
+class TestComputed(PairingRuleContract):
+    rule = computed.RULE
+
+
 class TestToy(PairingRuleContract):
     rule = toy_pairs.RULE
 
@@ -82,7 +87,9 @@ def cut(replay: Replay, end: int) -> Iterator[RecordedMessage]:
     raise WireError("killed")
 
 
-@pytest.mark.parametrize(("pairs", "steps"), [("commanded", SAMPLES), ("reached", SAMPLES + 1), ("toy", SAMPLES + 1)])
+@pytest.mark.parametrize(
+    ("pairs", "steps"), [("commanded", SAMPLES), *((name, SAMPLES + 1) for name in ("reached", "computed", "toy"))]
+)
 def test_a_kill_and_messages_one_by_one_end_where_training_in_memory_does(
     pairs: str, steps: int, log: Path, tmp_path: Path
 ) -> None:
@@ -95,7 +102,7 @@ def test_a_kill_and_messages_one_by_one_end_where_training_in_memory_does(
     with pytest.raises(WireError, match="killed"):
         first.consume(cut(source, 100))
     other = next(name for name in ("commanded", "reached") if name != pairs)
-    with pytest.raises((ConfigError, ControllerError), match=f"pairs {other}"):
+    with pytest.raises((ConfigError, ControllerError), match=f"pairs ({other}|computed)"):
         Trainer(default_config(), pairs=other, checkpoint=checkpoint).hello(source.offer())
     second = Trainer(default_config(), pairs=pairs, checkpoint=checkpoint)
     start = second.hello(source.offer())
@@ -112,6 +119,25 @@ def test_reached_pairs_are_hands_and_joints_of_one_instant(log: Path) -> None:
     assert found.joints.tolist() == (found.robot.comfort + waves[:, np.newaxis] * 0.5).tolist()
     assert len(asked.targets) == SAMPLES
     assert asked.joints.tolist() == found.joints[1:].tolist()
+
+
+def test_where_no_hands_are_measured_the_robots_kinematics_has_them(log: Path, tmp_path: Path) -> None:
+    bare = write_plain_episode(tmp_path / "bare.mcap", samples=SAMPLES)
+    found = read_samples(bare, pairs="computed")
+    hands = Kinematics(found.robot).hands_along(found.joints)
+    np.testing.assert_allclose(found.targets, hands.reshape(SAMPLES + 1, -1), rtol=0, atol=1e-14)
+    expected = trained(bare, "computed").result()
+    for logs, digest in (((bare,), expected["digest"]), ((log, bare), None)):
+        options = ("--pairs", "reached", "--epochs", EPOCHS, "--out", tmp_path / "c.npz", "--overwrite")
+        result = run("train", *logs, *options)
+        assert (result["pairs"], result["digest"]) == ("computed", digest or result["digest"])
+        assert Controller.load(tmp_path / "c.npz").pairs == "computed"
+        assert run("evaluate", tmp_path / "c.npz", bare)["pairs"] == "computed"
+    (tmp_path / "ours.toml").write_text('reservoir = 12\npairs = "reached"\n')
+    made = recipe([bare], tmp_path / "ours.toml", epochs=1)
+    assert (made.learner["pairs"], made.schedule.topics) == ("computed", ("/sample/joint_states",))
+    assert Own(config=tmp_path / "ours.toml").difference(made) is None
+    assert check_case(add_case(tmp_path / "case", made, GoldenRunner()).folder, GoldenRunner()).finding is None
 
 
 def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp_path: Path) -> None:
@@ -140,8 +166,9 @@ def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp
 
 
 def test_a_learner_refuses_a_stream_without_its_topics(log: Path) -> None:
-    with pytest.raises(ConfigError, match="pairs reached: expected a stream with /hand/left/measured"):
-        Trainer(default_config(), pairs="reached").hello(Replay([log], Schedule(EPOCHS)).offer())
+    topics = find_pairing("reached").topics(("left", "right"))
+    with pytest.raises(ConfigError, match="pairs commanded: expected a stream with /hand/left/target"):
+        Trainer(default_config()).hello(Replay([log], Schedule(EPOCHS, topics=topics)).offer())
     bare = write_plain_episode(log.with_name("bare.mcap"))
     with pytest.raises(LogError, match="expected messages on /hand/left/measured, /hand/right/measured, found none"):
         trained(bare, "reached")
@@ -153,7 +180,7 @@ def test_a_log_as_live_is_joined_by_the_same_topics(log: Path) -> None:
     assert live.result()["steps"] == SAMPLES + 1
 
 
-@pytest.mark.parametrize("pairs", ["reached", "toy"])
+@pytest.mark.parametrize("pairs", ["reached", "computed", "toy"])
 def test_verbs_take_pairs_and_evaluate_reports_them(pairs: str, log: Path, tmp_path: Path) -> None:
     result = run("train", log, "--pairs", pairs, "--epochs", EPOCHS, "--out", tmp_path / "c.npz")
     assert result["digest"] == trained(log, pairs).result()["digest"]
@@ -168,7 +195,7 @@ def test_verbs_take_pairs_and_evaluate_reports_them(pairs: str, log: Path, tmp_p
         ServedController(one, config=ServingConfig(learn=True))
 
 
-@pytest.mark.parametrize("pairs", ["reached", "toy"])
+@pytest.mark.parametrize("pairs", ["reached", "computed", "toy"])
 def test_a_golden_case_keeps_its_pairs_and_their_topics(pairs: str, log: Path, tmp_path: Path) -> None:
     (tmp_path / "ours.toml").write_text("reservoir = 12\n")
     made = recipe([log], tmp_path / "ours.toml", pairs=pairs, epochs=1, resume_after=5)
@@ -184,7 +211,7 @@ def test_a_golden_case_keeps_its_pairs_and_their_topics(pairs: str, log: Path, t
 def test_a_rule_is_looked_up_and_never_imported_by_name() -> None:
     assert {"commanded", "reached", "toy", "broken"} <= set(PAIRING_RULES.names())
     for name in ("evil", "os", "toy_pairs", "pipeline.samples.pairs", "../toy", ""):
-        with pytest.raises(ConfigError, match="expected a pairing rule, one of commanded, reached"):
+        with pytest.raises(ConfigError, match="expected a pairing rule, one of commanded, computed, reached"):
             find_pairing(name)
     with pytest.raises(ConfigError, match="pairing rule broken: cannot be loaded"):
         find_pairing("broken")

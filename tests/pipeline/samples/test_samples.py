@@ -46,7 +46,7 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def test_each_tick_teaches_the_step_before_it(log: Path) -> None:
     robot = load_robot("asimo")
     ticks = list(join_ticks(LogReader(log)))
-    pairs, u, d = CommandedPairs(robot.joints, 2), np.empty(6), np.empty(21)
+    pairs, u, d = CommandedPairs(robot), np.empty(6), np.empty(21)
     assert pairs.pending.shape == (0,)
     assert not pairs.fill(ticks[0], u, d)
     for held, tick in pairwise(ticks):

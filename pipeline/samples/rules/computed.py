@@ -1,0 +1,57 @@
+"""Joints as measured, and the hands that the robot's kinematics computes of them: where no hands are measured."""
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.hand_kinematics import HandKinematics
+from pipeline.samples.pairing import PairingRule
+from recorders.messages.topics import SAMPLE_JOINTS
+from recorders.ticks.joiner import JointMap, Tick
+
+
+class ComputedPairs:
+    """Makes a step of every tick: x(k) is where the robot's kinematics has the hands at q(k), and d(k) = (x(k); q(k)).
+
+    As with hands as measured, no lag of a teacher or a servo is in these pairs. Nothing waits for a later tick.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        Whose joints and hands they are.
+    """
+
+    def __init__(self, robot: RobotConfig) -> None:
+        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
+        self._kinematics = HandKinematics(robot)
+        self.stamp_ns = 0
+
+    @property
+    def pending(self) -> Floats:
+        """Nothing, shape (0,)."""
+        return np.empty(0)
+
+    def resume(self, pending: Floats) -> None:
+        """Go on: nothing is ever pending."""
+
+    def begin(self) -> None:
+        """Start a cycle: nothing is pending."""
+
+    def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
+        """Complete the step of this tick."""
+        joints = self._joints.positions(tick.joints)
+        u[:] = self._kinematics.positions(joints).ravel()
+        d[: self._size] = u
+        d[self._size :] = joints
+        self.stamp_ns = tick.stamp_ns
+        return True
+
+
+def _joints_alone(_hands: Sequence[str]) -> tuple[str, ...]:
+    """Return the topics of a tick of joints alone, whatever hands there are."""
+    return (SAMPLE_JOINTS,)
+
+
+RULE = PairingRule("computed", _joints_alone, ComputedPairs)
