@@ -24,7 +24,9 @@ _MOST_NAMES = 2**21  # characters of all topics: the summary counts them too
 _CHECKSUM = "manifest_sha256"
 _PACKAGES = ("drake", "eclipse-zenoh", "llvmlite", "lz4", "mcap", "numba", "numpy", "pin", "rosbags")
 _DISTRIBUTIONS = {"reenact": DISTRIBUTION, **dict(zip(_PACKAGES, _PACKAGES, strict=True))}
-_FRAME = struct.Struct("<IQQ")  # sequence, log time [ns], length of the data
+
+FRAME = struct.Struct("<IQQ")
+"""What is hashed of a message beside its topic and data: sequence, log time [ns], length of the data."""
 
 
 class ContentHash:
@@ -41,17 +43,26 @@ class ContentHash:
         """Take in one message; of a large one the `rest` may be in its file."""
         framed = self._topics.get(topic)
         if framed is None:
-            name = topic.encode()
-            framed = self._topics[topic] = len(name).to_bytes(4, "little") + name
+            framed = self._topics[topic] = topic_frame(topic)
         size = len(data) + (rest.size if rest else 0)
-        self._hash.update(framed + _FRAME.pack(sequence, log_time_ns, size))
+        self._hash.update(framed + FRAME.pack(sequence, log_time_ns, size))
         self._hash.update(data)
         for piece in rest.pieces() if rest else ():
             self._hash.update(piece)
 
+    def add_framed(self, pieces: Iterable[bytes]) -> None:
+        """Take in messages as pieces: of each `topic_frame`, what `FRAME` packs,, and its data."""
+        self._hash.update(b"".join(pieces))
+
     def hexdigest(self) -> str:
         """Return the hash of everything taken in so far."""
         return self._hash.hexdigest()
+
+
+def topic_frame(topic: str) -> bytes:
+    """Return the name of a topic as it is hashed with each message."""
+    name = topic.encode()
+    return len(name).to_bytes(4, "little") + name
 
 
 def content_sha256(records: Iterable[RecordedMessage]) -> str:

@@ -8,13 +8,17 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any, BinaryIO
 
+from mcap.opcode import Opcode
+
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
+from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.crc_coverage import is_protected
 from recorders.mcap_format.errors import DamagedLog
 from recorders.mcap_format.manifest import METADATA_NAME, from_metadata
 from recorders.mcap_format.records import MAGIC, RawRecord
+from recorders.mcap_format.sections import record_at
 from recorders.mcap_format.summary import ChannelTable, Contents, read_attachment, read_contents, read_metadata
 from recorders.messages.record import RecordedMessage
 from recorders.reading.file_kind import no_log_text
@@ -97,6 +101,14 @@ class LogReader:
             skip_ranges = self._index.chunks.skip_ranges(walk.start_ns, walk.end_ns)
         return self._walk(walk, skip_ranges, lambda record: None)
 
+    def by_log_time(
+        self, *, topics: Iterable[str] | None = None, start_ns: int = 0, end_ns: int = FOREVER_NS
+    ) -> Iterator[RecordedMessage]:
+        """Yield the messages in order of log time, also of a log of our own writer; raises as `records` does."""
+        return self._merged(
+            MessageScanner(ChannelTable(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        )
+
     @property
     def protected(self) -> bool:
         """Whether CRCs cover every message and the summary, as they do in our logs.
@@ -172,6 +184,25 @@ class LogReader:
             raise LogError(f"{self.path}: no attachment {name!r}; there are: {exist}")
         with self._open() as file:
             return read_attachment(file, entries[which].offset)
+
+    @contextmanager
+    def attachment_records(self) -> Iterator[Iterator[RawRecord]]:
+        """Give the records of all attachments in the order of the file, each checked; what is large stays in the file.
+
+        Raises
+        ------
+        DamagedLog
+            If the CRC of one does not hold.
+        """
+        with self._open() as file:
+
+            def checked() -> Iterator[RawRecord]:
+                for entry in self._contents.attachments:
+                    record = record_at(file, entry.offset, Opcode.ATTACHMENT)
+                    check_attachment(record)
+                    yield record
+
+            yield checked()
 
     @cached_property
     def _summary(self) -> Contents | DamagedLog | None:

@@ -2,12 +2,14 @@
 
 import struct
 import zlib
-from collections.abc import Iterable, Mapping
-from typing import Any, BinaryIO
+from collections.abc import Callable, Iterable, Mapping
+from typing import Any, BinaryIO, NamedTuple
 
+import lz4.frame
+import zstandard
 from mcap.data_stream import RecordBuilder
 from mcap.opcode import Opcode
-from mcap.records import AttachmentIndex, Channel, Schema
+from mcap.records import AttachmentIndex, Channel, ChunkIndex, Schema
 from mcap.writer import CompressionType, Writer
 
 from recorders.mcap_format.attachments import AttachmentHead
@@ -17,6 +19,35 @@ from recorders.mcap_format.unread import Unread
 from recorders.writing.chunk_index_file import ChunkIndexFile
 
 _SIZE = struct.Struct("<Q")
+_CHUNK = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
+_INDEX = struct.Struct("<HI")  # channel, bytes of its entries
+_INDEX_ENTRY = 16  # bytes: time and place of a message
+_PACK: dict[str, Callable[[bytes], bytes]] = {
+    "": lambda data: data,
+    "lz4": lz4.frame.compress,
+    "zstd": lambda data: zstandard.ZstdCompressor().compress(data),
+}
+
+COMPRESSIONS = tuple(_PACK)
+"""Compressions of chunks; an empty name stands for none."""
+
+
+class BuiltChunk(NamedTuple):
+    """The content of a chunk.
+
+    Attributes
+    ----------
+    data : bytes
+        Records of messages.
+    times_ns : pair of int
+        Log time of the earliest and the latest [ns].
+    indexes : dict of bytes
+        By channel, time and place in `data` of each of its messages, in order of time.
+    """
+
+    data: bytes
+    times_ns: tuple[int, int]
+    indexes: dict[int, bytes]
 
 
 class McapWriter:
@@ -84,12 +115,42 @@ class McapWriter:
     ) -> None:
         """Write a message beside the chunks, of which a part may still be in another file."""
         self._mcap.flush()
-        self._declare(channel)
+        self.declare(channel)
         head = MESSAGE.pack(channel, sequence, log_time_ns, publish_time_ns)
         size = len(head) + len(data) + (rest.size if rest else 0)
         self._write((HEAD.pack(Opcode.MESSAGE, size), head, data))
         self._write(rest.pieces() if rest else ())
         self._count(channel, log_time_ns)
+
+    def add_chunk(self, chunk: BuiltChunk, compression: str) -> None:
+        """Write a whole chunk with its message indexes, whose channels are declared before it."""
+        packed = _PACK[compression](chunk.data)
+        name = compression.encode()
+        head = _CHUNK.pack(*chunk.times_ns, len(chunk.data), zlib.crc32(chunk.data), len(name))
+        head += name + _SIZE.pack(len(packed))
+        offset, length = self._file.tell(), HEAD.size + len(head) + len(packed)
+        self._write((HEAD.pack(Opcode.CHUNK, len(head) + len(packed)), head, packed))
+        places, place = dict[int, int](), offset + length
+        for channel, entries in chunk.indexes.items():
+            places[channel] = place
+            body = _INDEX.pack(channel, len(entries)) + entries
+            self._write((HEAD.pack(Opcode.MESSAGE_INDEX, len(body)), body))
+            place += HEAD.size + len(body)
+            self._count_all(channel, len(entries) // _INDEX_ENTRY, chunk.times_ns)
+        self._of_library("statistics").chunk_count += 1
+        self._of_library("chunk_indices").append(
+            ChunkIndex(
+                chunk_length=length,
+                chunk_start_offset=offset,
+                compression=compression,
+                compressed_size=len(packed),
+                message_end_time=chunk.times_ns[1],
+                message_index_length=place - offset - length,
+                message_index_offsets=places,
+                message_start_time=chunk.times_ns[0],
+                uncompressed_size=len(chunk.data),
+            )
+        )
 
     def add_attachment(self, head: AttachmentHead, data: Iterable[bytes | memoryview]) -> None:
         """Write an attachment; `start` of its head counts for nothing."""
@@ -123,7 +184,7 @@ class McapWriter:
         """End the chunk."""
         self._mcap.flush()
 
-    def _declare(self, channel: int) -> None:
+    def declare(self, channel: int) -> None:
         """Write the declaration of a channel, which may be in a chunk that is not written yet, beside the chunks."""
         builder: Any = RecordBuilder()
         declared = self._channels[channel]
@@ -133,12 +194,15 @@ class McapWriter:
         self._write([builder.end()])
 
     def _count(self, channel: int, log_time_ns: int) -> None:
+        self._count_all(channel, 1, (log_time_ns, log_time_ns))
+
+    def _count_all(self, channel: int, count: int, times_ns: tuple[int, int]) -> None:
         statistics = self._of_library("statistics")
-        first = statistics.message_start_time if statistics.message_count else log_time_ns
-        statistics.message_start_time = min(first, log_time_ns)
-        statistics.message_end_time = max(statistics.message_end_time, log_time_ns)
-        statistics.channel_message_counts[channel] += 1
-        statistics.message_count += 1
+        first = statistics.message_start_time if statistics.message_count else times_ns[0]
+        statistics.message_start_time = min(first, times_ns[0])
+        statistics.message_end_time = max(statistics.message_end_time, times_ns[1])
+        statistics.channel_message_counts[channel] += count
+        statistics.message_count += count
 
     def _write(self, pieces: Iterable[bytes | memoryview], crc: int = 0) -> int:
         """Write to the file what the library then has as its own; returns the CRC of it and what came before."""

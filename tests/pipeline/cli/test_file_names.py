@@ -35,6 +35,7 @@ def named(folder: Path, ending: str) -> Path:
     [
         ("info LOG", None),
         ("recover LOG --out OUT.mcap", "out.mcap"),
+        ("convert LOG --out OUT.mcap", "out.mcap"),
         ("train LOG --epochs 1 --out OUT.npz", "out.npz"),
         ("train LOG --as-live --out OUT.npz", "out.npz"),
         ("evaluate CONTROLLER LOG", None),

@@ -25,6 +25,7 @@ WRITERS = [
     "demonstrate right_hand_house --out",
     "demonstrate live --hand left --topic /a --out",
     "recover log.mcap --out",
+    "convert log.mcap --out",
 ]
 PLACES = ["log.mcap", "README.md", "folder", "nowhere/new"]
 

@@ -1,0 +1,98 @@
+"""The verb convert."""
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from pipeline.cli.groups import grouped
+from pipeline.cli.options import Json, Overwrite, Renames, renames
+from pipeline.terminal import console
+
+if TYPE_CHECKING:
+    from recorders.conversion.config import ConvertConfig
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What is kept of the recordings."""
+
+    topic: Annotated[
+        list[str] | None,
+        typer.Option(help="Pattern of topics to keep, such as '/hand/*'; all if left out.", metavar="PATTERN"),
+    ] = None
+    start: Annotated[str | None, typer.Option(help="Start so long after the first message.", metavar="SECONDS")] = None
+    end: Annotated[str | None, typer.Option(help="End so long after the first message.", metavar="SECONDS")] = None
+    sort: Annotated[
+        bool, typer.Option("--sort", help="Put a log of reenact in order of log time too, where its times fall.")
+    ] = False
+    map_: Renames = None
+
+
+@dataclass(frozen=True)
+class Written:
+    """How it is written."""
+
+    compression: Annotated[str, typer.Option(help="Compression of the chunks: lz4, zstd or none.", metavar="NAME")] = (
+        "lz4"
+    )
+    split: Annotated[
+        str | None,
+        typer.Option(help="Begin another file after a size or a time, such as 100MB or 10min.", metavar="SIZE|TIME"),
+    ] = None
+
+
+@grouped
+def convert(
+    recordings: Annotated[
+        list[Path],
+        typer.Argument(help="Recordings: MCAP, rosbag2 folders, .db3 files, ROS 1 bags.", metavar="RECORDING"),
+    ],
+    *,
+    out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
+    kept: Kept,
+    written: Written,
+    overwrite: Overwrite = False,
+    as_json: Json = False,
+) -> None:
+    """Write recordings of any kind to MCAP.
+
+    They are merged by log time, sliced, chosen by topic, renamed and split as asked for. Messages keep their bytes and encodings; the same recordings give the same file, to the byte. The manifest names
+    each file with its SHA-256.
+    """
+    from recorders.conversion.convert import convert as run
+    from recorders.reading.parts import recordings as find_recordings
+
+    found = find_recordings(recordings)
+    with console.progress("convert") as advance:
+        result = run(found, out, _config(kept, written), overwrite=overwrite, on_progress=advance)
+    if as_json:
+        console.show(result.to_dict(), as_json=True)
+        return
+    counts = {topic: str(count) for topic, count in result.counts.items()}
+    console.entries(
+        {
+            "written": ", ".join(map(str, result.paths)),
+            "from": ", ".join(source["name"] for source in result.sources),
+            "messages": str(result.counts.total()),
+            **counts,
+        }
+    )
+
+
+def _config(kept: Kept, written: Written) -> "ConvertConfig":
+    from recorders.conversion.config import ConvertConfig
+    from recorders.text.quantities import parse_seconds, parse_size_or_time
+
+    split_bytes, split_ns = (None, None) if written.split is None else parse_size_or_time(written.split, "--split")
+    return ConvertConfig(
+        topics=frozenset(kept.topic or ()),
+        renames=renames(kept.map_),
+        start_ns=0 if kept.start is None else parse_seconds(kept.start, "--start"),
+        end_ns=None if kept.end is None else parse_seconds(kept.end, "--end"),
+        sort=kept.sort,
+        compression=written.compression,
+        split_bytes=split_bytes,
+        split_ns=split_ns,
+    )

@@ -1,0 +1,196 @@
+"""The recordings of a conversion: opened as they are, with the channels that are kept of them, and their digests."""
+
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from recorders.cdr.rosbags_types import is_known, schema_text
+from recorders.containers.definitions import channel_definitions, ros_name
+from recorders.containers.opening import open_as_it_is
+from recorders.containers.reader import Reader
+from recorders.conversion.config import ConvertConfig
+from recorders.errors import ConfigError, LogError, MessageError
+from recorders.files.whole_files import file_sha256
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.record import RecordedMessage
+from recorders.messages.topic_patterns import chosen
+from recorders.reading.bag_metadata import METADATA_FILE, is_bag_folder, read_bag_metadata
+from recorders.reading.parts import PART, Log, Parts
+from recorders.reading.raw_messages import FOREVER_NS
+from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import SessionReader, merged_by_time
+from recorders.text.wording import names_text
+from recorders.writing.writer import RESERVED
+
+_PROFILES = {"cdr": "ros2", "ros1": "ros1"}
+
+
+class Sources:
+    """Recordings as one stream.
+
+    Parameters
+    ----------
+    logs : sequence of Log
+        One or more.
+    config : ConvertConfig
+        What is kept.
+
+    Attributes
+    ----------
+    channels : dict of str to DeclaredChannel
+        By topic as recorded, the channel that it becomes.
+
+    Raises
+    ------
+    LogError
+        If there is none, one cannot be read, or a topic is of two types.
+    ConfigError
+        If two topics would become one.
+    """
+
+    def __init__(self, logs: Sequence[Log], config: ConvertConfig) -> None:
+        if not logs:
+            raise LogError("expected at least one recording, found none")
+        self._config = config
+        self.readers = [open_as_it_is(log) for log in logs]
+        topics = list(dict.fromkeys(topic for reader in self.readers for topic in reader.topics))
+        for name in config.renames:
+            if name not in topics:
+                raise ConfigError(f"--map: no topic {name} in {self.names}; there are: {names_text(topics) or 'none'}")
+        self._topics = chosen(config.topics or topics, topics, option="--topic")
+        self.channels = {topic: self._channel(topic) for topic in topics if topic in self._topics}
+        _check_names(self.channels)
+
+    @property
+    def names(self) -> str:
+        """Names of the recordings, for an error line."""
+        return names_text(str(reader.path) for reader in self.readers)
+
+    @property
+    def profile(self) -> str:
+        """MCAP's name for what the messages are meant for; empty for a mixture."""
+        encodings = {channel.encoding for channel in self.channels.values()}
+        return next((profile for encoding, profile in _PROFILES.items() if encodings == {encoding}), "")
+
+    def count(self) -> int | None:
+        """Return how many messages are kept; None where a slice leaves that open."""
+        if self._config.sliced:
+            return None
+        return sum(count for reader in self.readers for topic, count in reader.counts.items() if topic in self._topics)
+
+    def records(self) -> Iterator[RecordedMessage]:
+        """Yield what is kept, by log time; each recording keeps the order that its reader gives it."""
+        config = self._config
+        start_ns, end_ns = 0, FOREVER_NS
+        if config.sliced:
+            first_ns = min((first for reader in self.readers if (first := _first_ns(reader)) is not None), default=0)
+            start_ns = first_ns + config.start_ns
+            end_ns = FOREVER_NS if config.end_ns is None else first_ns + config.end_ns
+        reads = [
+            partial(read, topics=self._topics, start_ns=start_ns, end_ns=end_ns)
+            for reader in self.readers
+            for read in _reads(reader, sort=config.sort)
+        ]
+        return reads[0]() if len(reads) == 1 else merged_by_time(reads)
+
+    def manifest(self) -> dict[str, Any]:
+        """Return the entries on which the manifests of all recordings agree."""
+        first, *others = (
+            {key: value for key, value in reader.manifest.items() if key not in (*RESERVED, PART)}
+            for reader in self.readers
+        )
+        return {key: value for key, value in first.items() if all(other.get(key) == value for other in others)}
+
+    def digests(self) -> list[dict[str, Any]]:
+        """Return name and SHA-256 of each file of each recording."""
+        return [
+            {
+                "name": reader.path.name,
+                "files": [{"name": path.name, "sha256": file_sha256(path)} for path in _files(reader.path)],
+            }
+            for reader in self.readers
+        ]
+
+    def mcap_parts(self) -> list[LogReader]:
+        """Return those that are MCAP, part by part: they may have attachments and metadata."""
+        parts: list[LogReader] = []
+        for reader in self.readers:
+            match reader:
+                case LogReader():
+                    parts.append(reader)
+                case SessionReader():
+                    parts += reader.parts
+        return parts
+
+    def _channel(self, topic: str) -> DeclaredChannel:
+        """Return the one channel that a topic becomes, of all that it was recorded on."""
+        found = [(channel, reader) for reader in self.readers for channel in reader.channels if channel.topic == topic]
+        defined = [channel for channel, _ in found if channel.schema is not None and channel.schema[2].strip()]
+        first = (defined or [channel for channel, _ in found])[0]
+        for channel, reader in found:
+            if (channel.type, channel.encoding) != (first.type, first.encoding) or not _same_fields(channel, first):
+                raise LogError(
+                    f"{topic}: expected messages of one type, found {_described(first)} and {_described(channel)} "
+                    f"in {reader.path}; leave the topic or a recording out, or convert them one by one"
+                )
+        return replace(_with_definition(first), topic=self._config.renames.get(topic, topic))
+
+
+def _reads(reader: Reader, *, sort: bool) -> Sequence[Callable[..., Iterator[RecordedMessage]]]:
+    if sort and isinstance(reader, LogReader):
+        return [reader.by_log_time]
+    if sort and isinstance(reader, SessionReader):
+        return [part.by_log_time for part in reader.parts]
+    return [reader.records]
+
+
+def _first_ns(reader: Reader) -> int | None:
+    """Return the log time of the earliest message [ns]; None if there is no message."""
+    if reader.by_file:
+        return min((record.log_time_ns for record in reader.records()), default=None)
+    first = next(iter(reader.records()), None)
+    return None if first is None else first.log_time_ns
+
+
+def _files(log: Log) -> tuple[Path, ...]:
+    if isinstance(log, Parts):
+        return log.paths
+    return (log / METADATA_FILE, *read_bag_metadata(log).files) if is_bag_folder(log) else (log,)
+
+
+def _described(channel: DeclaredChannel) -> str:
+    return f"{channel.type or 'no type'} in {channel.encoding or 'no encoding'}"
+
+
+def _same_fields(channel: DeclaredChannel, other: DeclaredChannel) -> bool:
+    """Whether two channels of one type define it alike, or one of them not at all."""
+    if channel.schema == other.schema or not (channel.schema and channel.schema[2].strip()):
+        return True
+    try:
+        ours, theirs = (
+            {name: fields for name, (_, fields) in channel_definitions(each).items()} for each in (channel, other)
+        )
+    except MessageError:
+        return False
+    return ours == theirs
+
+
+def _with_definition(channel: DeclaredChannel) -> DeclaredChannel:
+    """Return a channel with the definition of ROS 2 where its recording carries none, as older bags do."""
+    if channel.encoding != "cdr" or channel.schema is None or channel.schema[2].strip():
+        return channel
+    name = ros_name(channel.type)
+    return replace(channel, schema=(name, "ros2msg", schema_text(name).encode())) if is_known(name) else channel
+
+
+def _check_names(channels: Mapping[str, DeclaredChannel]) -> None:
+    by_name: dict[str, str] = {}
+    for topic, channel in channels.items():
+        other = by_name.setdefault(channel.topic, topic)
+        if other != topic:
+            raise ConfigError(
+                f"expected each topic under a name of its own, found {other} and {topic} both as {channel.topic}; "
+                "choose one with --topic, or another name with --map"
+            )

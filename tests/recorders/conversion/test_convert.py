@@ -1,0 +1,276 @@
+"""Conversion: nothing of a message changes, the same input gives the same file, and bad input is one line."""
+
+import hashlib
+from collections import Counter
+
+import bags
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from mcap.writer import Writer as McapWriter
+from rosbags.rosbag2 import StoragePlugin
+
+from recorders.containers.opening import open_as_it_is, open_log
+from recorders.conversion.config import ConvertConfig
+from recorders.conversion.convert import convert
+from recorders.errors import ConfigError, LogError
+from recorders.messages.message_types import PoseStamped, String
+from recorders.reading.parts import find_log
+from recorders.reading.reader import LogReader
+from recorders.recovery.log_info import summarise
+from recorders.writing.writer import LogWriter
+
+WRITTEN = {
+    "cdr": lambda folder: bags.cdr_mcap(folder / "cdr.mcap"),
+    "db3": lambda folder: bags.bag_folder(folder / "bag"),
+    "ros1": lambda folder: bags.ros1_bag(folder / "log.bag", compression="LZ4"),
+    "json": lambda folder: bags.foxglove_json(folder / "json.mcap"),
+}
+
+
+@pytest.fixture(scope="module")
+def written(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("written")
+    return {name: write(folder) for name, write in WRITTEN.items()}
+
+
+def as_mcap_reads(path):
+    with path.open("rb") as file:
+        return [
+            (channel.topic, channel.message_encoding, schema.name, schema.encoding, message.data, message.log_time)
+            for schema, channel, message in make_reader(file, validate_crcs=True).iter_messages()
+        ]
+
+
+def ours(path, out=None, **config):
+    """Convert and return what was written."""
+    out = out or path.parent / "out.mcap"
+    convert([path], out, ConvertConfig(**config), overwrite=True)
+    return list(LogReader(out))
+
+
+def long_log(path, rows):
+    with LogWriter(path, manifest={"robot": "asimo"}, attachments={"robot.urdf": b"<robot/>"}) as writer:
+        for topic, message, time_ns in rows:
+            writer.write(topic, message, log_time_ns=time_ns)
+    return path
+
+
+@pytest.mark.parametrize("name", WRITTEN)
+def test_bytes_encodings_and_times_stay_and_the_file_is_sound(written, name, tmp_path):
+    out = tmp_path / "out.mcap"
+    result = convert([written[name]], out)
+    source = open_as_it_is(written[name])
+    channels = {channel.topic: channel for channel in source.channels}
+    expected = [
+        (
+            record.topic,
+            channels[record.topic].encoding,
+            record.type,
+            channels[record.topic].schema[1],
+            record.data,
+            record.log_time_ns,
+        )
+        for record in source
+    ]
+    assert as_mcap_reads(out) == expected
+    assert list(LogReader(out)) == list(source)
+    assert result.counts == Counter(source.counts)
+    summary = summarise(out)
+    assert summary.sound
+    assert summary.protected
+    assert summary.content_holds
+    assert {record.topic for record in LogReader(out)} == {bags.JOINTS, bags.POSE, bags.ODOMETRY, bags.TF}
+    assert [(record.topic, record.data) for record in open_log(out)] == [
+        (record.topic, record.data) for record in open_log(written[name])
+    ]
+
+
+def test_the_same_recordings_give_the_same_file_wherever_they_are(written, tmp_path):
+    again = bags.ros1_bag(tmp_path / "log.bag", compression="LZ4")
+    for number, source in enumerate((written["ros1"], again, again)):
+        convert([source], tmp_path / f"{number}.mcap")
+    first, second, third = ((tmp_path / f"{number}.mcap").read_bytes() for number in range(3))
+    assert first == second == third
+
+
+def test_the_manifest_names_the_digest_of_every_file(written, tmp_path):
+    convert([written["db3"], written["cdr"]], tmp_path / "out.mcap", ConvertConfig(topics=frozenset([bags.POSE])))
+    stated = LogReader(tmp_path / "out.mcap").manifest["converted"]
+    files = [written["db3"] / "metadata.yaml", written["db3"] / "bag.db3", written["cdr"]]
+    found = [(file["name"], file["sha256"]) for source in stated["sources"] for file in source["files"]]
+    assert found == [(path.name, hashlib.sha256(path.read_bytes()).hexdigest()) for path in files]
+    assert stated["topics"] == [bags.POSE]
+
+
+def test_several_recordings_are_merged_by_log_time(written, tmp_path):
+    names = {bags.JOINTS: "/a/joints", bags.POSE: "/a/pose", bags.TF: "/a/tf", bags.ODOMETRY: "/a/odom"}
+    ours(written["db3"], tmp_path / "other.mcap", renames=names)
+    convert([tmp_path / "other.mcap", written["ros1"]], tmp_path / "out.mcap")
+    found = list(LogReader(tmp_path / "out.mcap"))
+    assert len(found) == 2 * 130
+    assert [record.log_time_ns for record in found] == sorted(record.log_time_ns for record in found)
+    encodings = {channel.topic: channel.encoding for channel in LogReader(tmp_path / "out.mcap").channels}
+    assert encodings == dict.fromkeys(names.values(), "cdr") | dict.fromkeys(names, "ros1")
+
+
+def test_topics_slices_and_names_are_chosen(written, tmp_path):
+    whole = list(open_as_it_is(written["cdr"]))
+    chosen = ours(written["cdr"], tmp_path / "a.mcap", topics=frozenset(["/t*"]), renames={bags.TF: "/moved"})
+    names = {bags.TF: "/moved"}
+    expected = [record for record in whole if record.topic in (bags.POSE, bags.TF)]
+    assert chosen == [record._replace(topic=names.get(record.topic, record.topic)) for record in expected]
+    first_ns = whole[0].log_time_ns
+    sliced = ours(written["cdr"], tmp_path / "b.mcap", start_ns=50_000_000, end_ns=100_000_000)
+    assert sliced == [r for r in whole if first_ns + 50_000_000 <= r.log_time_ns < first_ns + 100_000_000]
+
+
+@pytest.mark.parametrize("compression", ["lz4", "zstd", "none"])
+def test_chunks_are_compressed_anew(written, tmp_path, compression):
+    assert ours(written["cdr"], tmp_path / "out.mcap", compression=compression) == list(LogReader(written["cdr"]))
+    assert set(summarise(tmp_path / "out.mcap").survey.chunks) == {"" if compression == "none" else compression}
+
+
+@pytest.mark.parametrize("limit", [{"split_ns": 100_000_000}, {"split_bytes": 1}])
+def test_a_split_is_one_session(tmp_path, limit):
+    rows = [("/notes", String("n" * 70_000), step * 10_000_000) for step in range(50)]
+    source = long_log(tmp_path / "whole.mcap", rows)
+    result = convert([source], tmp_path / "parts.mcap", ConvertConfig(**limit))
+    assert len(result.paths) > 2
+    assert all(path.is_file() for path in result.paths)
+    assert list(open_log(find_log(tmp_path / "parts.mcap"))) == list(LogReader(source))
+    if "split_ns" in limit:
+        for path in result.paths:
+            times = [record.log_time_ns for record in LogReader(path)]
+            assert max(times) - min(times) < limit["split_ns"]
+    for path in result.paths[1:]:
+        path.rename(path.with_name("away"))
+        with pytest.raises(LogError, match="missing"):
+            find_log(tmp_path / "parts.mcap")
+        path.with_name("away").rename(path)
+    with pytest.raises(LogError, match="exists"):
+        convert([source], tmp_path / "parts.mcap", ConvertConfig(**limit))
+    convert([source], tmp_path / "parts.mcap", ConvertConfig(split_ns=300_000_000), overwrite=True)
+    assert len(list(tmp_path.glob("parts_*"))) == 2  # none of the former is left
+    assert list(open_log(find_log(tmp_path / "parts.mcap"))) == list(LogReader(source))
+
+
+def test_attachments_metadata_and_manifest_come_along(tmp_path):
+    rows = [("/notes", String(str(step)), step) for step in range(3)]
+    convert([long_log(tmp_path / "ours.mcap", rows)], tmp_path / "out.mcap")
+    reader = LogReader(tmp_path / "out.mcap")
+    assert reader.attachments == ("robot.urdf",)
+    assert reader.attachment("robot.urdf") == b"<robot/>"
+    assert reader.manifest["robot"] == "asimo"
+    assert reader.manifest["messages"] == 3
+    with (tmp_path / "others.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        writer.add_metadata("place", {"room": "4"})
+        writer.add_attachment(5, 6, "notes.txt", "text/plain", b"x" * 20_000_000)
+        channel = writer.register_channel("/x", "", 0)
+        writer.add_message(channel, 7, b"1", 7, 9)
+        writer.finish()  # type: ignore[no-untyped-call]
+    convert([tmp_path / "others.mcap", tmp_path / "out.mcap"], tmp_path / "both.mcap")
+    reader = LogReader(tmp_path / "both.mcap")
+    assert dict(reader.metadata)["place"] == {"room": "4"}
+    assert reader.attachments == ("notes.txt", "robot.urdf")
+    assert reader.attachment("notes.txt") == b"x" * 20_000_000
+    assert [record for record in reader if record.topic == "/x"] == list(LogReader(tmp_path / "others.mcap"))
+    assert "robot" not in reader.manifest  # not of all recordings
+
+
+def test_a_log_of_ours_keeps_its_order_unless_it_is_sorted(tmp_path):
+    times = [5, 3, 4, 1]
+    source = long_log(tmp_path / "ours.mcap", [("/notes", String(str(time)), time) for time in times])
+    assert [record.log_time_ns for record in ours(source)] == times
+    assert [record.log_time_ns for record in ours(source, sort=True)] == sorted(times)
+
+
+def test_large_messages_stand_beside_the_chunks(tmp_path):
+    path = tmp_path / "large.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        channel = writer.register_channel("/x", "", 0)
+        for step, size in enumerate((10, 20_000_000, 30, 17_000_000, 17_000_000, 5)):
+            writer.add_message(channel, step, bytes([step]) * size, step, step)
+        writer.finish()  # type: ignore[no-untyped-call]
+    assert ours(path) == list(LogReader(path))
+    assert summarise(tmp_path / "out.mcap").sound
+
+
+def test_bags_without_definitions_get_those_of_ros(tmp_path):
+    source = bags.bag_folder(tmp_path / "bag", count=2) / "bag.db3"
+    import sqlite3
+
+    with sqlite3.connect(source) as connection:
+        connection.execute("DROP TABLE message_definitions")
+    connection.close()
+    ours(source, tmp_path / "out.mcap")
+    with (tmp_path / "out.mcap").open("rb") as file:
+        schemas = {schema.name: schema.data for schema in make_reader(file).get_summary().schemas.values()}
+    assert b"geometry_msgs/Pose pose" in schemas[PoseStamped.TYPE]
+
+
+def complaint(error, sources, out, **config):
+    with pytest.raises(error) as caught:
+        convert(sources, out, ConvertConfig(**config))
+    assert "\n" not in str(caught.value)
+    assert not out.exists() or out in sources
+    assert not list(out.parent.glob("*.part"))
+    return str(caught.value)
+
+
+def test_bad_input_is_one_line_and_leaves_no_file(written, tmp_path):
+    out = tmp_path / "out.mcap"
+    empty = bags.bag_folder(tmp_path / "empty", count=0)
+    assert "expected messages in" in complaint(LogError, [empty], out)
+    assert "expected messages in the slice" in complaint(LogError, [written["db3"]], out, start_ns=10**12)
+    line = complaint(LogError, [written["db3"], written["ros1"]], out)
+    assert "expected messages of one type, found sensor_msgs/msg/JointState in cdr and sensor_msgs/" in line
+    assert "no topic /nobody" in complaint(LogError, [written["db3"]], out, topics=frozenset(["/nobody"]))
+    assert "no topic /nobody" in complaint(ConfigError, [written["db3"]], out, renames={"/nobody": "/x"})
+    line = complaint(ConfigError, [written["db3"]], out, renames={bags.POSE: bags.TF})
+    assert "each topic under a name of its own" in line
+    text = tmp_path / "text.bag"
+    text.write_text("not a log")
+    assert "text.bag: expected an MCAP file" in complaint(LogError, [text], out)
+    missing = bags.bag_folder(tmp_path / "missing", storage=StoragePlugin.MCAP, count=1)
+    (missing / "missing.mcap").unlink()
+    with pytest.raises(LogError, match=r"missing.mcap missing: expected the 1 files"):
+        find_log(missing)
+    source = long_log(tmp_path / "ours.mcap", [("/notes", String("x"), 1)])
+    assert "is one of the recordings" in complaint(LogError, [source], source)
+    with pytest.raises(ConfigError, match="--compression: expected one of"):
+        ConvertConfig(compression="rar")
+
+
+def test_a_recording_that_is_cut_off_leaves_no_file(tmp_path):
+    rows = [("/notes", String("n" * 1000), step) for step in range(3000)]
+    source = long_log(tmp_path / "ours.mcap", rows)
+    data = source.read_bytes()
+    source.write_bytes(data[: len(data) // 2])
+    complaint(LogError, [source], tmp_path / "out.mcap")
+    complaint(LogError, [source], tmp_path / "out.mcap", split_bytes=1)
+
+
+def test_a_topic_of_two_types_in_one_recording(tmp_path):
+    path = tmp_path / "two.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        for step, name in enumerate(("std_msgs/msg/String", "std_msgs/msg/Bool")):
+            channel = writer.register_channel("/x", "cdr", writer.register_schema(name, "ros2msg", b"string data"))
+            writer.add_message(channel, step, bytes(8), step)
+        writer.finish()  # type: ignore[no-untyped-call]
+    line = complaint(LogError, [path], tmp_path / "out.mcap")
+    assert "/x: expected messages of one type, found std_msgs/msg/String in cdr and std_msgs/msg/Bool in cdr" in line
+
+
+def test_order_of_messages_of_one_time_is_that_of_the_recordings(tmp_path):
+    sources = [
+        long_log(tmp_path / f"{name}.mcap", [(f"/{name}", PoseStamped(1, np.zeros(3)), 7)] * 3) for name in "abc"
+    ]
+    convert(sources[::-1], tmp_path / "out.mcap")
+    assert [record.topic for record in LogReader(tmp_path / "out.mcap")] == ["/c"] * 3 + ["/b"] * 3 + ["/a"] * 3
