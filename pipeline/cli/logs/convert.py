@@ -58,8 +58,8 @@ def convert(
 ) -> None:
     """Write recordings of any kind to MCAP.
 
-    They are merged by log time, sliced, chosen by topic, renamed and split as asked for. Messages keep their bytes and encodings; the same recordings give the same file, to the byte. The manifest names
-    each file with its SHA-256.
+    They are merged by log time, sliced, chosen by topic, renamed and split as asked for. Messages keep their bytes and
+    encodings; the same recordings give the same file, to the byte. The manifest names each file with its SHA-256.
     """
     from recorders.conversion.convert import convert as run
     from recorders.reading.parts import recordings as find_recordings
