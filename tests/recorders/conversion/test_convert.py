@@ -170,7 +170,7 @@ def test_attachments_metadata_and_manifest_come_along(tmp_path):
         writer.add_attachment(5, 6, "notes.txt", "text/plain", b"x" * 20_000_000)
         channel = writer.register_channel("/x", "", 0)
         writer.add_message(channel, 7, b"1", 7, 9)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     convert([tmp_path / "others.mcap", tmp_path / "out.mcap"], tmp_path / "both.mcap")
     reader = LogReader(tmp_path / "both.mcap")
     assert dict(reader.metadata)["place"] == {"room": "4"}
@@ -195,7 +195,7 @@ def test_large_messages_stand_beside_the_chunks(tmp_path):
         channel = writer.register_channel("/x", "", 0)
         for step, size in enumerate((10, 20_000_000, 30, 17_000_000, 17_000_000, 5)):
             writer.add_message(channel, step, bytes([step]) * size, step, step)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     assert ours(path) == list(LogReader(path))
     assert summarise(tmp_path / "out.mcap").sound
 
@@ -263,7 +263,7 @@ def test_a_topic_of_two_types_in_one_recording(tmp_path):
         for step, name in enumerate(("std_msgs/msg/String", "std_msgs/msg/Bool")):
             channel = writer.register_channel("/x", "cdr", writer.register_schema(name, "ros2msg", b"string data"))
             writer.add_message(channel, step, bytes(8), step)
-        writer.finish()  # type: ignore[no-untyped-call]
+        writer.finish()
     line = complaint(LogError, [path], tmp_path / "out.mcap")
     assert "/x: expected messages of one type, found std_msgs/msg/String in cdr and std_msgs/msg/Bool in cdr" in line
 
