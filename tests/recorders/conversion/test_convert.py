@@ -67,7 +67,7 @@ def test_bytes_encodings_and_times_stay_and_the_file_is_sound(written, name, tmp
             record.topic,
             channels[record.topic].encoding,
             record.type,
-            channels[record.topic].schema[1],
+            (channels[record.topic].schema or ("", "", b""))[1],
             record.data,
             record.log_time_ns,
         )
