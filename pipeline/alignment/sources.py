@@ -83,7 +83,7 @@ class TopicChoice:
         found = {ours: self._named(ours) for ours in wanted if ours != SAMPLE_JOINTS}
         hands = [] if None in found.values() else [(topic or "", ours) for ours, topic in found.items()]
         sources = [Source(topic, ours, pose_kind()) for topic, ours in hands]
-        joints = self._named(SAMPLE_JOINTS) or self._topic_with_joints()
+        joints = self._topic_of_joints()
         sources.append(Source(joints, SAMPLE_JOINTS, joints_kind(self._joints)))
         pivot = next((rank for rank, source in enumerate(sources) if is_target(source.ours)), 0 if hands else None)
         period_ns = config.period_ns
@@ -106,12 +106,16 @@ class TopicChoice:
             return mapped[0]
         return ours if ours in self._there and ours not in self._renames else None
 
-    def _topic_with_joints(self) -> str:
-        """Return the topic whose messages have all joints of the robot."""
+    def _topic_of_joints(self) -> str:
+        """Return the topic of the joints: as mapped, else `/joint_states`, else the one that has the robot's."""
+        if SAMPLE_JOINTS in self._renames.values():
+            return self._named(SAMPLE_JOINTS) or SAMPLE_JOINTS
         found = {topic: self._joints_of(topic) for topic, kind in self._there.items() if kind == JointState.TYPE}
         fitting = [topic for topic, names in found.items() if names is not None and names >= set(self._joints)]
-        if JOINT_STATES in fitting or len(fitting) == 1:
-            return JOINT_STATES if JOINT_STATES in fitting else fitting[0]
+        usually: tuple[str, ...] = (JOINT_STATES, SAMPLE_JOINTS, *(fitting if len(fitting) == 1 else ()))
+        for usual in usually:
+            if usual in fitting:
+                return usual
         if fitting:
             raise LogError(
                 f"{self._reader.path}: expected one topic with the joints of the robot, found {names_text(fitting)}; "

@@ -116,16 +116,12 @@ class Aligner:
         self.sources, self._config = tuple(sources), config
         self._period_ns, self._pivot, self._frames = period_ns, pivot, frames
         self._readers = [BlockReader(source.kind) for source in sources]
-        self._tracks = [Track(source.kind.size, turns=source.turns) for source in sources]
         self._ranks = {source.topic: rank for rank, source in enumerate(sources)}
         self._latencies = [config.latencies_ns.get(source.topic, 0) for source in sources]
         self._fixed: Mapping[int, Transform] = {
             rank: config.frames[source.topic] for rank, source in enumerate(sources) if source.topic in config.frames
         }
-        self._ahead_ns = NEVER
-        self._done_ns = NEVER
-        self._made_ns = NEVER
-        self._since = 0  # candidates since the latest tick that could not be made
+        self.begin()
         self.counts = [SourceCounts() for _ in sources]
         self.made = self.missed = 0
 
@@ -133,6 +129,23 @@ class Aligner:
     def topics(self) -> frozenset[str]:
         """Topics whose messages are wanted."""
         return frozenset((*self._ranks, *self._frames.topics))
+
+    def begin(self) -> None:
+        """Begin a cycle: stamps start anew, and what waits is forgotten."""
+        self._tracks = [Track(source.kind.size, turns=source.turns) for source in self.sources]
+        self._ahead_ns = self._done_ns = self._made_ns = NEVER
+        self._since = 0  # candidates since the latest tick, none of which could be made
+
+    @property
+    def next_ns(self) -> int | None:
+        """When the next tick may be, as far as is known [ns]; None if nothing is."""
+        if self._period_ns is not None:
+            if self._done_ns == NEVER:
+                return NEVER if any(len(track.stamps_ns) for track in self._tracks) else None
+            return (self._done_ns // self._period_ns + 1) * self._period_ns
+        stamps = self._tracks[self._pivot].stamps_ns
+        later = stamps[stamps > self._done_ns]
+        return int(later[0]) if len(later) else None
 
     def feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
         """Take in messages, in order of arrival, and return the ticks that they complete; others are passed over."""
@@ -235,7 +248,7 @@ class Aligner:
         else:
             skipped = np.diff(np.flatnonzero(near), prepend=-1 - self._since) - 1
             cuts = (skipped > 0) | (apart > max(_PAUSES * self._config.tolerance_ns, _PAUSE_NS))
-        if not self.made:
+        if self._made_ns == NEVER:
             cuts[0] = False
             skipped[0] = 0
         values = tuple(

@@ -10,11 +10,15 @@ import pytest
 from more_hands import ONE, write_robot
 from sessions import write_foreign
 
+from pipeline.alignment.aligned_log import AlignedLog
+from pipeline.alignment.config import AlignmentConfig
+from pipeline.alignment.live import LiveAligner
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
 from recorders.cdr.codec import encode
+from recorders.containers.opening import open_log
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.writing.writer import LogWriter
@@ -106,10 +110,6 @@ def test_ticks_are_those_of_the_tracker(log: Path, trained: Any) -> None:
 
 def test_what_is_aligned_may_be_written_and_trained(log: Path, robot: Path, trained: Any, tmp_path: Path) -> None:
     """The ticks as a log of their own come to the same digests, with the cuts between episodes."""
-    from pipeline.alignment.aligned_log import AlignedLog
-    from pipeline.alignment.config import AlignmentConfig
-    from recorders.containers.opening import open_log
-
     whole = recording(robot)
     holed = write_foreign(
         tmp_path / "holed.mcap", [r for r in whole if not 3 * 10**9 < r.log_time_ns - START < 4 * 10**9]
@@ -134,6 +134,25 @@ def test_what_is_aligned_may_be_written_and_trained(log: Path, robot: Path, trai
     assert {key: again[key] for key in ("digest", "stream_digest", "ticks")} == {
         key: result[key] for key in ("digest", "stream_digest", "ticks")
     }
+
+
+@pytest.mark.parametrize("period_ns", [None, 20 * MS, 33_333_333])
+def test_live_ticks_are_those_of_the_file(robot: Path, period_ns: int | None) -> None:
+    """One by one, as they arrive, with a hole, and with latecomers."""
+    records = [r for r in recording(robot) if not 3 * 10**9 < r.log_time_ns - START < 4 * 10**9]
+    records[200:200] = records[100:120]
+    config = AlignmentConfig(period_ns=period_ns, latencies_ns={"/tracker": 7 * MS})
+    tick, renames = ("/hand/tip/measured", "/sample/joint_states"), {"/tracker": "/hand/tip/measured"}
+    log = write_foreign(robot.parent / "live.mcap", records)
+    aligner = LiveAligner(load_robot(robot), config, renames=renames, tick=tick)
+    live = [[*aligner.feed(record)] for record in open_log(log).records(file_order=True)]
+    made = [message for messages in live for message in messages]
+    by_file = AlignedLog(open_log(log), load_robot(robot), config=config, renames=renames, wanted=tick)
+    assert made == list(by_file)
+    assert max(map(len, live)) == (4 if period_ns == 20 * MS else 2)  # each tick as soon as it is complete
+    assert aligner.counts["unaligned"] == 20
+    aligner.begin()
+    assert [m for r in recording(robot)[:100] for m in aligner.feed(r)]  # stamps start anew
 
 
 def test_live_takes_the_same_ticks(log: Path, trained: Any) -> None:

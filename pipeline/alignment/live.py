@@ -1,0 +1,129 @@
+"""Alignment of messages as they arrive: the ticks that a recording of them has, as soon as each is complete."""
+
+from collections.abc import Mapping, Sequence
+
+from pipeline.alignment.aligned_log import own_frames
+from pipeline.alignment.blocks import joints_kind, pose_kind
+from pipeline.alignment.config import DEFAULT_PERIOD_NS, AlignmentConfig
+from pipeline.alignment.frames import StaticFrames
+from pipeline.alignment.rows import RowFormat
+from pipeline.alignment.ticks import Aligner, Source
+from pipeline.alignment.track import NEVER
+from pipeline.robot.config import RobotConfig
+from recorders.cdr.codec import stamp_ns
+from recorders.errors import ConfigError, MessageError
+from recorders.messages.message_types import JointState
+from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import JOINT_STATES, is_target, type_of
+from recorders.text.wording import names_text
+
+_MOST_WAITING = 512  # messages; they are aligned together, which changes nothing
+
+
+class LiveAligner:
+    """Aligns messages of a robot.
+
+    Topics that are not renamed to one of a tick are taken to be called as ours are, and joints `/joint_states`.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        Whose joints and hands they are.
+    config : AlignmentConfig
+        What is asked for.
+    renames : mapping of str to str
+        Our topic names for those that are published.
+    tick : sequence of str
+        Our names of the topics of a tick.
+
+    Attributes
+    ----------
+    topics : frozenset of str
+        Topics whose messages are wanted, by the names that they are published under.
+
+    Raises
+    ------
+    ConfigError
+        If the topic of the ticks is none of these.
+    """
+
+    def __init__(
+        self, robot: RobotConfig, config: AlignmentConfig, *, renames: Mapping[str, str], tick: Sequence[str]
+    ) -> None:
+        foreign = {ours: name for name, ours in renames.items()}
+        sources = [
+            Source(foreign.get(ours, JOINT_STATES), ours, joints_kind(robot.joints))
+            if type_of(ours) == JointState.TYPE
+            else Source(foreign.get(ours, ours), ours, pose_kind())
+            for ours in tick
+        ]
+        pivot = _pivot(sources, config)
+        self._period_ns = config.period_ns
+        if pivot is None:
+            self._period_ns, pivot = config.period_ns or DEFAULT_PERIOD_NS, len(sources) - 1
+        self._aligner = Aligner(
+            sources, config, period_ns=self._period_ns, pivot=pivot, frames=StaticFrames(own_frames(robot))
+        )
+        self._format = RowFormat(sources, robot.joints)
+        self._config, self._pivot = config, sources[pivot].topic
+        self._waiting: list[RecordedMessage] = []
+        self.topics = self._aligner.topics
+        self.begin()
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Ticks made and missed so far, and messages dropped."""
+        dropped = sum(counts.dropped.total() for counts in self._aligner.counts)
+        return {"aligned": self._aligner.made, "missed": self._aligner.missed, "unaligned": dropped}
+
+    def begin(self) -> None:
+        """Begin a cycle: stamps start anew."""
+        self._waiting.clear()
+        self._aligner.begin()
+        self._latest_ns = dict.fromkeys((source.topic for source in self._aligner.sources), NEVER)
+        self._due_ns: int | None = None
+
+    def feed(self, record: RecordedMessage) -> list[RecordedMessage]:
+        """Take in a message and return those of the ticks that it completes; on other topics it is passed over."""
+        if record.topic not in self.topics:
+            return []
+        self._waiting.append(record)
+        if record.topic in self._latest_ns:
+            stamp = self._stamp(record)
+            self._latest_ns[record.topic] = max(self._latest_ns[record.topic], stamp)
+            if self._due_ns is None and record.topic == self._pivot:
+                self._due_ns = stamp
+        if len(self._waiting) < _MOST_WAITING and not self._is_due():
+            return []
+        found = self._aligner.feed(self._waiting)
+        self._waiting.clear()
+        self._due_ns = self._aligner.next_ns
+        return [message for ticks in found for message in self._format.records(self._format.rows(ticks))]
+
+    def _is_due(self) -> bool:
+        """Whether a tick may be complete: what is sure is found out by the aligner."""
+        return self._due_ns is not None and min(self._latest_ns.values()) >= self._due_ns
+
+    def _stamp(self, record: RecordedMessage) -> int:
+        """Return the time that a message is of [ns], as far as its first bytes say."""
+        stamp: int | None = record.log_time_ns
+        if self._config.clock == "header":
+            try:
+                stamp = stamp_ns(JointState.TYPE, record.data)
+            except MessageError:
+                stamp = None
+        return NEVER if stamp is None else stamp - self._config.latencies_ns.get(record.topic, 0)
+
+
+def _pivot(sources: Sequence[Source], config: AlignmentConfig) -> int | None:
+    """Return the place of the source whose stamps are the ticks, None if there is none."""
+    if config.ticks_of is not None:
+        for rank, source in enumerate(sources):
+            if config.ticks_of in (source.topic, source.ours):
+                return rank
+        topics = names_text(source.topic for source in sources)
+        raise ConfigError(f"--ticks-of: expected one of {topics}, found {config.ticks_of}")
+    if config.period_ns is not None:
+        return None
+    hands = [rank for rank, source in enumerate(sources) if source.turns]
+    return next((rank for rank in hands if is_target(sources[rank].ours)), hands[0] if hands else None)
