@@ -15,7 +15,7 @@ from pipeline.learner.insight import KnowsDeviation
 from pipeline.motions.motion import is_recorded, load_motion
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.kinematics import Kinematics
-from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing, fitting_pairing
 from pipeline.samples.pairs import Samples, read_samples
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened, Reader
@@ -135,8 +135,13 @@ def evaluate_motion(
     if not isinstance(motion, str | Path) or is_recorded(motion):
         log = one_session([Path(motion)]) if isinstance(motion, str | Path) else motion
         reader = open_log(log)
-        pairs = trial_pairing(reader, robot.hand_names, renames).name
-        samples = read_samples(reader, robot=robot, pairs=pairs, renames=renames)
+        pairing = fitting_pairing(
+            trial_pairing(reader, robot.hand_names, renames),
+            robot.hand_names,
+            _topics(reader, renames),
+            where=str(reader.path),
+        )
+        samples = read_samples(reader, robot=robot, pairs=pairing.name, renames=renames)
         return evaluate_samples(controller, samples, name=reader.path.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, loaded.targets.reshape(len(loaded), -1), name=loaded.name, fitted=fitted)
@@ -154,8 +159,13 @@ def trial_pairing(log: Opened, hands: Sequence[str], renames: Mapping[str, str])
     renames : mapping of str to str
         Our topic names for those that the log uses.
     """
-    there = {renames.get(topic, topic) for topic, count in open_log(log).counts.items() if count}
+    there = _topics(open_log(log), renames)
     return find_pairing(REACHED if there.isdisjoint(map(hand_target, hands)) else COMMANDED)
+
+
+def _topics(reader: Reader, renames: Mapping[str, str]) -> set[str]:
+    """Return the topics of a log that have messages, by our names."""
+    return {renames.get(topic, topic) for topic, count in reader.counts.items() if count}
 
 
 def evaluate_samples(controller: Controller, samples: Samples, *, name: str, fitted: Samples | None = None) -> Trial:

@@ -72,12 +72,12 @@ def train(
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
     names: Mapping[str, str] = alignment.renames
     asked = pairing_of(learner, pairs)
-    pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     if as_recorded:
         alignment.refuse("--as-recorded")
     else:
-        tick = pairing.topics(recorded_hands(found[0], robot=config, renames=names))
+        tick = asked.topics(recorded_hands(found[0], robot=config, renames=names))
         found, names = alignment.align(found, robot=config, tick=tick)
+    pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     if as_live:
         source = _as_live(found[0], config, epochs or 1, names, pairing)
     else:
