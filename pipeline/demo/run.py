@@ -303,7 +303,7 @@ def _record(path: Path, controller: Controller, trial: Trial) -> None:
         joint_names=robot.joints,
         times_ns=np.arange(len(trial.targets)) * _DEPLOYMENT_PERIOD_NS,
         joints=trial.joints,
-        targets=trial.targets.reshape(trial.reached.shape),
+        targets=trial.asked,
         reached=trial.reached,
         title=f"learned controller on {trial.name}",
         plane=FrontalPlane(robot.lateral, robot.up),

@@ -10,16 +10,18 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.deployment.processes import served_robot
-from pipeline.evaluation.errors import HandErrors, hand_errors
+from pipeline.evaluation.errors import HandErrors, posture_errors
 from pipeline.exploration.episode import GuidedRun, MotionPlan, TargetHold
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
+from pipeline.robot.coordinates import to_inputs
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot.telemetry import hand_message
 from pipeline.robot_node.client import RemoteRobot
 from pipeline.teacher.teacher import Teacher
 from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, WireError
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.message_types import JointState
 from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, hand_target
 from recorders.ticks.joiner import JointMap
 from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
@@ -90,7 +92,7 @@ class Deployment:
     period_s : float
         How long each target was held [s].
     targets : ndarray
-        Hand positions asked for [m], shape (T, 3 hands).
+        What was asked for, shape (T, inputs).
     learned, teacher : DriveResult
         Path of the robot behind each of them.
     """
@@ -112,8 +114,11 @@ class Deployment:
         return self.teacher.errors.mean_cm
 
     def summary(self) -> dict[str, float]:
-        """Return both errors as plain JSON."""
-        return {"learned_cm": self.learned_cm, "teacher_cm": self.teacher_cm}
+        """Return both errors as plain JSON, and where the pose is controlled the angles by hand."""
+        result = {"learned_cm": self.learned_cm, "teacher_cm": self.teacher_cm}
+        for name, run in (("learned", self.learned), ("teacher", self.teacher)):
+            result |= {f"{name}_{hand}_deg": angle for hand, angle in run.errors.hands_deg.items()}
+        return result
 
 
 def deploy(
@@ -156,12 +161,12 @@ def deploy(
         learned = drive_learned(session, robot, targets, config=config, on_hold=done.step)
         taught = drive_with_teacher(robot, targets, config=config, on_hold=done.step)
         kinematics = Kinematics(robot.robot)
-    flat = targets.reshape(len(targets), -1)
+    flat = to_inputs(kinematics.robot, targets)
     runs = [
         DriveResult(
             joints,
             kinematics.hands_along(joints),
-            HandErrors.of(hand_errors(kinematics, joints, flat), robot.robot.hand_names),
+            posture_errors(kinematics, joints, flat),
         )
         for joints in (learned, taught)
     ]
@@ -185,8 +190,8 @@ def drive_learned(
         Reaches controller and robot.
     robot : RemoteRobot
         The robot, in lockstep.
-    targets : array, shape (T, hands, 3)
-        Hand targets [m].
+    targets : array, shape (T, hands, 3 or 7)
+        Hand targets by row.
     config : DeploymentConfig
         Rate and settling.
     namespace : str
@@ -210,7 +215,7 @@ def drive_learned(
         for target in _settled(targets, config):
             stamp_ns = robot.time_ns
             for topic, hand in zip(topics, target, strict=True):
-                producer.publish(topic, PoseStamped(stamp_ns, hand), log_time_ns=stamp_ns)
+                producer.publish(topic, hand_message(stamp_ns, hand), log_time_ns=stamp_ns)
             robot.advance(commands.answer(stamp_ns), config.period_ns)
             joints.append(robot.positions)
             on_hold()

@@ -10,15 +10,16 @@ from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
+from pipeline.robot.coordinates import POSITION_SIZE, to_inputs
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot.telemetry import hand_messages, joints_message
+from pipeline.robot.telemetry import hand_message, hand_messages, joints_message
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.served_controller import ServedController
 from pipeline.simulation.joint_offset import OffsetRobot
 from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ControllerError
-from recorders.messages.message_types import JointState, Message, PoseStamped
+from recorders.messages.message_types import JointState, Message
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SAMPLE_JOINTS, hand_target
 
@@ -76,7 +77,7 @@ def serve_passes(
     robot, offsets = robot_of(controller), np.zeros(len(controller.joints)) if offsets is None else offsets
     backend, kinematics = OffsetRobot(Simulation(robot), offsets), Kinematics(robot)
     served = ServedController(controller, config=ServingConfig(learn=learn))
-    targets, errors = motion.targets.reshape(len(motion), -1), []
+    targets, errors = to_inputs(robot, motion.targets), []
     for _ in range(passes):
         postures, reached = np.empty((len(motion), len(robot.joints))), np.empty(motion.targets.shape)
         for k, target in enumerate(motion.targets):
@@ -84,17 +85,17 @@ def serve_passes(
             backend.advance(command, period_ns)
             reached[k] = backend.hands()
             _measure(served, backend)
-        held = np.linalg.norm(reached - motion.targets, axis=2)
+        held = np.linalg.norm((reached - motion.targets)[..., :POSITION_SIZE], axis=2)
         settled = hand_errors(kinematics, postures - offsets, targets)
         errors.append(PassErrors(float(settled.mean()) * _CM_PER_M, float(held.mean()) * _CM_PER_M))
     return errors
 
 
 def _answer(served: ServedController, backend: RobotBackend, targets: Floats) -> Floats:
-    """Return the posture (n,) that a served controller commands for targets (hands, 3) [m]."""
+    """Return the posture (n,) that a served controller commands for targets by row."""
     command = None
     for name, target in zip(backend.robot.hand_names, targets, strict=True):
-        command = served.take(_record(hand_target(name), PoseStamped(backend.time_ns, target)))
+        command = served.take(_record(hand_target(name), hand_message(backend.time_ns, target)))
     if command is None:
         raise ControllerError(f"the targets at {backend.time_ns} ns were refused: {served.status()['last_refusal']}")
     served.settle()

@@ -9,6 +9,7 @@ import pinocchio
 from pipeline.arrays import Floats
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE
 from pipeline.robot.pinocchio_model import build_model, joint_index
 from pipeline.urdf.description import canonical
 from pipeline.urdf.model_names import link_name
@@ -36,7 +37,12 @@ class PinkGuide:
         self._idx_q = np.array([self._model.joints[joint_index(self._model, name)].idx_q for name in robot.joints])
         tasks = self._pink.tasks
         self._hands = [
-            tasks.FrameTask(link_name(hand.link), position_cost=1.0, orientation_cost=0.0, gain=STEP_SHARE)
+            tasks.FrameTask(
+                link_name(hand.link),
+                position_cost=1.0,
+                orientation_cost=0.0 if hand.orientation is None else 1.0,
+                gain=STEP_SHARE,
+            )
             for hand in robot.hands
         ]
         self._posture = tasks.PostureTask(cost=_POSTURE_COST)
@@ -46,10 +52,12 @@ class PinkGuide:
         """Take no notice: it follows its own commands."""
 
     def step(self, q: Floats, targets: Floats) -> Floats:
-        """Return the posture to command one period after commanding `q` (n,), for `targets` [m] (hands, 3)."""
+        """Return the posture to command one period after commanding `q` (n,), for `targets` by row."""
         configuration = self._pink.Configuration(self._model, self._model.createData(), self._whole(q))
         for task, target in zip(self._hands, targets, strict=True):
-            task.set_target(pinocchio.SE3(np.eye(3), target))
+            turned = pinocchio.Quaternion(target[POSITION_SIZE:]) if len(target) > POSITION_SIZE else None
+            rotation = np.eye(3) if turned is None else turned.normalized().toRotationMatrix()
+            task.set_target(pinocchio.SE3(rotation, target[:POSITION_SIZE]))
         period_s = self.period_ns / 1_000_000_000
         velocity = self._pink.solve_ik(configuration, [*self._hands, self._posture], period_s, solver="daqp")
         configuration.integrate_inplace(velocity, period_s)

@@ -16,6 +16,7 @@ from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import to_inputs
 from pipeline.robot.kinematics import Kinematics
 from pipeline.simulation.simulation import Simulation
 from pipeline.teacher.qp_config import QpTeacherConfig
@@ -142,11 +143,11 @@ class LearnedGuide:
         """Take no notice: nothing is learned."""
 
     def step(self, q: Floats, targets: Floats) -> Floats:
-        """Return the controller's posture for `targets` [m] (hands, 3)."""
+        """Return the controller's posture for `targets` by row."""
         if not self._begun:
-            self._learner.washout(targets.ravel(), steps=WASHOUT_STEPS)
+            self._learner.washout(to_inputs(self._robot, targets), steps=WASHOUT_STEPS)
             self._begun = True
-        outputs = self._learner.predict(targets.reshape(1, -1))[0]
+        outputs = self._learner.predict(to_inputs(self._robot, targets)[np.newaxis])[0]
         within: Floats = np.clip(outputs[-len(q) :], self._robot.lower, self._robot.upper)
         return within
 

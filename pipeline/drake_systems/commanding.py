@@ -1,5 +1,6 @@
 """Systems that lead a robot: hand targets and measured joints in, joint commands out."""
 
+import math
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
@@ -12,9 +13,10 @@ from pipeline.evaluation.errors import WASHOUT_STEPS
 from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import centre_rows, to_inputs
 
 HAND_TARGETS, MEASURED_JOINTS, JOINT_COMMANDS = "hand_targets", "measured_joints", "joint_commands"
-"""Names of the ports: of sizes 3 hands [m], n and n [rad or m]."""
+"""Names of the ports: of sizes 3 hands [m] (7 hands if the pose of one is controlled), n and n [rad or m]."""
 
 
 class SteppingTeacher(Protocol):
@@ -48,8 +50,8 @@ class TeacherSystem(SampledSystem[Floats]):
     def __init__(self, robot: RobotConfig, teacher: SteppingTeacher, *, start: Floats | None = None) -> None:
         super().__init__(teacher.period_ns)
         self._teacher, self._start = teacher, start
-        self._hands = len(robot.hands)
-        self._targets = self.DeclareVectorInputPort(HAND_TARGETS, 3 * self._hands)
+        self._shape = centre_rows(robot).shape
+        self._targets = self.DeclareVectorInputPort(HAND_TARGETS, math.prod(self._shape))
         self._measured = self.DeclareVectorInputPort(MEASURED_JOINTS, len(robot.joints))
         self.DeclareVectorOutputPort(JOINT_COMMANDS, len(robot.joints), self._command)
 
@@ -58,7 +60,7 @@ class TeacherSystem(SampledSystem[Floats]):
         posture = self._start if held is None else held
         if posture is None:
             posture = read(self._measured, context)
-        return self._teacher.step(posture, read(self._targets, context).reshape(self._hands, 3))
+        return self._teacher.step(posture, read(self._targets, context).reshape(self._shape))
 
     def _command(self, context: Context, out: Any) -> None:
         out.SetFromVector(self.held(context))
@@ -95,13 +97,14 @@ class ControllerSystem(SampledSystem[_Answer]):
         self._robot = robot_of(controller)
         self._learner = controller.learner()
         self._first = self._learner.state()
-        self._targets = self.DeclareVectorInputPort(HAND_TARGETS, 3 * len(self._robot.hands))
+        self._targets = self.DeclareVectorInputPort(HAND_TARGETS, centre_rows(self._robot).size)
         self.DeclareVectorInputPort(MEASURED_JOINTS, len(self._robot.joints))
         self.DeclareVectorOutputPort(JOINT_COMMANDS, len(self._robot.joints), self._command)
 
     def compute(self, context: Context, held: _Answer | None) -> _Answer:
         """Take a step from the state before it."""
-        u = read(self._targets, context)
+        rows = read(self._targets, context).reshape(centre_rows(self._robot).shape)
+        u = to_inputs(self._robot, rows)
         self._learner.load_state(self._first if held is None else held.state)
         if held is None:
             self._learner.washout(u, steps=WASHOUT_STEPS)

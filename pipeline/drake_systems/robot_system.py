@@ -9,9 +9,10 @@ from pipeline.arrays import Floats
 from pipeline.drake_systems.commanding import JOINT_COMMANDS, MEASURED_JOINTS
 from pipeline.drake_systems.sampled import SampledSystem, read
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import centre_rows
 from pipeline.robot.resolution import on_grid
 from pipeline.simulation.servos import DrakePlant, Gains, add_servos, known_forces
-from pipeline.simulation.simulation import SimulationConfig, next_demand, servo_gains
+from pipeline.simulation.simulation import SimulationConfig, hand_rows, next_demand, servo_gains
 from recorders.errors import RobotError
 
 MEASURED_VELOCITIES, MEASURED_HANDS = "measured_velocities", "measured_hands"
@@ -128,7 +129,7 @@ class SensorSystem(LeafSystem):
         n = len(robot.joints)
         self.DeclareVectorOutputPort(MEASURED_JOINTS, n, self._positions)
         self.DeclareVectorOutputPort(MEASURED_VELOCITIES, n, self._velocities)
-        self.DeclareVectorOutputPort(MEASURED_HANDS, 3 * len(robot.hands), self._hands)
+        self.DeclareVectorOutputPort(MEASURED_HANDS, centre_rows(robot).size, self._hands)
 
     def _positions(self, context: Context, out: Any) -> None:
         q, _ = np.split(read(self._state_port, context)[self._joints.x], 2)
@@ -142,5 +143,4 @@ class SensorSystem(LeafSystem):
         plant: Any = self._joints.plant
         plant.SetPositionsAndVelocities(self._context, read(self._state_port, context))
         poses = [plant.EvalBodyPoseInWorld(self._context, body) for body in self._bodies]
-        hands = np.concatenate([pose.translation() for pose in poses])
-        out.SetFromVector(on_grid(hands, self._robot.resolution.hands))
+        out.SetFromVector(on_grid(hand_rows(self._robot, poses), self._robot.resolution.hands).ravel())

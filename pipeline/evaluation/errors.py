@@ -1,34 +1,38 @@
-"""Distances of the hands from their targets (eq. 10 of the paper), for a learner, the teacher and a linear baseline."""
+"""Errors of the hands: distances from their targets (eq. 10 of the paper), and turns where the pose is controlled."""
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from types import MappingProxyType
 from typing import Protocol
 
 import numpy as np
 
 from pipeline.arrays import Floats
+from pipeline.robot.coordinates import positions_of, turns_of
 from pipeline.robot.kinematics import Kinematics
+from pipeline.rotations import turns_between
 from recorders.errors import ConfigError
 
 WASHOUT_STEPS = 10
 """The first target is held this long before a test; ten steps bring the network as far as a full cycle does."""
 
 _CM_PER_M = 100.0
+_NO_TURNS: Mapping[str, Floats] = MappingProxyType({})
 
 
 class Predictor(Protocol):
     """Learner in the seeded state of a test, which can be evaluated."""
 
     def washout(self, u0: Floats, *, steps: int) -> None:
-        """Hold one target [m], shape (3 hands,), for some steps."""
+        """Hold one target, shape (inputs,), for some steps."""
 
     def predict(self, u: Floats) -> Floats:
-        """Return outputs, shape (T, outputs), for targets [m], shape (T, 3 hands); nothing is learned."""
+        """Return outputs, shape (T, outputs), for targets, shape (T, inputs); nothing is learned."""
 
 
 @dataclass(frozen=True)
 class HandErrors:
-    """Distances of the hands from their targets over a motion, in cm.
+    """Distances of the hands from their targets over a motion, in cm, and angles where the pose is controlled.
 
     Attributes
     ----------
@@ -40,6 +44,8 @@ class HandErrors:
         Mean over time and maximum of each hand, by its name, in the robot's order.
     samples : int
         How many.
+    hands_deg, hands_max_deg : dict of str to float
+        Mean over time and maximum of the angle between orientation and target [degrees], where the pose is controlled.
     """
 
     mean_cm: float
@@ -47,10 +53,12 @@ class HandErrors:
     hands_cm: dict[str, float]
     hands_max_cm: dict[str, float]
     samples: int
+    hands_deg: dict[str, float] = field(default_factory=dict)
+    hands_max_deg: dict[str, float] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, errors: Floats, hands: Sequence[str]) -> "HandErrors":
-        """Summarise errors [m] of some hands, shape (T, hands).
+    def of(cls, errors: Floats, hands: Sequence[str], turns: Mapping[str, Floats] = _NO_TURNS) -> "HandErrors":
+        """Summarise errors [m] of some hands, shape (T, hands), and angles [rad], shape (T,), of some of them.
 
         Raises
         ------
@@ -64,13 +72,17 @@ class HandErrors:
             hands_cm=dict(zip(hands, (errors.mean(axis=0) * _CM_PER_M).tolist(), strict=True)),
             hands_max_cm=dict(zip(hands, (errors.max(axis=0) * _CM_PER_M).tolist(), strict=True)),
             samples=len(errors),
+            hands_deg={hand: float(np.degrees(angles.mean())) for hand, angles in turns.items()},
+            hands_max_deg={hand: float(np.degrees(angles.max())) for hand, angles in turns.items()},
         )
 
     def to_dict(self) -> dict[str, float]:
-        """Return the errors as JSON has them, those of a hand as `NAME_cm` and `NAME_max_cm`."""
+        """Return the errors as JSON has them: of a hand `NAME_cm`, `NAME_max_cm`, `NAME_deg` and `NAME_max_deg`."""
         means = {f"{hand}_cm": error_cm for hand, error_cm in self.hands_cm.items()}
         worst = {f"{hand}_max_cm": error_cm for hand, error_cm in self.hands_max_cm.items()}
-        return {"mean_cm": self.mean_cm, "max_cm": self.max_cm, **means, **worst, "samples": self.samples}
+        turns = {f"{hand}_deg": angle for hand, angle in self.hands_deg.items()}
+        turns |= {f"{hand}_max_deg": angle for hand, angle in self.hands_max_deg.items()}
+        return {"mean_cm": self.mean_cm, "max_cm": self.max_cm, **means, **worst, **turns, "samples": self.samples}
 
 
 def check_errors(errors: Floats) -> None:
@@ -88,8 +100,8 @@ def hand_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> Floa
         Forward kinematics F of the robot.
     joints : ndarray, shape (T, n)
         Postures [rad or m].
-    targets : ndarray, shape (T, 3 hands)
-        Positions asked for [m], hand by hand.
+    targets : ndarray, shape (T, inputs)
+        What is asked for, hand by hand; the positions count [m].
 
     Returns
     -------
@@ -98,7 +110,32 @@ def hand_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> Floa
     """
     reached = kinematics.hands_along(joints)  # (T, hands, 3)
     with np.errstate(over="ignore", invalid="ignore"):
-        return np.asarray(np.linalg.norm(reached - targets.reshape(reached.shape), axis=2))
+        return np.asarray(np.linalg.norm(reached - positions_of(kinematics.robot, targets), axis=2))
+
+
+def turn_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> dict[str, Floats]:
+    """Return the angles [rad], shape (T,), between orientation and target, by hand whose pose is controlled.
+
+    Parameters
+    ----------
+    kinematics : Kinematics
+        Forward kinematics of the robot.
+    joints : ndarray, shape (T, n)
+        Postures [rad or m].
+    targets : ndarray, shape (T, inputs)
+        What is asked for, hand by hand.
+    """
+    if not (asked := turns_of(kinematics.robot, targets)):
+        return {}
+    reached = turns_of(kinematics.robot, kinematics.inputs_along(joints))
+    return {hand: turns_between(reached[hand], turns) for hand, turns in asked.items()}
+
+
+def posture_errors(kinematics: Kinematics, joints: Floats, targets: Floats) -> HandErrors:
+    """Return the errors of postures (T, n) on targets (T, inputs); raises ConfigError as `HandErrors.of` does."""
+    errors = hand_errors(kinematics, joints, targets)
+    check_errors(errors)
+    return HandErrors.of(errors, kinematics.robot.hand_names, turn_errors(kinematics, joints, targets))
 
 
 def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) -> Floats:
@@ -108,8 +145,8 @@ def predicted_joints(predictor: Predictor, targets: Floats, joint_count: int) ->
     ----------
     predictor : Predictor
         In the state that the test starts from.
-    targets : ndarray, shape (T, 3 hands)
-        The motion [m].
+    targets : ndarray, shape (T, inputs)
+        The motion.
     joint_count : int
         How many of the outputs, from the end, are joints.
 
@@ -128,17 +165,17 @@ def linear_joints(targets: Floats, joints: Floats, *, asked: Floats) -> Floats:
 
     Parameters
     ----------
-    targets : ndarray, shape (T, 3 hands)
-        Of the samples that it is fitted to [m].
+    targets : ndarray, shape (T, inputs)
+        Of the samples that it is fitted to.
     joints : ndarray, shape (T, n)
         Of the same samples [rad or m].
-    asked : ndarray, shape (S, 3 hands)
-        What it is to answer [m].
+    asked : ndarray, shape (S, inputs)
+        What it is to answer.
 
     Returns
     -------
     ndarray, shape (S, n)
     """
     centre, comfort = targets.mean(axis=0), joints.mean(axis=0)
-    coefficients, *_ = np.linalg.lstsq(targets - centre, joints - comfort, rcond=None)  # (3 hands, n)
+    coefficients, *_ = np.linalg.lstsq(targets - centre, joints - comfort, rcond=None)  # (inputs, n)
     return np.asarray((asked - centre) @ coefficients + comfort)

@@ -9,11 +9,12 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints, predicted_joints
+from pipeline.evaluation.errors import HandErrors, linear_joints, posture_errors, predicted_joints
 from pipeline.learner.controller import Controller
 from pipeline.learner.insight import KnowsDeviation
 from pipeline.motions.motion import is_recorded, load_motion
 from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.coordinates import positions_of, to_inputs
 from pipeline.robot.kinematics import Kinematics
 from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing, fitting_pairing
 from pipeline.samples.pairs import Samples, read_samples
@@ -38,7 +39,9 @@ class Trial:
     ----------
     name : str
     targets : ndarray
-        Hand positions asked for [m], shape (T, 3 hands).
+        What is asked for, shape (T, inputs): positions [m], and turns [rad] where the pose is controlled.
+    asked : ndarray
+        The positions among them [m], shape (T, hands, 3).
     joints : ndarray
         Postures answered [rad or m], shape (T, n).
     reached : ndarray
@@ -57,6 +60,7 @@ class Trial:
 
     name: str
     targets: Floats
+    asked: Floats
     joints: Floats
     reached: Floats
     errors: HandErrors
@@ -67,7 +71,7 @@ class Trial:
     @property
     def distances(self) -> Floats:
         """Distances of the hands from their targets [m], shape (T, hands)."""
-        return np.asarray(np.linalg.norm(self.reached - self.targets.reshape(self.reached.shape), axis=2))
+        return np.asarray(np.linalg.norm(self.reached - self.asked, axis=2))
 
     def summary(self) -> dict[str, Any]:
         """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""
@@ -76,6 +80,7 @@ class Trial:
             if errors is not None:
                 result[f"{name}_cm"] = errors.mean_cm
                 result |= {f"{name}_{hand}_cm": error_cm for hand, error_cm in errors.hands_cm.items()}
+                result |= {f"{name}_{hand}_deg": angle for hand, angle in errors.hands_deg.items()}
         if self.deviations is not None:
             result["deviation_cm"] = float(self.deviations.mean() * 100.0)
             result["within_deviation"] = float((self.distances <= self.deviations).mean())
@@ -144,7 +149,7 @@ def evaluate_motion(
         samples = read_samples(reader, robot=robot, pairs=pairing.name, renames=renames)
         return evaluate_samples(controller, samples, name=reader.path.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
-    return _try(controller, loaded.targets.reshape(len(loaded), -1), name=loaded.name, fitted=fitted)
+    return _try(controller, to_inputs(robot, loaded.targets), name=loaded.name, fitted=fitted)
 
 
 def trial_pairing(log: Opened, hands: Sequence[str], renames: Mapping[str, str]) -> PairingRule:
@@ -198,11 +203,12 @@ def _try(
 
     def errors(postures: Floats) -> HandErrors:
         """Return the errors of postures."""
-        return HandErrors.of(hand_errors(kinematics, postures, targets), kinematics.robot.hand_names)
+        return posture_errors(kinematics, postures, targets)
 
     return Trial(
         name=name,
         targets=targets,
+        asked=positions_of(kinematics.robot, targets),
         joints=joints,
         reached=kinematics.hands_along(joints),
         errors=errors(joints),

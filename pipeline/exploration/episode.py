@@ -11,6 +11,7 @@ from pipeline.exploration.joint_noise import joint_noise
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import ResettableRobot, RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE
 from pipeline.robot.resolution import on_grid
 from pipeline.robot.telemetry import TopicMessage, command_message, tick_messages
 from pipeline.seeding import uniforms
@@ -53,7 +54,7 @@ class ExplorationConfig:
 
 
 class TargetHold(NamedTuple):
-    """A target (2, 3) [m] that is held for a while."""
+    """Targets of all hands, by row, that are held for a while."""
 
     target: Floats
     duration_ns: int
@@ -67,7 +68,7 @@ class MotionPlan:
     ----------
     settling, holds : sequence of TargetHold
     closing : ndarray
-        Target of the last tick [m], shape (hands, 3): the first one of a closed motion, the last one of an open one.
+        Targets of the last tick, by row: the first ones of a closed motion, the last ones of an open one.
     """
 
     settling: Sequence[TargetHold]
@@ -130,7 +131,7 @@ class Guide(Protocol):
         ...
 
     def step(self, q: Floats, targets: Floats) -> Floats:
-        """Return the posture to command next, one period after commanding `q` (n,), for `targets` [m] (hands, 3)."""
+        """Return the posture to command next, one period after commanding `q` (n,), for `targets` by row."""
         ...
 
 
@@ -243,7 +244,8 @@ class GuidedRun:
         for hold in plan.holds:
             yield from self._tick(hold.target)
             yield from self._drive(hold, self._noise)
-            self._errors_m.extend(np.linalg.norm(self._backend.hands() - hold.target, axis=1).tolist())
+            missed = (self._backend.hands() - hold.target)[:, :POSITION_SIZE]
+            self._errors_m.extend(np.linalg.norm(missed, axis=1).tolist())
             if self._is_done():
                 last = hold.target
                 break

@@ -8,18 +8,22 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.arrays import Floats
 from pipeline.exploration.episode import ExplorationConfig, GuidedRun, MotionPlan, TargetHold, start_posture
 from pipeline.exploration.leader import Leader, leader_of, make_guide
 from pipeline.robot.config import RobotConfig, load_robot, robot_names
+from pipeline.robot.coordinates import row_size
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
+from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, LogError
+from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, commanded_tick
 from recorders.reading.reader import LogReader
 from recorders.text.wording import value_text
-from recorders.ticks.joiner import join_ticks
+from recorders.ticks.joiner import Tick, join_ticks
 from replay.diff.fields import format_pair
 from replay.sources.scheduled import naming
 
@@ -120,10 +124,16 @@ def _plan(log: Path, settings: _Settings, robot: RobotConfig, *, ticks: int) -> 
     """Hold each logged target until the next tick, as the exploration did."""
     topics = commanded_tick(robot.hand_names)
     with naming(log):
-        logged = [(tick.stamp_ns, np.array(tick.hands)) for tick in join_ticks(LogReader(log), topics=topics)]
+        logged = [(tick.stamp_ns, _rows(tick, robot)) for tick in join_ticks(LogReader(log), topics=topics)]
     if len(logged) < 2:
         raise LogError(f"{log}: expected at least two complete ticks, found {len(logged)}")
     holds = [TargetHold(target, after - stamp) for (stamp, target), (after, _) in pairwise(logged)]
     settling = holds if settings.closed else [TargetHold(logged[0][1], settings.config.settle_ns)]
     first = holds[: ticks - 1]  # and the tick after the last of them
     return MotionPlan(settling, first, logged[len(first)][1])
+
+
+def _rows(tick: Tick, robot: RobotConfig) -> Floats:
+    """Return the targets of a tick by row."""
+    poses = (decode_as(PoseStamped, record.data) for record in tick.records if record.type == PoseStamped.TYPE)
+    return np.array([[*pose.position, *pose.orientation][: row_size(robot)] for pose in poses])

@@ -14,6 +14,7 @@ from pipeline.learner.rules.forward_inverse.learner import ForwardInverseLearner
 from pipeline.learner.state import state_digest
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import to_inputs
 from pipeline.seeding import uniforms
 from recorders.errors import ConfigError
 
@@ -116,12 +117,12 @@ class SelfExplorer:
 
     def observe(self, robot: RobotBackend) -> None:
         """Learn from hands and joints that the robot measures at a tick."""
-        u = robot.hands().reshape(1, self._inputs)
+        u = to_inputs(self._robot, robot.hands()).reshape(1, self._inputs)
         self.learner.step(u, np.concatenate([u, robot.positions[np.newaxis]], axis=1), learning=True)
         self.ticks += 1
 
     def step(self, q: Floats, targets: Floats) -> Floats:
-        """Return the posture to command next, one period after commanding `q` (n,), for `targets` [m] (hands, 3)."""
+        """Return the posture to command next, one period after commanding `q` (n,), for `targets` by row."""
         if self.ticks == 0:
             return self._robot.comfort
         if self.ticks <= self.config.jitter_ticks:
@@ -130,7 +131,7 @@ class SelfExplorer:
         hands, jacobian = self.learner.linearise(q)
         scaled = jacobian * self._half
         home = self.config.home_gain * (self._robot.comfort - q) / self._half
-        wanted = self.config.gain * (targets.reshape(-1) - hands) - scaled @ home
+        wanted = self.config.gain * (to_inputs(self._robot, targets) - hands) - scaled @ home
         square = scaled @ scaled.T
         square += self.config.damping * np.trace(square) / len(square) * np.eye(len(square))
         following = self._moved(q, self._half * (home + scaled.T @ np.linalg.solve(square, wanted)))
@@ -162,10 +163,9 @@ def learned(guide: object) -> dict[str, str | float]:
 
 
 def _box_points(robot: RobotConfig) -> Floats:
-    """Return points spread evenly over the boxes of all hands [m], shape (points, 3 hands)."""
+    """Return points spread evenly over the boxes of all hands, shape (points, inputs)."""
     from scipy.stats import qmc  # noqa: PLC0415  # an extra, and slow to import: only who explores alone needs it
 
-    boxes = robot.boxes.ravel()
-    unit = qmc.Halton(d=len(boxes), scramble=False).random(_POINTS + 1)[1:]  # the first is a corner
-    points: Floats = robot.input_centre + boxes * (2.0 * unit - 1.0)
+    unit = qmc.Halton(d=robot.input_reach.size, scramble=False).random(_POINTS + 1)[1:]  # the first is a corner
+    points: Floats = robot.input_centre + robot.input_reach * (2.0 * unit - 1.0)
     return points

@@ -10,7 +10,7 @@ from pipeline.exploration.episode import ExplorationConfig, Guidance, Guide
 from pipeline.exploration.leader import TEACHERS, leader_settings, make_guide
 from pipeline.exploration.self_explorer import SelfExplorer, SelfExplorerConfig
 from pipeline.exploration.via_points import VOLUME, unplanned_volume
-from pipeline.motions.motion import Motion, load_motion
+from pipeline.motions.motion import Motion, load_motion, oriented
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.qp_config import QpTeacherConfig
@@ -164,7 +164,7 @@ class Source:
         duration_ns, tick_ns = round(self.pace.duration_s * _SECOND_NS), self.pace.tick_ns
         if self.explorer is not None:
             return unplanned_volume(robot, seed=seed, duration_ns=duration_ns, tick_ns=tick_ns)
-        return drawn.draw(
+        motion = drawn.draw(
             Teacher(Kinematics(robot), self.teacher),
             seed=seed,
             duration_ns=duration_ns,
@@ -172,6 +172,7 @@ class Source:
             noise=self.config.noise(robot, seed=seed, period_ns=self.teacher.period_ns),
             progress=progress,
         )
+        return oriented(motion, robot)
 
     def guide(self, robot: RobotConfig, *, seed: int) -> Guide:
         """Return who leads a robot: one of the teachers, or the learner that explores by itself."""

@@ -7,12 +7,14 @@ from collections.abc import Mapping
 from typing import Any, Self
 
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.hands import POSE
 from pipeline.urdf.description import parse_urdf
 from pipeline.urdf.joints import moving_joints
 from recorders.errors import ConfigError
 from recorders.text.wording import value_text
 
 AXES = ("x", "y", "z")
+TURNS = ("turn_x", "turn_y", "turn_z")
 MAX_JOINTS = 1000
 MAX_HANDS = 32
 _HAND = re.compile(r"[A-Za-z]\w{0,39}", re.ASCII)
@@ -26,7 +28,7 @@ class Body:
     Parameters
     ----------
     hands : tuple of str
-        Names of the hands; each has three inputs.
+        Names of the hands; each has three inputs, and three more if its pose is controlled.
     joints : tuple of str
         Names of the joints, in the order of the outputs.
     lower, upper : tuple of float
@@ -34,7 +36,9 @@ class Body:
     moves : tuple of tuple of int
         For each hand the joints that move it, by their places, rising.
     reach : tuple of float
-        How far each input goes from its centre [m], hand by hand.
+        How far each input goes from its centre [m or rad], hand by hand.
+    poses : tuple of str
+        Names of the hands whose pose is controlled.
 
     Raises
     ------
@@ -48,10 +52,13 @@ class Body:
     upper: tuple[float, ...]
     moves: tuple[tuple[int, ...], ...]
     reach: tuple[float, ...]
+    poses: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
         _check_names("hands", self.hands, MAX_HANDS, lambda name: bool(_HAND.fullmatch(name)))
         _check_names("joints", self.joints, MAX_JOINTS, lambda name: name.isprintable() and len(name) <= _MAX_NAME)
+        if list(self.poses) != [hand for hand in self.hands if hand in self.poses]:
+            raise _unfit("poses", "names of hands, in their order", self.poses)
         for name, count in (("lower", len(self.joints)), ("upper", len(self.joints)), ("reach", self.inputs)):
             values = getattr(self, name)
             if len(values) != count or not all(type(value) is float and math.isfinite(value) for value in values):
@@ -65,17 +72,24 @@ class Body:
 
     @property
     def inputs(self) -> int:
-        """Numbers of a target: a position for each hand."""
-        return len(AXES) * len(self.hands)
+        """Numbers of a target: a position for each hand, and a turn where the pose is controlled."""
+        return sum(map(len, self.hand_axes))
+
+    @property
+    def hand_axes(self) -> tuple[tuple[str, ...], ...]:
+        """Names of the inputs of each hand, without its own."""
+        return tuple(AXES + TURNS if hand in self.poses else AXES for hand in self.hands)
 
     @property
     def input_names(self) -> tuple[str, ...]:
         """Names of the inputs, such as `left_x`."""
-        return tuple(f"{hand}_{axis}" for hand in self.hands for axis in AXES)
+        return tuple(f"{hand}_{axis}" for hand, axes in zip(self.hands, self.hand_axes, strict=True) for axis in axes)
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the fields as lists, ready for JSON."""
+        """Return the fields as lists, ready for JSON; without `poses` if there are none."""
         fields = {field.name: list(getattr(self, field.name)) for field in dataclasses.fields(self)}
+        if not self.poses:
+            del fields["poses"]
         return fields | {"moves": [list(places) for places in self.moves]}
 
     @classmethod
@@ -87,16 +101,19 @@ class Body:
         ConfigError
             If they are not such lists.
         """
-        names = [field.name for field in dataclasses.fields(cls)]
-        if not isinstance(values, Mapping) or set(values) != set(names):
+        names = [field.name for field in dataclasses.fields(cls) if field.name != "poses"]
+        if not isinstance(values, Mapping) or set(values) - {"poses"} != set(names):
             raise ConfigError(f"body: expected a table with {', '.join(names)}, found {value_text(values)}")
+        values = {"poses": (), **values}
+        names.append("poses")
         if not all(isinstance(values[name], list | tuple) for name in names):
             raise ConfigError(f"body: expected lists, found {value_text(dict(values))}")
         if not all(isinstance(places, list | tuple) for places in values["moves"]):
             raise _unfit("moves", "a list for each hand", values["moves"])
         moves = tuple(tuple(places) for places in values["moves"])
         numbers = {name: tuple(map(_as_float, values[name])) for name in ("lower", "upper", "reach")}
-        return cls(hands=tuple(values["hands"]), joints=tuple(values["joints"]), moves=moves, **numbers)
+        texts = {name: tuple(values[name]) for name in ("hands", "joints", "poses")}
+        return cls(moves=moves, **texts, **numbers)
 
     def _is_chain(self, places: tuple[int, ...]) -> bool:
         whole = all(type(place) is int and 0 <= place < len(self.joints) for place in places)
@@ -113,7 +130,8 @@ def body_of(robot: RobotConfig) -> Body:
         lower=tuple(robot.lower.tolist()),
         upper=tuple(robot.upper.tolist()),
         moves=tuple(tuple(place for place, name in enumerate(robot.joints) if name in chain) for chain in chains),
-        reach=tuple(extent for hand in robot.hands for extent in hand.box),
+        reach=tuple(robot.input_reach.tolist()),
+        poses=tuple(hand.name for hand in robot.hands if hand.controls == POSE),
     )
 
 

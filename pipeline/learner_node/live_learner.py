@@ -99,6 +99,7 @@ class LiveLearner:
             epochs=config.epochs,
             check=range_check(robot),
             tick=trainer.pairing.topics(robot.hand_names),
+            poses=range_check(robot).poses,
             phase=trainer.checkpoint_phase,
         )
         self._scores = _Scores(robot)

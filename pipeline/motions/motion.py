@@ -1,9 +1,10 @@
 """Motions: what the hands are asked to do, from the two patterns of the paper or from a CSV file."""
 
 import hashlib
-from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
@@ -12,6 +13,8 @@ from pipeline.motions import patterns
 from pipeline.motions.csv_file import MAX_COORDINATE_M, MAX_TIME_S, read_table
 from pipeline.motions.names import drawings
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, ROW_SIZE, row_size, with_orientations
+from pipeline.robot.hands import Quaternion
 from pipeline.robot.range_check import range_check
 from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import require_regular_file
@@ -20,11 +23,13 @@ from recorders.registry import Registry
 from recorders.text.wording import names_text
 
 _SHORT = {"left": "l", "right": "r"}
+_IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+_NO_MIDDLES: Mapping[str, Quaternion] = MappingProxyType({})
 
 
 @dataclass(frozen=True, eq=False)
 class Motion:
-    """Target positions of the hands over time.
+    """Targets of the hands over time: positions, and orientations where the pose of a hand is controlled.
 
     Attributes
     ----------
@@ -32,7 +37,8 @@ class Motion:
     times_s : ndarray
         Strictly increasing times of the samples [s], shape (T,), T >= 2.
     targets : ndarray
-        Targets of the hands [m], in the robot's order, world frame, shape (T, hands, 3).
+        Targets of the hands, in the robot's order, world frame, shape (T, hands, 3) [m]; or (T, hands, 7), each
+        with its orientation as a quaternion x, y, z, w.
     closed : bool
         Whether the first sample follows the last, so that the motion can go round and round.
 
@@ -56,9 +62,10 @@ class Motion:
         if samples < 2:
             raise MotionError(f"motion '{self.name}': expected at least two samples, found {samples}")
         hands = self.targets.shape[1] if self.targets.ndim == 3 else 0
-        if self.times_s.ndim != 1 or hands < 1 or self.targets.shape != (samples, hands, 3):
+        fits = self.times_s.ndim == 1 and self.targets.shape[:-1] == (samples, hands)
+        if not fits or hands < 1 or self.targets.shape[-1] not in (POSITION_SIZE, ROW_SIZE):
             shapes = f"{self.times_s.shape}, {self.targets.shape}"
-            raise MotionError(f"motion '{self.name}': expected shapes (T,), (T, hands, 3), found {shapes}")
+            raise MotionError(f"motion '{self.name}': expected shapes (T,), (T, hands, 3 or 7), found {shapes}")
         if not (np.isfinite(self.times_s).all() and np.isfinite(self.targets).all()):
             raise MotionError(f"motion '{self.name}': expected finite numbers, found NaN or infinity")
         if np.abs(self.times_s).max() > MAX_TIME_S or np.abs(self.targets).max() > MAX_COORDINATE_M:
@@ -113,26 +120,34 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
         The motion is unknown, or its file is malformed or holds what cannot be a target of the robot.
     """
     if (named := MOTIONS.get(str(name_or_path))) is not None:
-        return named.make(robot)
+        return oriented(named.make(robot), robot)
     path = drawings().get(str(name_or_path), Path(name_or_path))
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = names_text([*MOTIONS.names(), *drawings()])
         raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
-    motion = read_motion_csv(path, robot.hand_names)
+    middles = {hand.name: hand.orientation for hand in robot.hands if hand.orientation is not None}
+    motion = read_motion_csv(path, robot.hand_names, middles=middles)
     check_targets(motion, robot)
     return motion
+
+
+def oriented(motion: Motion, robot: RobotConfig) -> Motion:
+    """Return a motion of positions alone with the orientations that the hands have in the middle, where these count."""
+    if motion.targets.shape[-1] == row_size(robot):
+        return motion
+    return replace(motion, targets=with_orientations(robot, motion.targets))
 
 
 def check_targets(motion: Motion, robot: RobotConfig) -> None:
     """Check that a motion's targets can be the robot's; raises MotionError, naming sample and hand."""
     check = range_check(robot)
     for sample, hands in enumerate(motion.targets.tolist()):
-        for hand, target in zip(robot.hand_names, hands, strict=True):
+        for hand, target in zip(robot.hands, hands, strict=True):
             try:
-                check.check_target(target)
+                check.check_row(hand, target)
             except MessageError as error:
-                raise MotionError(f"motion '{motion.name}', sample {sample}, {hand} hand: {error}") from None
+                raise MotionError(f"motion '{motion.name}', sample {sample}, {hand.name} hand: {error}") from None
 
 
 def is_recorded(name_or_path: str | Path) -> bool:
@@ -141,10 +156,22 @@ def is_recorded(name_or_path: str | Path) -> bool:
     return str(name_or_path) not in known and is_log(Path(name_or_path))
 
 
-def read_motion_csv(path: str | Path, hands: Sequence[str]) -> Motion:
+def read_motion_csv(
+    path: str | Path, hands: Sequence[str], *, middles: Mapping[str, Quaternion] = _NO_MIDDLES
+) -> Motion:
     """Read an open motion of some hands from a CSV file with the columns `csv_columns` [s, m, world frame].
 
     Columns are found by name and others are left alone; empty lines and lines that start with # are skipped.
+
+    Parameters
+    ----------
+    path : str or Path
+        The file.
+    hands : sequence of str
+        Names of the hands.
+    middles : mapping of str to (float, float, float, float)
+        Orientations of those whose pose is controlled, x, y, z, w, for a file without their `orientation_columns`. If
+        there are any, targets are rows of seven numbers, and the orientation of other hands is the identity.
 
     Raises
     ------
@@ -153,16 +180,24 @@ def read_motion_csv(path: str | Path, hands: Sequence[str]) -> Motion:
         than two rows, or its times do not increase; the message names line and column.
     """
     path = Path(path)
-    columns = csv_columns(hands)
+    turned = list[str]()
 
     def choose(header: Sequence[str]) -> Sequence[str]:
-        """Choose all columns."""
+        """Choose all columns of positions, and those of orientations that are there."""
+        turned.extend(hand for hand in middles if set(orientation_columns(hand)) & set(header))
+        columns = [*csv_columns(hands), *(column for hand in turned for column in orientation_columns(hand))]
         if missing := [column for column in columns if column not in header]:
             raise MotionError(f"the header lacks {', '.join(missing)}: expected the columns {','.join(columns)}")
         return columns
 
     table = read_table(path, choose=choose)
-    return Motion(path.stem, table[:, 0], table[:, 1:].reshape(len(table), len(hands), 3), closed=False)
+    times_s, positions, orientations = np.split(table, [1, 1 + POSITION_SIZE * len(hands)], axis=1)
+    targets = positions.reshape(len(table), len(hands), POSITION_SIZE)
+    if middles:
+        given = dict(zip(turned, np.split(orientations, max(1, len(turned)), axis=1), strict=False))
+        found = [given.get(hand, np.tile(middles.get(hand, _IDENTITY), (len(table), 1))) for hand in hands]
+        targets = np.concatenate([targets, np.stack(found, axis=1)], axis=2)
+    return Motion(path.stem, times_s[:, 0], targets, closed=False)
 
 
 def csv_columns(hands: Sequence[str]) -> tuple[str, ...]:
@@ -179,3 +214,8 @@ def csv_columns(hands: Sequence[str]) -> tuple[str, ...]:
 def hand_columns(hand: str) -> list[str]:
     """Return the columns of a hand's positions: lx,ly,lz of the left, rx,ry,rz of the right, NAME_x and so on else."""
     return [f"{_SHORT.get(hand, f'{hand}_')}{axis}" for axis in "xyz"]
+
+
+def orientation_columns(hand: str) -> list[str]:
+    """Return the columns of a hand's orientation, a quaternion: NAME_qx, NAME_qy, NAME_qz, NAME_qw."""
+    return [f"{hand}_q{part}" for part in "xyzw"]

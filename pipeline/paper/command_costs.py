@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.evaluation.errors import WASHOUT_STEPS, HandErrors, hand_errors
+from pipeline.evaluation.errors import WASHOUT_STEPS, posture_errors
 from pipeline.evaluation.trials import Trial, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.robot.kinematics import Kinematics
@@ -96,7 +96,7 @@ def _mean_cm(kinematics: Kinematics, step: _Step, targets: Floats, steps: int) -
     for _ in range(steps):
         step(targets[0])
     postures = np.array([[step(target) for _ in range(steps)][-1] for target in targets])
-    return HandErrors.of(hand_errors(kinematics, postures, targets), kinematics.robot.hand_names).mean_cm
+    return posture_errors(kinematics, postures, targets).mean_cm
 
 
 def _microseconds(step: _Step, targets: Floats) -> float:

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.evaluation.errors import HandErrors, hand_errors, linear_joints
+from pipeline.evaluation.errors import HandErrors, linear_joints, posture_errors
 from pipeline.evaluation.trials import Trial, evaluate_samples
 from pipeline.paper.results import NetworkEnsemble
 from pipeline.robot.kinematics import Kinematics
@@ -58,4 +58,4 @@ def _from_recorded_cm(trial: Trial, recorded: Samples) -> float:
 def _linear_errors(learned: Samples, targets: Floats) -> HandErrors:
     """Errors on a motion of the baseline, linear least squares fitted to what a network learned from."""
     answers = linear_joints(learned.targets, learned.joints, asked=targets)
-    return HandErrors.of(hand_errors(Kinematics(learned.robot), answers, targets), learned.robot.hand_names)
+    return posture_errors(Kinematics(learned.robot), answers, targets)

@@ -61,7 +61,10 @@ class RobotBackend(Protocol):
         ...
 
     def hands(self) -> Floats:
-        """Positions of the hands [m], world frame, shape (hands, 3)."""
+        """Hands by row, world frame, shape (hands, row size): positions [m], and orientations where one counts.
+
+        See `pipeline.robot.coordinates`.
+        """
         ...
 
 

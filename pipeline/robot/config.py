@@ -117,10 +117,19 @@ class RobotConfig:
         limits.setflags(write=False)
         return limits
 
-    @property
+    @cached_property
     def input_centre(self) -> Floats:
-        """Centres of all hands in a row [m], shape (3 hands,)."""
-        return self.centres.ravel()
+        """Centres of all hands in a row, shape (inputs,): three numbers [m] each, and no turn [rad] if one counts."""
+        centre = np.concatenate([[*hand.centre, *(() if hand.turn is None else (0.0,) * 3)] for hand in self.hands])
+        centre.setflags(write=False)
+        return centre
+
+    @cached_property
+    def input_reach(self) -> Floats:
+        """Half extents of the boxes of all hands in a row, shape (inputs,): [m], and [rad] where the turn counts."""
+        reach = np.concatenate([[*hand.box, *(hand.turn or ())] for hand in self.hands])
+        reach.setflags(write=False)
+        return reach
 
     @property
     def frames(self) -> tuple[str, ...]:

@@ -6,6 +6,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.hands import Quaternion
 from pipeline.robot.pinocchio_model import build_model, joint_index, link_frame
 from pipeline.urdf.description import canonical
 from recorders.errors import JointError, RobotError
@@ -36,6 +37,7 @@ class Kinematics:
         self._idx_q = np.array([joint.idx_q for joint in model_joints])
         self._idx_v = np.array([joint.idx_v for joint in model_joints])
         self._hands = [link_frame(self._model, hand.link) for hand in robot.hands]
+        self._middles = [_rotation(hand.orientation) for hand in robot.hands]
         self._gaze = None if robot.gaze is None else link_frame(self._model, robot.gaze.frame)
         self._q: Floats = pinocchio.neutral(self._model)
 
@@ -68,6 +70,33 @@ class Kinematics:
         jacobian: Floats = np.concatenate([rows[:3] for rows in spatial])[:, self._idx_v]
         return positions, jacobian
 
+    def inputs(self, q: ArrayLike) -> Floats:
+        """Positions [m], and turns [rad] where the pose is controlled, of all hands at posture `q` (n,): (inputs,)."""
+        pinocchio.forwardKinematics(self._model, self._data, self._posture(q))
+        return self._inputs_here()
+
+    def inputs_along(self, q: ArrayLike) -> Floats:
+        """Return `inputs` at each posture of `q` (T, n), shape (T, inputs)."""
+        postures = np.asarray(q, dtype=np.float64)
+        return np.array([self.inputs(posture) for posture in postures]).reshape(len(postures), -1)
+
+    def inputs_and_jacobian(self, q: ArrayLike) -> tuple[Floats, Floats]:
+        """Return `inputs` at posture `q` (n,), shape (inputs,), and their Jacobian, shape (inputs, n).
+
+        With R the rotation from the orientation in the middle, and r its vector, w the hand's angular velocity in the
+        axes of the world: dr/dt = J(r) w, J the transpose of Pinocchio's Jacobian of the logarithm at R.
+        """
+        pinocchio.computeJointJacobians(self._model, self._data, self._posture(q))
+        inputs, rows = self._inputs_here(), list[Floats]()
+        for frame, middle in zip(self._hands, self._middles, strict=True):
+            spatial = pinocchio.getFrameJacobian(self._model, self._data, frame, _ALIGNED)
+            rows.append(spatial[:3])
+            if middle is not None:
+                turned = self._data.oMf[frame].rotation @ middle.T
+                rows.append(pinocchio.Jlog3(turned).T @ spatial[3:])
+        jacobian: Floats = np.concatenate(rows)[:, self._idx_v]
+        return inputs, jacobian
+
     def in_gaze_frame(self, q: ArrayLike, point: ArrayLike) -> Floats:
         """`point` [m] (3,) of the world as the gaze frame sees it at posture `q` (n,): x ahead, z up, shape (3,).
 
@@ -96,6 +125,23 @@ class Kinematics:
         self._q[self._idx_q] = posture
         return self._q
 
+    def _inputs_here(self) -> Floats:
+        parts = list[Floats]()
+        for frame, middle in zip(self._hands, self._middles, strict=True):
+            placement = pinocchio.updateFramePlacement(self._model, self._data, frame)
+            parts.append(placement.translation)
+            if middle is not None:
+                parts.append(pinocchio.log3(placement.rotation @ middle.T))
+        return np.concatenate(parts)
+
     def _hand_positions(self) -> Floats:
         placements = (pinocchio.updateFramePlacement(self._model, self._data, frame) for frame in self._hands)
         return np.array([placement.translation for placement in placements])
+
+
+def _rotation(orientation: Quaternion | None) -> Floats | None:
+    """Return the rotation matrix of a quaternion x, y, z, w, if there is one."""
+    if orientation is None:
+        return None
+    rotation: Floats = pinocchio.Quaternion(np.array(orientation)).toRotationMatrix()
+    return rotation

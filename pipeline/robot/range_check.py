@@ -2,19 +2,24 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from functools import lru_cache
+from functools import lru_cache, partial
 from types import MappingProxyType
+
+import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, turn_of
+from pipeline.robot.hands import Hand
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.size import SLIDING, chain_length_m, joint_types
+from pipeline.rotations import REGULAR_RAD
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened
 from recorders.errors import MessageError
-from recorders.messages.message_types import JointState
-from recorders.messages.topics import COMMANDED_TICK
-from recorders.ticks.joiner import JointMap
+from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.topics import COMMANDED_TICK, hand_measured, hand_target
+from recorders.ticks.joiner import JointMap, PoseReader
 from replay.sources.live import LiveLog
 
 MAX_DISTANCE_M = 10.0
@@ -24,6 +29,7 @@ _LEAST_DISTANCE_M = 1.0
 _LENGTHS = 3.0  # of a robot's chain: no target lies farther off
 _MAX_PASSED = 8192  # values remembered to have passed: training takes the same ones hundreds of times
 _LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
+_UNIT = 1e-2  # the length of a unit quaternion may differ from 1 by this much: sensors have a resolution
 _FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they are no degrees
 
 
@@ -57,11 +63,17 @@ class RangeCheck:
         self._length_m = chain_length_m(robot)
         self.distance_m = min(max(_LENGTHS * self._length_m, _LEAST_DISTANCE_M), MAX_DISTANCE_M)
         self._hands: list[list[float]] = robot.centres.tolist()
+        self._poses = {
+            topic: partial(_read_pose, hand)
+            for hand in robot.hands
+            if hand.orientation is not None
+            for topic in (hand_target(hand.name), hand_measured(hand.name))
+        }
         self._centre = [sum(axis) / len(self._hands) for axis in zip(*self._hands, strict=True)]
         self._passed: dict[int, Floats | JointState] = {}  # by identity, which holds as long as they are kept
 
     def __call__(self, value: Floats | JointState) -> None:
-        """Check a target [m], shape (3,), or joints.
+        """Check a target, a position [m] (3,) or one with a turn that `poses` has read (6,), or joints.
 
         Raises
         ------
@@ -75,7 +87,7 @@ class RangeCheck:
         if isinstance(value, JointState):
             self.check_joints(value)
         else:
-            self.check_target(value.tolist())
+            self.check_target(value[:POSITION_SIZE].tolist())
         if len(self._passed) >= _MAX_PASSED:
             self._passed.clear()
         self._passed[id(value)] = value
@@ -89,6 +101,17 @@ class RangeCheck:
                 f"{self._unit_of(position)}",
                 finite=all(map(math.isfinite, position)),
             )
+
+    @property
+    def poses(self) -> Mapping[str, PoseReader]:
+        """Readers of the targets, and of the measurements, of hands whose pose is controlled, by topic."""
+        return self._poses
+
+    def check_row(self, hand: Hand, row: Sequence[float]) -> None:
+        """Check a target of a hand, x, y, z [m], and its orientation if it counts; raises MessageError."""
+        self.check_target(row[:POSITION_SIZE])
+        if hand.orientation is not None:
+            read_turn(hand, np.array(row[POSITION_SIZE:]))
 
     def margin_m(self, position: Sequence[float]) -> float:
         """Return how far from a position, along every axis, all targets pass [m]; negative if not even the position."""
@@ -143,6 +166,36 @@ class RangeCheck:
         return bool(abs(position - (lower + upper) / 2.0) <= 0.6 * (upper - lower))
 
 
+def read_turn(hand: Hand, orientation: Floats) -> Floats:
+    """Return the turn [rad] (3,) of an orientation of a hand whose pose is controlled, a quaternion (4,).
+
+    Raises
+    ------
+    MessageError
+        If it is no unit quaternion.
+    OutOfRange
+        If it is more than `REGULAR_RAD` from the hand's orientation in the middle.
+    """
+    length = math.sqrt(sum(number * number for number in orientation.tolist()))
+    if not abs(length - 1.0) <= _UNIT:
+        raise MessageError(f"expected as orientation of hand {hand.name} a unit quaternion, found length {length:g}")
+    turn = turn_of(hand, orientation)
+    x, y, z = turn.tolist()
+    if not (angle := math.sqrt(x * x + y * y + z * z)) <= REGULAR_RAD:
+        raise OutOfRange(
+            f"expected hand {hand.name} within {math.degrees(REGULAR_RAD):.0f} degrees of its orientation in the "
+            f"middle, found {math.degrees(angle):.0f}"
+        )
+    return turn
+
+
+def _read_pose(hand: Hand, pose: PoseStamped) -> Floats:
+    """Return position [m] and turn [rad] of a pose, shape (6,), read-only; raises as `read_turn` does."""
+    numbers = np.concatenate([pose.position, read_turn(hand, pose.orientation)])
+    numbers.flags.writeable = False
+    return numbers
+
+
 def is_within(position: Sequence[float], centre: Sequence[float], distance_m: float) -> bool:
     """Whether a position is within a distance of a centre along each of three axes [m]; NaN never is."""
     (x, y, z), (x_0, y_0, z_0) = position, centre
@@ -174,4 +227,5 @@ def live_log(
     """
     if robot is None:
         robot = require_recorded_robot(open_log(log), has_option=True)
-    return LiveLog(log, epochs=epochs, check=range_check(robot), tick=tick, renames=renames)
+    check = range_check(robot)
+    return LiveLog(log, epochs=epochs, check=check, tick=tick, poses=check.poses, renames=renames)

@@ -5,6 +5,7 @@ from typing import TypeAlias
 
 from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource, RobotBackend
+from pipeline.robot.coordinates import POSITION_SIZE
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, Message, PoseStamped, TFMessage, TransformStamped
 
@@ -23,15 +24,22 @@ def state_messages(backend: LinkPoseSource) -> Iterator[TopicMessage]:
 
 
 def hand_messages(backend: RobotBackend) -> Iterator[TopicMessage]:
-    """Yield the positions of the hands at this instant."""
-    for name, position in zip(backend.robot.hand_names, backend.hands(), strict=True):
-        yield topics.hand_measured(name), PoseStamped(backend.time_ns, position)
+    """Yield the hands at this instant."""
+    for name, row in zip(backend.robot.hand_names, backend.hands(), strict=True):
+        yield topics.hand_measured(name), hand_message(backend.time_ns, row)
+
+
+def hand_message(stamp_ns: int, row: Floats) -> PoseStamped:
+    """Return the message of a hand's row: its position [m], and its orientation x, y, z, w if that counts."""
+    if len(row) == POSITION_SIZE:
+        return PoseStamped(stamp_ns, row)
+    return PoseStamped(stamp_ns, row[:POSITION_SIZE], orientation=row[POSITION_SIZE:])
 
 
 def tick_messages(backend: RobotBackend, targets: Floats) -> Iterator[TopicMessage]:
-    """Yield a tick, all under one stamp: new `targets` [m] (hands, 3), and the joints measured at this instant."""
+    """Yield a tick, all under one stamp: new `targets` of all hands by row, and the joints measured at this instant."""
     for name, target in zip(backend.robot.hand_names, targets, strict=True):
-        yield topics.hand_target(name), PoseStamped(backend.time_ns, target)
+        yield topics.hand_target(name), hand_message(backend.time_ns, target)
     yield topics.SAMPLE_JOINTS, joints_message(backend)
 
 

@@ -15,6 +15,7 @@ from recorders.text.wording import names_text, value_text
 Vector: TypeAlias = tuple[float, float, float]
 
 _NONE: frozenset[str] = frozenset()
+_COUNTS = {3: "three", 6: "six", 7: "seven"}
 
 
 def parse_toml(text: str) -> dict[str, Any]:
@@ -78,14 +79,19 @@ def as_number(value: object, where: str) -> float:
     return number
 
 
+def as_numbers(value: object, where: str, count: int) -> tuple[float, ...]:
+    """Return `value`, so many finite numbers, as a tuple; raises RobotError otherwise."""
+    if not isinstance(value, list) or len(value) != count:
+        raise RobotError(f"{where} of the robot config: expected {_COUNTS[count]} numbers, found {value_text(value)}")
+    return tuple(as_number(entry, where) for entry in value)
+
+
 def as_vector(value: object, where: str) -> Floats:
     """Return `value`, three finite numbers, as an array (3,); raises RobotError otherwise."""
-    if not isinstance(value, list) or len(value) != 3:
-        raise RobotError(f"{where} of the robot config: expected three numbers, found {value_text(value)}")
-    return np.array([as_number(entry, where) for entry in value])
+    return np.array(as_numbers(value, where, 3))
 
 
 def as_point(value: object, where: str) -> Vector:
     """Return `value`, three finite numbers, as a tuple; raises RobotError otherwise."""
-    x, y, z = as_vector(value, where).tolist()
+    x, y, z = as_numbers(value, where, 3)
     return x, y, z

@@ -7,6 +7,7 @@ from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, parse_robot
+from pipeline.robot.coordinates import row_size
 from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, config_key, pack_messages, robot_key, unpack_messages
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, WireError
@@ -128,12 +129,13 @@ class RemoteRobot:
             self._request_move("command", commands, expected_ns=expected_ns)
 
     def hands(self) -> Floats:
-        """Positions of the hands [m], world frame, shape (hands, 3)."""
+        """Hands by row, world frame, shape (hands, row size): positions [m], and orientations where one counts."""
         self.wait()
         poses = unpack_messages(self._ask(robot_key(self._namespace, "hands")))
         if len(poses) != len(self._robot.hands):
             raise WireError(f"robot '{self._robot.name}': expected {len(self._robot.hands)} hands, found {len(poses)}")
-        return np.array([decode_as(PoseStamped, pose).position for pose in poses])
+        found = (decode_as(PoseStamped, pose) for pose in poses)
+        return np.array([[*pose.position, *pose.orientation][: row_size(self._robot)] for pose in found])
 
     def _command(self, q: ArrayLike, *, stamp_ns: int) -> bytes:
         return encode(JointState(stamp_ns, self._robot.joints, np.asarray(q, dtype=np.float64)))

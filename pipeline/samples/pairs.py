@@ -34,12 +34,12 @@ class Presentation:
         Stamps of the inputs [ns].
     end_ns : int
         Stamp of the last tick [ns].
-    u : ndarray, shape (T, 3 hands)
-        Hand positions: targets, or as measured [m].
-    d : ndarray, shape (T, 3 hands + joints)
-        What they teach: hand positions [m], joints [rad or m].
-    pending : ndarray, shape (3 hands,) or (0,)
-        The input of the last tick [m], if it waits for a teaching signal.
+    u : ndarray, shape (T, inputs)
+        Hands: positions [m], and turns [rad] where the pose is controlled; targets, or as measured.
+    d : ndarray, shape (T, inputs + joints)
+        What they teach: hands alike, joints [rad or m].
+    pending : ndarray, shape (inputs,) or (0,)
+        The input of the last tick, if it waits for a teaching signal.
     links : list of bytes
         What each tick adds to the stream digest.
     """
@@ -60,9 +60,10 @@ class Presentation:
         MessageError, JointError
             If a message is not what it should be, or cannot be of the robot.
         """
-        ticks = list(join_ticks(messages, range_check(robot), rule.topics(robot.hand_names)))
+        check = range_check(robot)
+        ticks = list(join_ticks(messages, check, rule.topics(robot.hand_names), check.poses))
         pairs = rule.pairs(robot)
-        inputs = 3 * len(robot.hands)
+        inputs = robot.input_centre.size
         u, d = np.empty((len(ticks), inputs)), np.empty((len(ticks), inputs + len(robot.joints)))
         stamps_ns: list[int] = []
         for tick in ticks:
@@ -84,8 +85,8 @@ class Samples:
 
     Attributes
     ----------
-    targets : ndarray, shape (T, 3 hands)
-        u(k): hand positions asked for, or reached [m].
+    targets : ndarray, shape (T, inputs)
+        u(k): hands asked for, or reached: positions [m], and turns [rad] where the pose is controlled.
     joints : ndarray, shape (T, n)
         q(k): joints at the end of the hold of u(k), or at its instant [rad or m].
     robot : RobotConfig

@@ -51,7 +51,7 @@ class Commander:
     Attributes
     ----------
     u : ndarray, shape (inputs,)
-        Targets of the last command [m].
+        Targets of the last command: positions [m], and turns [rad] where the pose is controlled.
     clipped : ndarray of int64, shape (n,)
         In how many commands a joint was at its limit because the output was beyond.
     """
@@ -78,7 +78,7 @@ class Commander:
         self.clipped = np.zeros(n, dtype=np.int64)
 
     def command(self, stamp_ns: int, *targets: float) -> bytes:
-        """Return the command (CDR) for targets [m], hand by hand in a row: the outputs of the step that they lead to.
+        """Return the command (CDR) for targets, hand by hand in a row: the outputs of the step that they lead to.
 
         Raises
         ------

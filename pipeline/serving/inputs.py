@@ -10,11 +10,12 @@ from recorders.errors import JointError, MessageError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
+from recorders.ticks.joiner import PoseReader
 from recorders.ticks.stamp_joiner import RejectionError
 
 
 class TargetReader:
-    """Reads the targets of one hand.
+    """Reads the targets of one hand, or what was measured of it.
 
     Parameters
     ----------
@@ -24,6 +25,8 @@ class TargetReader:
         What else is asked of a target.
     outside_m : float
         Targets farther than this from the centre along an axis are counted [m].
+    pose : callable, optional
+        Reads the pose of a hand whose pose is controlled; of others the orientation is not looked at.
 
     Attributes
     ----------
@@ -31,12 +34,14 @@ class TargetReader:
         Targets counted so far.
     """
 
-    def __init__(self, centre: Position, check: RangeCheck, outside_m: float) -> None:
-        self._centre, self._check, self._outside_m = centre, check, outside_m
+    def __init__(
+        self, centre: Position, check: RangeCheck, outside_m: float, *, pose: PoseReader | None = None
+    ) -> None:
+        self._centre, self._check, self._outside_m, self._pose = centre, check, outside_m, pose
         self.outside = 0
 
-    def read(self, record: RecordedMessage) -> tuple[int, Position]:
-        """Return stamp [ns] and position [m].
+    def read(self, record: RecordedMessage) -> tuple[int, tuple[float, ...]]:
+        """Return stamp [ns] and position [m], and the turn [rad] of a hand whose pose is controlled.
 
         Raises
         ------
@@ -49,12 +54,13 @@ class TargetReader:
             pose = decode_as(PoseStamped, record.data)
             position = tuple(pose.position.tolist())
             self._check.check_target(position)
+            numbers = position if self._pose is None else tuple(self._pose(pose).tolist())
         except OutOfRange as error:
             raise unusable(record, error) from None
         except MessageError as error:
             raise undecodable(record, error) from None
         self.outside += not is_within(position, self._centre, self._outside_m)
-        return pose.stamp_ns, position
+        return pose.stamp_ns, numbers
 
 
 class JointsReader:
@@ -93,4 +99,6 @@ class JointsReader:
 
 def reader_of(topic: str, check: RangeCheck) -> TargetReader | JointsReader:
     """Return a reader of a topic that is learned from: joints, or a position anywhere."""
-    return JointsReader(check) if type_of(topic) == JointState.TYPE else TargetReader((0.0, 0.0, 0.0), check, math.inf)
+    if type_of(topic) == JointState.TYPE:
+        return JointsReader(check)
+    return TargetReader((0.0, 0.0, 0.0), check, math.inf, pose=check.poses.get(topic))

@@ -109,7 +109,10 @@ class ServedController:
         self._limiter = limiter = None if speed is None else SpeedLimiter(robot, speed)
         limits, encode_command = np.array([robot.lower, robot.upper]), self._config.commands.encoder(robot.joints)
         self._commander = Commander(learner, robot.joints, limits=limits, encode=encode_command, limiter=limiter)
-        self._targets = tuple(TargetReader(centre, check, self._config.outside_m) for centre in self._centres)
+        self._targets = tuple(
+            TargetReader(centre, check, self._config.outside_m, pose=check.poses.get(hand_target(name)))
+            for centre, name in zip(self._centres, robot.hand_names, strict=True)
+        )
         self._layout = pose_layout()
         self._usual_m = min(self._config.outside_m, *map(check.margin_m, self._centres))
         self._topics: tuple[str, ...] = tuple(map(hand_target, robot.hand_names))
@@ -137,9 +140,8 @@ class ServedController:
                 )
         self._ticks = TickStream(self._topics, readers, reject=self.reject, restart=self._begin_anew)
         self._order = self._ticks.order
-        self._is_pair = (
-            len(self._topics) == len(self._targets) == 2 and not self._config.refuse_beyond and self._limiter is None
-        )
+        of_two = len(self._topics) == len(self._targets) == 2 and not check.poses
+        self._is_pair = of_two and not self._config.refuse_beyond and self._limiter is None
         self._learning = self._config.learn
         self._accepted = 0
         self._restarted = False
@@ -354,7 +356,7 @@ class ServedController:
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
-        self._commander.warm_up(*chain.from_iterable(self._centres))
+        self._commander.warm_up(*self._robot.input_centre.tolist())
         self._controller.learner().predict([self._robot.input_centre])
         decode_as(JointState, encode(JointState(0, self._robot.joints, self._robot.comfort)))
 

@@ -2,6 +2,7 @@
 
 import logging
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,7 @@ from pydrake.multibody.tree import RigidBody
 from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPose
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, centre_rows, row_size
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.resolution import on_grid
 from pipeline.simulation.servos import Demand, DrakePlant, Gains, SaturatedServos, UnsaturatedServos
@@ -132,9 +134,8 @@ class Simulation:
             self._follow(self._demand(command))
 
     def hands(self) -> Floats:
-        """Positions of the hands [m], world frame, shape (hands, 3)."""
-        computed = [self._pose(body).translation() for body in self._hands]
-        return on_grid(computed, self._robot.resolution.hands)
+        """Hands by row, world frame, shape (hands, row size): positions [m], and orientations where one counts."""
+        return on_grid(hand_rows(self._robot, map(self._pose, self._hands)), self._robot.resolution.hands)
 
     def link_poses(self) -> list[LinkPose]:
         """Pose of every link in its parent link, in the canonical order of the joints."""
@@ -172,6 +173,18 @@ class Simulation:
             q, v = self._servos.positions, self._servos.velocities
             q, v = self._limited.advance(q, v, demand, time_ns=begin_ns, until_ns=end_ns)
             self._servos.set_state(q, v, time_ns=end_ns)
+
+
+def hand_rows(robot: RobotConfig, poses: Iterable[RigidTransform]) -> Floats:
+    """Return the rows of the hands, shape (hands, row size), that have these poses in the world."""
+    if row_size(robot) == POSITION_SIZE:
+        return np.array([pose.translation() for pose in poses])
+    rows = centre_rows(robot)
+    for row, hand, pose in zip(rows, robot.hands, poses, strict=True):
+        row[:POSITION_SIZE] = pose.translation()
+        if hand.orientation is not None:
+            row[POSITION_SIZE:] = pose.rotation().ToQuaternion().wxyz()[_XYZW]
+    return rows
 
 
 def next_demand(command: Floats, set_point: Floats, gravity: Floats, config: SimulationConfig) -> tuple[Floats, Demand]:

@@ -10,6 +10,7 @@ from pydrake.solvers import MathematicalProgram, OsqpSolver
 from pipeline.arrays import Floats
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import hand_slices, to_inputs
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.part_distances import PartDistances
 from pipeline.teacher.qp_config import SLACK_M, QpTeacherConfig
@@ -27,7 +28,8 @@ _SINGULAR = 1e-9  # what moves the hands less, relative to what moves them most,
 class QpTeacher:
     """A teacher that moves the hands straight towards their targets, as fast as the limits allow.
 
-    Joint velocities v solve, with hands x(q), the Jacobian J_i of hand i, and an alpha_i from 0 to 1 for each,
+    Joint velocities v solve, with hands x(q), as positions and turns, the Jacobian J_i of hand i, and
+    an alpha_i from 0 to 1 for each,
 
         J_i v = alpha_i gain (target_i - x_i),    minimise  |P (v - comfort_gain (comfort - q))|^2 - 100 sum alpha_i,
 
@@ -72,12 +74,13 @@ class QpTeacher:
         """Take no notice of what was measured: the teacher follows its own commands."""
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
-        """Return the posture to command one period after commanding `q` (n,), for hand `targets` [m] (hands, 3)."""
+        """Return the posture to command one period after commanding `q` (n,), for `targets` of all hands by row."""
         posture = np.clip(np.asarray(q, dtype=np.float64), self._lower, self._upper)
         goal = np.asarray(targets, dtype=np.float64)
-        hands, jacobian = self.kinematics.hands_and_jacobian(posture)
+        hands, jacobian = self.kinematics.inputs_and_jacobian(posture)
+        wanted = self.config.gain * (to_inputs(self._robot, goal) - hands)
         nominal = np.clip(comfort_posture(self.kinematics, posture, goal), self._lower, self._upper)
-        velocity = self._velocity(posture, jacobian, self.config.gain * (goal - hands), nominal)
+        velocity = self._velocity(posture, jacobian, wanted, nominal)
         return self._clear_step(posture, self.period_ns * 1e-9 * velocity)
 
     def _clear_step(self, q: Floats, step: Floats) -> Floats:
@@ -93,16 +96,17 @@ class QpTeacher:
         return q
 
     def _velocity(self, q: Floats, jacobian: Floats, wanted: Floats, nominal: Floats) -> Floats:
-        """Return joint velocities (n,) at posture `q` (n,), for wanted ones of the hands [m/s] (hands, 3)."""
+        """Return joint velocities (n,) at posture `q` (n,), for wanted ones of the hands [m/s or rad/s] (inputs,)."""
         program: Any = MathematicalProgram()  # Any: Drake's types for arrays are not numpy's
-        velocity, factors = program.NewContinuousVariables(len(q)), program.NewContinuousVariables(len(wanted))
-        program.AddLinearCost(np.full(len(wanted), -_PRIORITY), 0.0, factors)
+        count = len(self._robot.hands)
+        velocity, factors = program.NewContinuousVariables(len(q)), program.NewContinuousVariables(count)
+        program.AddLinearCost(np.full(count, -_PRIORITY), 0.0, factors)
         null_space = _null_space(jacobian)
         if len(null_space):
             program.Add2NormSquaredCost(null_space, null_space @ (self.config.comfort_gain * (nominal - q)), velocity)
-        towards = np.zeros((len(jacobian), len(wanted)))
-        for hand, speed in enumerate(wanted):
-            towards[3 * hand : 3 * hand + 3, hand] = -speed
+        towards = np.zeros((len(jacobian), count))
+        for hand, rows in enumerate(hand_slices(self._robot)):
+            towards[rows, hand] = -wanted[rows]
         both = np.concatenate([velocity, factors])
         program.AddLinearEqualityConstraint(np.hstack([jacobian, towards]), np.zeros(len(jacobian)), both)
         program.AddBoundingBoxConstraint(0.0, 1.0, factors)

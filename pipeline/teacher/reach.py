@@ -9,8 +9,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
+from pipeline.robot.coordinates import hand_slices, to_inputs, to_rows
 from pipeline.robot.kinematics import Kinematics
-from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_reach
+from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach, check_reach, misses_m
 from recorders.errors import MotionError
 
 CHOICES = ("refuse", "clip", "skip", "keep")
@@ -31,7 +32,7 @@ class Miss(NamedTuple):
     sample : int
         Index of the sample.
     short_m : ndarray
-        Distance of each hand from its target [m], shape (hands,).
+        What each hand misses its target by [m], see `teacher.misses_m`, shape (hands,).
     """
 
     sample: int
@@ -93,7 +94,7 @@ def bring_within_reach(teacher: Teacher, motion: Motion, *, choice: str) -> tupl
 
 
 def find_misses(teacher: Teacher, targets: ArrayLike) -> Iterator[Miss]:
-    """Yield every one of the `targets` [m] (T, hands, 3) that a hand does not reach.
+    """Yield every one of the `targets`, by row (T, hands, 3 or 7), that a hand does not reach.
 
     The teacher runs along the targets kinematically; after one that it does not reach it goes on from the last that it
     did.
@@ -108,7 +109,7 @@ def find_misses(teacher: Teacher, targets: ArrayLike) -> Iterator[Miss]:
 
 
 def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[np.bool_]) -> Floats:
-    """Return hand positions [m] (hands, 3) that the joints allow, those of the `missing` hands as near as can be.
+    """Return hands by row that the joints allow, (hands, 3 or 7), those of the `missing` hands as near as can be.
 
     The posture is sought from the comfort posture on by Levenberg-Marquardt steps. Each joint is its range's middle
     plus half the range times the sine of a free variable, so that it never leaves its limits.
@@ -117,18 +118,20 @@ def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[n
     ----------
     kinematics : Kinematics
         Of the robot.
-    targets : array, shape (hands, 3)
-        What is asked of the hands [m].
+    targets : array, shape (hands, 3 or 7)
+        What is asked of the hands, by row.
     missing : array of bool, shape (hands,)
         Whether each hand fails to reach its target; one that does not keeps to it.
     """
-    weights = np.repeat(np.where(missing, 1.0, _PRIORITY), 3)  # (3 hands,)
+    robot, goal = kinematics.robot, to_inputs(kinematics.robot, targets)
+    sizes = [len(goal[rows]) for rows in hand_slices(robot)]
+    weights = np.repeat(np.where(missing, 1.0, _PRIORITY), sizes)  # (inputs,)
     middle, half = (kinematics.upper + kinematics.lower) / 2, (kinematics.upper - kinematics.lower) / 2
 
     def linearised(angles: Floats) -> tuple[Floats, Floats]:
-        """Weighted residual (3 hands,), and its Jacobian with respect to the angles, less the sign, (3 hands, n)."""
-        hands, jacobian = kinematics.hands_and_jacobian(middle + half * np.sin(angles))
-        return weights * (targets - hands).ravel(), weights[:, None] * jacobian * (half * np.cos(angles))
+        """Weighted residual (inputs,), and its Jacobian with respect to the angles, less the sign, (inputs, n)."""
+        hands, jacobian = kinematics.inputs_and_jacobian(middle + half * np.sin(angles))
+        return weights * (goal - hands), weights[:, None] * jacobian * (half * np.cos(angles))
 
     angles: Floats = np.arcsin((kinematics.robot.comfort - middle) / half)
     residual, slope = linearised(angles)
@@ -141,7 +144,7 @@ def nearest_hands(kinematics: Kinematics, targets: Floats, *, missing: NDArray[n
             damping = max(damping * _EASE, _LEAST_DAMPING)
         else:
             damping *= _TIGHTEN
-    return kinematics.hands(middle + half * np.sin(angles))
+    return to_rows(robot, kinematics.inputs(middle + half * np.sin(angles)))
 
 
 def _check(teacher: Teacher, motion: Motion) -> None:
@@ -174,7 +177,7 @@ def _clip(kinematics: Kinematics, target: Floats, *, worst: int) -> Floats:
     """Bring the worst hand as near its target as it goes; the others too, if one cannot keep to its own meanwhile."""
     missing = np.arange(len(target)) == worst
     nearest = nearest_hands(kinematics, target, missing=missing)
-    if np.linalg.norm(nearest - target, axis=1).max(where=~missing, initial=0.0) > REACH_BOUND_M:
+    if misses_m(kinematics.robot, nearest, target).max(where=~missing, initial=0.0) > REACH_BOUND_M:
         missing[:] = True
         nearest = nearest_hands(kinematics, target, missing=missing)
     return np.where(missing[:, None], np.round(nearest, 9), target)

@@ -9,10 +9,14 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import Floats
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, to_inputs, to_rows, turns_of
 from pipeline.robot.kinematics import Kinematics
+from pipeline.rotations import turns_between
 from recorders.errors import ConfigError, MotionError
 
 REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
+_LEVER_M = 0.1  # from a hand's origin to the point that a turn moves
 _REACH_PERIOD_S = 0.05  # the hands come 30 % nearer in a step; longer ones make the null-space motion overshoot
 _REACH_STEPS = 200  # within reach about 5 suffice
 
@@ -62,7 +66,8 @@ class TeacherConfig:
 class Teacher:
     """A velocity-level inverse kinematics that resolves redundancy by comfort.
 
-    With hands x(q), their Jacobian J and a cost H(q) of postures, the joints move at
+    With hands x(q), as their positions and, where the pose is controlled, turns from the middle, their Jacobian J and a
+    cost H(q) of postures, the joints move at
 
         qd = z + J# (xd - J z),    J# = W^-1 J^T (J W^-1 J^T + lambda^2 I)^-1,    z = -alpha W^-1 grad H,
 
@@ -83,7 +88,7 @@ class Teacher:
         self._lower = robot.lower + config.margin * span
         self._upper = robot.upper - config.margin * span
         self._speeds = config.speed_share * robot.speed_limits if config.speed_share else np.inf
-        self._damping = config.damping**2 * np.eye(3 * len(robot.hands))
+        self._damping = config.damping**2 * np.eye(robot.input_centre.size)
 
     @property
     def period_ns(self) -> int:
@@ -94,17 +99,17 @@ class Teacher:
         """Take no notice of what was measured: the teacher follows its own commands."""
 
     def step(self, q: ArrayLike, targets: ArrayLike) -> Floats:
-        """Return the posture to command one period after commanding `q` (n,), for hand `targets` [m] (hands, 3)."""
+        """Return the posture to command one period after commanding `q` (n,), for `targets` of all hands by row."""
         return self.step_for(q, targets, self.config.period_ns * 1e-9)
 
     def step_for(self, q: ArrayLike, targets: ArrayLike, period_s: float) -> Floats:
         """Return the posture as `step` does, with a given period [s]."""
         posture, goal = self._within(np.asarray(q, dtype=np.float64)), np.asarray(targets, dtype=np.float64)
         gradient, hessian = self._cost(posture, self._within(comfort_posture(self.kinematics, posture, goal)))
-        hands, jacobian = self.kinematics.hands_and_jacobian(posture)
+        hands, jacobian = self.kinematics.inputs_and_jacobian(posture)
         z = gradient / hessian * -self.config.comfort_gain  # (n,)
-        xd = self.config.gain * (goal - hands).ravel()
-        weighted = jacobian / hessian  # J W^-1, (3 hands, n)
+        xd = self.config.gain * (to_inputs(self.kinematics.robot, goal) - hands)
+        weighted = jacobian / hessian  # J W^-1, (inputs, n)
         qd = z + np.linalg.solve(weighted @ jacobian.T + self._damping, xd - jacobian @ z) @ weighted
         return self._within(posture + period_s * np.clip(qd, -self._speeds, self._speeds))
 
@@ -121,14 +126,14 @@ class Teacher:
 
 
 def comfort_posture(kinematics: Kinematics, q: Floats, targets: Floats) -> Floats:
-    """Return the comfort posture (n,), its gaze joint, if any, turned to the middle of the targets [m] (hands, 3).
+    """Return the comfort posture (n,), its gaze joint, if any, turned to the middle of the targets, (hands, 3 or 7).
 
     The turn is measured at posture `q` (n,); it is not kept within the joint's limits.
     """
     comfort, robot = kinematics.robot.comfort.copy(), kinematics.robot
     if robot.gaze is not None:
         gaze = robot.joints.index(robot.gaze.joint)
-        ahead, aside, _ = kinematics.in_gaze_frame(q, targets.mean(axis=0))
+        ahead, aside, _ = kinematics.in_gaze_frame(q, targets[:, :POSITION_SIZE].mean(axis=0))
         comfort[gaze] = q[gaze] + math.atan2(aside, ahead)
     return comfort
 
@@ -156,7 +161,7 @@ class Unreachable:
 
 
 def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = REACH_BOUND_M) -> Unreachable | None:
-    """Find the first of the `targets` [m] (T, hands, 3) from which a hand stays farther than `bound_m`, if any.
+    """Find the first of the `targets`, by row (T, hands, 3 or 7), from which a hand stays farther than `bound_m`.
 
     The teacher runs along the targets kinematically, on each until it is there or has had time to converge.
     """
@@ -165,7 +170,7 @@ def find_unreachable(teacher: Teacher, targets: ArrayLike, *, bound_m: float = R
         q, short_m = approach(teacher, q, target, bound_m)
         hand = int(np.argmax(short_m))
         if short_m[hand] > bound_m:
-            x, y, z = (float(value) for value in target[hand])
+            x, y, z = (float(value) for value in target[hand][:POSITION_SIZE])
             return Unreachable(sample, teacher.kinematics.robot.hand_names[hand], (x, y, z), float(short_m[hand]))
     return None
 
@@ -188,17 +193,32 @@ def check_reach(teacher: Teacher, motion: Motion) -> None:
 
 
 def approach(teacher: Teacher, q: Floats, target: Floats, bound_m: float = REACH_BOUND_M) -> tuple[Floats, Floats]:
-    """Let the teacher go from posture `q` (n,) towards a target (hands, 3) until all hands are there, or it converged.
+    """Let the teacher go from posture `q` (n,) towards targets by row until all hands are there, or it converged.
 
     Returns
     -------
     (ndarray, ndarray)
-        Posture reached (n,), and the distance of each hand from its target [m], shape (hands,); above `bound_m` is out
-        of reach.
+        Posture reached (n,), and what each hand misses its target by [m], see `misses_m`; above `bound_m` is out of
+        reach.
     """
+    robot = teacher.kinematics.robot
     for _ in range(_REACH_STEPS):
-        short_m = np.linalg.norm(teacher.kinematics.hands(q) - target, axis=1)
+        short_m = misses_m(robot, to_rows(robot, teacher.kinematics.inputs(q)), target)
         if short_m.max() <= bound_m:
             break
         q = teacher.step_for(q, target, _REACH_PERIOD_S)
     return q, short_m
+
+
+def misses_m(robot: RobotConfig, rows: Floats, targets: Floats) -> Floats:
+    """Return how far each hand is from its target [m], shape (hands,); both come by row, (hands, 3 or 7).
+
+    Where the pose is controlled, that is no less than the way of a point 10 cm from the hand's origin by the turn that
+    is missing.
+    """
+    far_m: Floats = np.linalg.norm(rows[:, :POSITION_SIZE] - targets[:, :POSITION_SIZE], axis=1)
+    found, asked = (turns_of(robot, to_inputs(robot, hands)) for hands in (rows, targets))
+    for hand, turn in found.items():
+        place = robot.hand_names.index(hand)
+        far_m[place] = max(far_m[place], _LEVER_M * float(turns_between(turn, asked[hand])))
+    return far_m

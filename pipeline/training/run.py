@@ -134,7 +134,8 @@ class LearningRun:
         self._kinematics = Kinematics(robot)
         self._stream = StreamDigest()
         self._pairs = self._pairing.pairs(robot)
-        self._joiner = TickJoiner(range_check(robot), self._pairing.topics(robot.hand_names))
+        check = range_check(robot)
+        self._joiner = TickJoiner(check, self._pairing.topics(robot.hand_names), check.poses)
         self._phase: Phase | None = None
         self._u = np.empty((PIECE, robot.input_centre.size))
         self._d = np.empty((PIECE, len(output_centre)))

@@ -10,12 +10,14 @@ from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import positions_of
 from pipeline.robot.kinematics import Kinematics
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
 from pipeline.views.live import LiveView
 from pipeline.views.network import NetworkView
+from pipeline.views.orientations import orientations
 from recorders.messages.phase import EVALUATE
 from recorders.rerun_scene.blueprint import EPOCHS, learning_blueprint, stack_points
 from recorders.rerun_scene.hands import FrontalPlane, HandScene
@@ -110,7 +112,7 @@ class _LearningScene:
         self._model = RobotModel.load(robot.plain_urdf, robot.joints)
         shown = self._network.shown
         blueprint = learning_blueprint(
-            stack_points(targets),
+            stack_points(positions_of(robot, targets)),
             plane,
             joints=len(robot.joints),
             timeline=timeline,
@@ -147,11 +149,13 @@ class _LearningScene:
     def _show_motion(self, index: int, u: Floats, joints: Floats) -> None:
         """Show the whole paths, and the robot at one of their points."""
         reached = self._kinematics.hands_along(joints)
-        targets = u.reshape(reached.shape)
+        targets = positions_of(self._kinematics.robot, u)
         now = slice(at := index * _STRIDE % len(u), at + 1) if self._timeline == EPOCHS else slice(-1, None)
         instants = Instants(self._timeline, np.array([index], dtype=np.int64))
         self._model.send(self._recording, instants, joints[now])
-        self._hands.send(instants, Track(np.zeros(1, dtype=np.int64), joints[now], targets[now], reached[now]))
+        turned = orientations(self._kinematics, u[now], joints[now])
+        track = Track(np.zeros(1, dtype=np.int64), joints[now], targets[now], reached[now], orientations=turned)
+        self._hands.send(instants, track)
         self._hands.log_paths(targets, reached)
 
 

@@ -6,7 +6,9 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, row_size
 from pipeline.robot.kinematics import Kinematics
+from pipeline.views.orientations import orientations_of_rows
 from recorders.errors import MotionError
 from recorders.messages.message_types import Float64MultiArray, JointState, Message, PoseStamped
 from recorders.messages.topics import (
@@ -30,16 +32,18 @@ _CM_PER_M = 100.0
 
 
 class _Target:
-    """The target of a hand, and the one before it."""
+    """The target of a hand by row, and the one before it."""
 
-    def __init__(self) -> None:
+    def __init__(self, size: int) -> None:
+        self._size = size
         self._stamp_ns = -1
         self._before: Floats | None = None
         self._latest: Floats | None = None
 
     def take(self, pose: PoseStamped) -> None:
         """Take a new target."""
-        self._before, self._latest, self._stamp_ns = self._latest, pose.position, pose.stamp_ns
+        row = np.concatenate([pose.position, pose.orientation])[: self._size]
+        self._before, self._latest, self._stamp_ns = self._latest, row, pose.stamp_ns
 
     def aimed_at(self, stamp_ns: int, *, commanded: bool) -> Floats | None:
         """Return what a command of this stamp answers, or what a posture measured then was to reach: u(k-1) at t_k."""
@@ -76,10 +80,10 @@ class MotionRows:
         self._kinematics = Kinematics(robot)
         self._joints = JointMap(robot.joints)
         self._topic = joints_topic
-        self._hands = {hand_target(name): _Target() for name in robot.hand_names}
+        self._hands = {hand_target(name): _Target(row_size(robot)) for name in robot.hand_names}
         self.topics = frozenset({*self._hands, LEARNER_ERROR, *JOINT_TOPICS})
         self._start_ns: int | None = None
-        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets (hands, 3), scored
+        self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets by row, scored
         self.errors: list[tuple[int, Floats]] = []
 
     def __len__(self) -> int:
@@ -129,8 +133,9 @@ class MotionRows:
             hand_count=len(self._hands),
             times_ns=times_ns,
             joints=postures,
-            targets=targets,
+            targets=targets[..., :POSITION_SIZE],
             reached=self._kinematics.hands_along(postures),
+            orientations=orientations_of_rows(self._kinematics, targets, postures),
         )
         return replace(track, scored=scored)
 

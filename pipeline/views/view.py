@@ -9,9 +9,11 @@ import rerun as rr
 from pipeline.evaluation.trials import evaluate_motion, robot_of
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.recorded import require_recorded_robot
 from pipeline.views.learning import plane_of
 from pipeline.views.network import NetworkView
+from pipeline.views.orientations import orientations
 from pipeline.views.rows import JOINT_TOPICS, MotionRows
 from recorders.cdr.codec import decode
 from recorders.containers.opening import open_log
@@ -116,8 +118,9 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         hand_count=len(robot.hands),
         times_ns=np.arange(len(trial.targets)) * PERIOD_NS,
         joints=trial.joints,
-        targets=trial.targets.reshape(trial.reached.shape),
+        targets=trial.asked,
         reached=trial.reached,
+        orientations=orientations(Kinematics(robot), trial.targets, trial.joints),
     )
     errors_cm, parts = _published_errors(controller), network.parts(controller, trial.targets)
 

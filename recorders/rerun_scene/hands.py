@@ -25,6 +25,7 @@ Colour: TypeAlias = tuple[int, int, int]
 _TARGET_RADIUS_M = 0.012
 _TRAIL_RADIUS_M = 0.004
 _PATH_RADIUS_M = 0.0015
+_AXES_M = {"target": 0.05, "reached": 0.08}  # length of the axes that show how a hand is turned
 _CM_PER_M = 100.0
 
 
@@ -105,6 +106,23 @@ class HandScene:
                 flat = rr.Points2D.columns(positions=self._plane.picture_cm(points))
                 self._recording.send_columns(f"frontal/{hand}/{name}", index, flat)
             self._recording.send_columns(f"error/{hand}", when, rr.Scalars.columns(scalars=errors_cm[plotted, i]))
+            if hand in track.orientations:
+                origins = (track.targets[:, i], track.reached[:, i])
+                self._send_axes(hand, index, origins, track.orientations[hand])
+
+    def _send_axes(
+        self,
+        hand: str,
+        index: list[rr.TimeColumn],
+        points: tuple[FloatArray, FloatArray],
+        turned: tuple[FloatArray, FloatArray],
+    ) -> None:
+        """Send the axes of a hand's target, and of the hand as reached: positions (T, 3), quaternions (T, 4)."""
+        for name, origins, quaternions in zip(_AXES_M, points, turned, strict=True):
+            entity = f"hands/{hand}/{name}_axes"
+            self._recording.log(entity, rr.TransformAxes3D(_AXES_M[name]), static=True)
+            poses = rr.Transform3D.columns(translation=origins, quaternion=quaternions)
+            self._recording.send_columns(entity, index, poses)
 
     def _grey(self) -> dict[str, Colour]:
         return dict.fromkeys(self._plane.hands, TARGET_COLOUR)

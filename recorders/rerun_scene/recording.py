@@ -4,16 +4,18 @@ Analytics: Rerun's viewer and command line send usage data unless set not to. Th
 a file, or to a viewer, without starting any of that, which a test watches; see `rerun_scene.viewer` for the viewer.
 """
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
+from types import MappingProxyType
 
 import rerun as rr
 import rerun.blueprint as rrb
 from numpy.typing import ArrayLike
 
 from recorders.errors import LogError
+from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.blueprint import motion_blueprint, stack_points
 from recorders.rerun_scene.hands import FrontalPlane, HandScene
 from recorders.rerun_scene.robot import RobotModel
@@ -99,6 +101,7 @@ def record_motion(
     reached: ArrayLike,
     title: str,
     plane: FrontalPlane | None = None,
+    orientations: Mapping[str, tuple[FloatArray, FloatArray]] = MappingProxyType({}),
 ) -> None:
     """Write the recording (`.rrd`) of a robot following a motion; open it with `reenact view` or `rerun FILE`.
 
@@ -123,6 +126,8 @@ def record_motion(
         Name of the recording in the viewer.
     plane : FrontalPlane, optional
         The hands, and the plane in which they are seen from behind; left and right, x ahead, z up if left out.
+    orientations : mapping of str to (array, array)
+        Quaternions x, y, z, w of the target and as reached, shape (T, 4) each, of hands whose pose is controlled.
 
     Raises
     ------
@@ -139,6 +144,7 @@ def record_motion(
         joints=joints,
         targets=targets,
         reached=reached,
+        orientations=orientations,
     )
     send_motion(
         Destination(path),

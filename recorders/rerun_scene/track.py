@@ -2,7 +2,9 @@
 
 import hashlib
 import json
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
 
 import numpy as np
 import rerun as rr
@@ -38,6 +40,8 @@ class Track:
         Hand positions [m], shape (T, hands, 3).
     scored : ndarray of bool or None
         Rows whose error is plotted, shape (T,); all if left out.
+    orientations : mapping of str to (ndarray, ndarray)
+        Quaternions x, y, z, w of the target and as reached, shape (T, 4) each, by hand whose pose is controlled.
     """
 
     times_ns: Times
@@ -45,6 +49,7 @@ class Track:
     targets: FloatArray
     reached: FloatArray
     scored: NDArray[np.bool_] | None = None
+    orientations: Mapping[str, tuple[FloatArray, FloatArray]] = field(default_factory=dict)
 
     @classmethod
     def checked(
@@ -56,6 +61,7 @@ class Track:
         joints: ArrayLike,
         targets: ArrayLike,
         reached: ArrayLike,
+        orientations: Mapping[str, tuple[FloatArray, FloatArray]] = MappingProxyType({}),
     ) -> "Track":
         """Copy the arrays; times are whole numbers [ns].
 
@@ -69,7 +75,7 @@ class Track:
             `MAX_TIME_NS`.
         """
         arrays = [np.array(array, dtype=np.float64) for array in (joints, targets, reached)]
-        track = cls(_whole_ns(times_ns), arrays[0], arrays[1], arrays[2])
+        track = cls(_whole_ns(times_ns), arrays[0], arrays[1], arrays[2], orientations=orientations)
         samples = len(track.times_ns) if track.times_ns.ndim == 1 else 0
         if samples == 0:
             raise MotionError(f"expected times of shape (T,) with T >= 1, found {track.times_ns.shape}")
@@ -81,6 +87,9 @@ class Track:
         for name in ("joints", "targets", "reached"):
             if not (np.abs(getattr(track, name)) <= MAX_NUMBER).all():  # nor is NaN
                 raise MotionError(f"expected finite numbers within {MAX_NUMBER:g} of zero in {name}, found others")
+        for hand, quaternions in orientations.items():
+            if not all(turned.shape == (samples, 4) and np.isfinite(turned).all() for turned in quaternions):
+                raise MotionError(f"expected finite orientations of hand {hand}, of shape {(samples, 4)}, found others")
         return track
 
     @property
@@ -104,7 +113,8 @@ class Track:
         """Return an identity derived from the content, for the viewer merges recordings of one identity."""
         digest = hashlib.sha256(json.dumps(parts).encode())
         digest.update(self.times_ns.astype("<i8").tobytes())
-        for array in (self.joints, self.targets, self.reached):
+        turned = [quaternions for pair in self.orientations.values() for quaternions in pair]
+        for array in (self.joints, self.targets, self.reached, *turned):
             digest.update(np.ascontiguousarray(array, dtype="<f8").tobytes())
         return digest.hexdigest()[:32]
 

@@ -1,10 +1,11 @@
 """Ticks for training: the messages of one sample in recorded order, where anything amiss is an error."""
 
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from functools import lru_cache
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache, partial
 from math import isfinite
 from operator import itemgetter
+from types import MappingProxyType
 from typing import Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -21,7 +22,13 @@ from recorders.ticks.stamp_joiner import OpenTick, StampJoiner, name_of
 MAX_OPEN = 4096  # ticks; a publisher that stays silent must not fill the memory
 
 Check: TypeAlias = Callable[[FloatArray | JointState], None]
-"""Raises JointError or MessageError for a position [m] (3,) or joints that cannot be the robot's."""
+"""Raises JointError or MessageError for a position [m] (3,), or pose (6,), or joints that cannot be the robot's."""
+
+PoseReader: TypeAlias = Callable[[PoseStamped], FloatArray]
+"""Returns the numbers of a hand whose pose is controlled, position [m] first; raises MessageError if they cannot be."""
+
+NO_POSES: Mapping[str, PoseReader] = MappingProxyType({})
+"""Readers of a robot whose hands are asked for positions alone."""
 
 _Reader: TypeAlias = Callable[[bytes], tuple[int, Any]]
 
@@ -40,8 +47,9 @@ class Tick(NamedTuple):
     ----------
     stamp_ns : int
         The stamp that all its messages carry [ns].
-    hands : tuple of array, shape (3,) each
-        Positions [m], read-only, in the order of the tick's topics: as commanded, or as measured.
+    hands : tuple of array, shape (3,) or (6,) each
+        Positions [m], read-only, in the order of the tick's topics: as commanded, or as measured; of a hand whose pose
+        is controlled, its turn [rad] too.
     joints : JointState
         Joints at the tick.
     records : tuple of RecordedMessage
@@ -72,12 +80,19 @@ class TickJoiner:
         What is asked of a position or of joints beyond finite numbers in a position.
     topics : sequence of str
         The topics that a tick has a message of each: hands in the order wanted, and the joints.
+    poses : mapping of str to callable
+        Readers of the topics of hands whose pose is controlled.
     """
 
-    def __init__(self, check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK) -> None:
+    def __init__(
+        self,
+        check: Check = pass_all,
+        topics: Sequence[str] = COMMANDED_TICK,
+        poses: Mapping[str, PoseReader] = NO_POSES,
+    ) -> None:
         self._check = check
         self._topics = tuple(topics)
-        self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(self._topics)}
+        self._inputs = {topic: (rank, TickInput(topic, poses.get(topic))) for rank, topic in enumerate(self._topics)}
         self._joints = joints_rank(self._topics)
         self._surplus = [is_measured(topic) for topic in self._topics]
         self._ticks: StampJoiner[Any] = StampJoiner(self._topics, limit=MAX_OPEN, give_up=self._refuse_incomplete)
@@ -141,7 +156,10 @@ class TickJoiner:
 
 
 def join_ticks(
-    records: Iterable[RecordedMessage], check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK
+    records: Iterable[RecordedMessage],
+    check: Check = pass_all,
+    topics: Sequence[str] = COMMANDED_TICK,
+    poses: Mapping[str, PoseReader] = NO_POSES,
 ) -> Iterator[Tick]:
     """Yield the ticks of one cycle, such as a whole episode log.
 
@@ -150,7 +168,7 @@ def join_ticks(
     MessageError, JointError
         As `TickJoiner.feed` and `TickJoiner.finish` do.
     """
-    joiner = TickJoiner(check, topics)
+    joiner = TickJoiner(check, topics, poses)
     for record in records:
         yield from joiner.feed(record)
     joiner.finish()
@@ -218,14 +236,19 @@ class TickInput:
     ----------
     topic : str
         The topic, one of hands or joints.
+    pose : callable, optional
+        Reads the messages of a hand whose pose is controlled; of others the orientation is not looked at.
     """
 
-    def __init__(self, topic: str) -> None:
+    def __init__(self, topic: str, pose: PoseReader | None = None) -> None:
         self._type = type_of(topic)
         self._read, self._read_remembered = _READERS[self._type]
+        if pose is not None:
+            self._read = partial(_read_pose, pose)
+            self._read_remembered = lru_cache(maxsize=_REMEMBERED)(self._read)
 
     def read(self, record: RecordedMessage) -> tuple[int, FloatArray | JointState]:
-        """Return the stamp [ns] of a message, and the position [m] (3,) or the joints that it holds.
+        """Return the stamp [ns] of a message, and the joints that it holds, or the position [m] (3,), or pose (6,).
 
         Raises
         ------
@@ -268,6 +291,12 @@ def _read_position(data: bytes) -> tuple[int, FloatArray]:
     pose = decode_as(PoseStamped, data)
     _refuse_nan(pose.position, pose.stamp_ns)
     return pose.stamp_ns, pose.position
+
+
+def _read_pose(read: PoseReader, data: bytes) -> tuple[int, FloatArray]:
+    pose = decode_as(PoseStamped, data)
+    _refuse_nan(pose.position, pose.stamp_ns)
+    return pose.stamp_ns, read(pose)
 
 
 def _read_joints(data: bytes) -> tuple[int, JointState]:

@@ -1,6 +1,6 @@
 """Ticks of what anyone publishes: one bad message is refused, one incomplete tick given up, and the rest goes on."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import combinations
 from typing import NamedTuple
 
@@ -8,7 +8,7 @@ from recorders.cdr.codec import stamp_ns
 from recorders.errors import JointError, MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, is_measured
-from recorders.ticks.joiner import Check, TickInput, joints_rank, pass_all
+from recorders.ticks.joiner import NO_POSES, Check, PoseReader, TickInput, joints_rank, pass_all
 from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner, name_of
 
 MAX_PENDING = 64
@@ -89,6 +89,8 @@ class LiveTicks:
         What else is asked of a position or of joints.
     topics : sequence of str
         The topics that a tick has a message of each: hands in the order wanted, and the joints.
+    poses : mapping of str to callable
+        Readers of the topics of hands whose pose is controlled.
 
     Attributes
     ----------
@@ -96,9 +98,14 @@ class LiveTicks:
         Stamps given up so far, as messages of theirs never came.
     """
 
-    def __init__(self, check: Check = pass_all, topics: Sequence[str] = COMMANDED_TICK) -> None:
+    def __init__(
+        self,
+        check: Check = pass_all,
+        topics: Sequence[str] = COMMANDED_TICK,
+        poses: Mapping[str, PoseReader] = NO_POSES,
+    ) -> None:
         self._check = check
-        self._inputs = {topic: (rank, TickInput(topic)) for rank, topic in enumerate(topics)}
+        self._inputs = {topic: (rank, TickInput(topic, poses.get(topic))) for rank, topic in enumerate(topics)}
         measured = {rank for rank, topic in enumerate(topics) if is_measured(topic)}
         self._surplus = measured or {joints_rank(topics)}  # ranks of what may come more often
         self._measured = measured

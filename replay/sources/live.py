@@ -16,7 +16,7 @@ from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
 from recorders.text.wording import escape_control
-from recorders.ticks.joiner import Check, pass_all
+from recorders.ticks.joiner import NO_POSES, Check, PoseReader, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks
 from recorders.ticks.stamp_joiner import RejectionError
 from recorders.wire.stream import Offer
@@ -48,6 +48,8 @@ class LiveStream:
         What else is asked of a position or of joints.
     tick : tuple of str
         Topics that a tick has a message of each.
+    poses : mapping of str to callable
+        Readers of the topics of hands whose pose is controlled.
     phase : Phase, optional
         Where the learner that takes the stream stands already.
     quiet : bool
@@ -73,6 +75,7 @@ class LiveStream:
         epochs: int = 1,
         check: Check = pass_all,
         tick: tuple[str, ...] = COMMANDED_TICK,
+        poses: Mapping[str, PoseReader] = NO_POSES,
         phase: Phase | None = None,
         quiet: bool = False,
     ) -> None:
@@ -80,7 +83,7 @@ class LiveStream:
         self._phase = phase
         self._quiet = quiet
         self._marked = False  # whether the marker in force has been passed on
-        self._joiner = LiveTicks(check, tick)
+        self._joiner = LiveTicks(check, tick, poses)
         self.topics = frozenset({SESSION_PHASE, *tick})
         self._arrived: Counter[str] = Counter()
         self._repeats = 0
@@ -204,6 +207,8 @@ class LiveLog:
         What else is asked of a position or of joints.
     tick : tuple of str
         Topics that a tick has a message of each, by our names.
+    poses : mapping of str to callable
+        Readers of the topics of hands whose pose is controlled.
     renames : mapping of str to str
         Our topic names for those that the log uses.
 
@@ -221,6 +226,7 @@ class LiveLog:
         epochs: int = 1,
         check: Check = pass_all,
         tick: tuple[str, ...] = COMMANDED_TICK,
+        poses: Mapping[str, PoseReader] = NO_POSES,
         renames: Mapping[str, str] = _NO_RENAMES,
     ) -> None:
         self._reader = open_log(path)
@@ -229,6 +235,7 @@ class LiveLog:
         self._epochs = epochs
         self._check = check
         self._tick = tick
+        self._poses = poses
         self._robot = read_robot(self._reader)
         self._check_order()
         counted = self._new_stream(quiet=False)
@@ -259,7 +266,7 @@ class LiveLog:
                 yield record
 
     def _new_stream(self, *, quiet: bool = True) -> LiveStream:
-        return LiveStream(epochs=self._epochs, check=self._check, tick=self._tick, quiet=quiet)
+        return LiveStream(epochs=self._epochs, check=self._check, tick=self._tick, poses=self._poses, quiet=quiet)
 
     def _check_order(self) -> None:
         """Refuse a log whose chunks lie in another order than they were recorded in."""

@@ -1,4 +1,4 @@
-"""A robot of one hand, or of three, is explored, learned, evaluated, served, shown and kept like one of two."""
+"""A robot of one hand, or of three, be one of them asked for poses, is explored, learned, served and kept as of two."""
 
 import json
 from collections.abc import Sequence
@@ -9,10 +9,12 @@ import numpy as np
 import pytest
 from more_hands import ONE, THREE, write_motion, write_robot
 from processes import start, wait_for_line
+from scipy.spatial.transform import Rotation
 
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.learner_node.node import replay
+from pipeline.robot.coordinates import positions_of, turns_of
 from pipeline.samples.pairs import read_samples
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.served_controller import ServedController
@@ -37,17 +39,32 @@ def run(*arguments: object) -> int:
     return int(end.value.code or 0)
 
 
-@pytest.fixture(scope="module", params=[ONE, THREE], ids=["one hand", "three hands"])
-def hands(request: pytest.FixtureRequest) -> tuple[str, ...]:
-    found: tuple[str, ...] = request.param
+@pytest.fixture(
+    scope="module",
+    params=[(ONE, ()), (THREE, THREE[-1:])],
+    ids=["one hand", "three hands and a pose"],
+)
+def kind(request: pytest.FixtureRequest) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Names of all hands, and of those that are asked for poses."""
+    found: tuple[tuple[str, ...], tuple[str, ...]] = request.param
     return found
 
 
 @pytest.fixture(scope="module")
-def work(hands: tuple[str, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
+def hands(kind: tuple[tuple[str, ...], tuple[str, ...]]) -> tuple[str, ...]:
+    return kind[0]
+
+
+@pytest.fixture(scope="module")
+def poses(kind: tuple[tuple[str, ...], tuple[str, ...]]) -> tuple[str, ...]:
+    return kind[1]
+
+
+@pytest.fixture(scope="module")
+def work(hands: tuple[str, ...], poses: tuple[str, ...], tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with the robot, a motion, the log of an exploration, and the controller that was trained from it."""
     folder = tmp_path_factory.mktemp("hands")
-    robot = write_robot(folder / "robot", hands)
+    robot = write_robot(folder / "robot", hands, poses=poses)
     motion = write_motion(folder / "motion.csv", robot, samples=SAMPLES)
     assert run("explore", "--robot", robot, "--motion", motion, "--out", folder / "log.mcap") == 0
     training = ("--epochs", EPOCHS, "--seed", 3, "--out", folder / "trained.npz")
@@ -87,15 +104,21 @@ def per_hand(hands: Sequence[str], *names: str) -> set[str]:
     return {name.format(hand) for hand in hands for name in names}
 
 
-def test_the_log_and_its_samples_are_of_all_hands(work: Path, hands: tuple[str, ...]) -> None:
+def test_the_log_and_its_samples_are_of_all_hands(work: Path, hands: tuple[str, ...], poses: tuple[str, ...]) -> None:
     counts = LogReader(work / "log.mcap").counts
     topics = [SAMPLE_JOINTS, *map(hand_target, hands), *map(hand_measured, hands)]
     assert {topic: counts[topic] for topic in topics} == dict.fromkeys(topics, SAMPLES + 1)
     samples = read_samples(work / "log.mcap")
     assert samples.robot.hand_names == hands
-    assert samples.targets.shape == (SAMPLES, 3 * len(hands))
+    assert samples.targets.shape == (SAMPLES, 3 * len(hands) + 3 * len(poses))
     motion = np.loadtxt(work / "motion.csv", delimiter=",", skiprows=1)
-    np.testing.assert_array_equal(samples.targets, motion[:, 1:])
+    positions = positions_of(samples.robot, samples.targets).reshape(SAMPLES, -1)
+    np.testing.assert_array_equal(positions, motion[:, 1 : 1 + 3 * len(hands)])
+    turned = [Rotation.from_rotvec(turns) for turns in turns_of(samples.robot, samples.targets).values()]
+    middles = [Rotation.from_quat(hand.orientation) for hand in samples.robot.hands if hand.orientation is not None]
+    for place, (turn, middle) in enumerate(zip(turned, middles, strict=True)):
+        asked = Rotation.from_quat(motion[:, 1 + 3 * len(hands) + 4 * place :][:, :4])
+        assert (turn * middle * asked.inv()).magnitude().max() < 1e-9
 
 
 def test_learned_over_zenoh_and_from_the_file_is_one_state(work: Path, hands: tuple[str, ...], tmp_path: Path) -> None:
@@ -111,9 +134,10 @@ def test_learned_over_zenoh_and_from_the_file_is_one_state(work: Path, hands: tu
     assert Controller.load(tmp_path / "live.npz").digest == trained.digest
 
 
-def test_evaluate_names_every_hand(work: Path, hands: tuple[str, ...], result: Any) -> None:
+def test_evaluate_names_every_hand(work: Path, hands: tuple[str, ...], poses: tuple[str, ...], result: Any) -> None:
     found = result("evaluate", work / "trained.npz", work / "log.mcap")
     each = per_hand(hands, "{}_cm", "{}_max_cm", "teacher_{}_cm", "linear_{}_cm")
+    each |= per_hand(poses, "{}_deg", "{}_max_deg", "teacher_{}_deg", "linear_{}_deg")
     assert found.keys() == {"mean_cm", "max_cm", "samples", "pairs", "teacher_cm", "linear_cm"} | each
     assert found["mean_cm"] == pytest.approx(np.mean([found[f"{hand}_cm"] for hand in hands]))
     assert result("evaluate", work / "trained.npz", "eight")["samples"] == 64

@@ -14,7 +14,6 @@ import pytest
 from numba.core.registry import CPUDispatcher
 
 from pipeline.evaluation import errors as evaluation
-from pipeline.evaluation import trials
 from pipeline.exploration import reproduce
 from pipeline.exploration.episode import GuidedRun, start_posture
 from pipeline.learner.rules.reservoir import kernels, learner, network
@@ -155,7 +154,7 @@ def wrong_centring(patch: Patch, folder: Path) -> None:
 
 
 def swapped_hands(patch: Patch, folder: Path) -> None:
-    rewrite(patch, commanded.CommandedPairs, "fill", "enumerate(tick.hands)", "enumerate(tick.hands[::-1])")
+    rewrite(patch, commanded.CommandedPairs, "fill", "concatenate(tick.hands,", "concatenate(tick.hands[::-1],")
 
 
 def permuted_joints(patch: Patch, folder: Path) -> None:
@@ -186,7 +185,7 @@ def maximum_for_mean(patch: Patch, folder: Path) -> None:
 
 def trial_of_the_wrong_hand(patch: Patch, folder: Path) -> None:
     right = evaluation.hand_errors
-    patch.setattr(trials, "hand_errors", lambda k, joints, targets: right(k, joints, np.roll(targets, 3, axis=1)))
+    patch.setattr(evaluation, "hand_errors", lambda k, joints, targets: right(k, joints, np.roll(targets, 3, axis=1)))
 
 
 # In the replay.

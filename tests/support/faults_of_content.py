@@ -48,7 +48,7 @@ def joints_by_place(patch: Patch) -> None:
 
 def hands_swapped_in_trials(patch: Patch) -> None:
     right = errors.hand_errors
-    patch.setattr("pipeline.evaluation.trials.hand_errors", lambda *arguments: right(*arguments)[:, ::-1])
+    patch.setattr(errors, "hand_errors", lambda *arguments: right(*arguments)[:, ::-1])
 
 
 def hands_swapped_in_cycles(patch: Patch) -> None:

@@ -12,6 +12,7 @@ from pipeline.exploration.episode import ExplorationConfig
 from pipeline.exploration.source import JOINT_NOISE, DrawnMotion
 from pipeline.exploration.via_points import MOVE_NS, VOLUME, between, draw_point, motion_through
 from pipeline.motions.motion import Motion
+from pipeline.robot.coordinates import to_rows
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, TeacherConfig, approach
 from recorders.errors import MotionError
 
@@ -27,11 +28,11 @@ class _State(NamedTuple):
     Attributes
     ----------
     point : ndarray
-        The via point [m], shape (hands, 3).
+        The via point, shape (inputs,).
     posture : ndarray
         The posture commanded there (n,), if targets flow.
     target, held : ndarray
-        If each target is held: the last of them [m], shape (hands, 3), and the posture commanded there (n,).
+        If each target is held: the last of them, shape (inputs,), and the posture commanded there (n,).
     """
 
     point: Floats
@@ -74,7 +75,8 @@ def volume(
         No free way is found from one of the via points.
     """
     moves = -(-duration_ns // MOVE_NS)
-    return motion_through(_Planner(teacher, seed, noise).via_points(moves, progress), duration_ns, tick_ns)
+    points = _Planner(teacher, seed, noise).via_points(moves, progress)
+    return motion_through(teacher.kinematics.robot, points, duration_ns, tick_ns)
 
 
 class _Planner:
@@ -92,10 +94,10 @@ class _Planner:
         self._clear_held = Nearest(CLEARANCE_M + _HELD_LAG_SHARE * widest_m, "", "")
 
     def via_points(self, moves: int, progress: Callable[[float], None]) -> list[Floats]:
-        """Return the centres of the boxes and as many via points as there are moves [m], each (hands, 3)."""
-        centres = self._robot.centres
-        start = approach(self._teacher, self._robot.comfort, centres)[0]
-        way = [_State(centres, start, centres, start)]
+        """Return the centres of the boxes and as many via points as there are moves, each (inputs,)."""
+        centre = self._robot.input_centre
+        start = approach(self._teacher, self._robot.comfort, to_rows(self._robot, centre))[0]
+        way = [_State(centre, start, centre, start)]
         drawn = [0]  # how many points, by move
         for _ in range(_DRAWS * (moves + 1)):
             if len(way) > moves:
@@ -121,13 +123,13 @@ class _Planner:
             posture = self._step(posture, between(state.point, goal, step / steps))
             if not self._is_free(posture + self._offset(move * steps + step), self._clear):
                 return None
-        settled, short_m = approach(self._teacher, posture, goal)
+        settled, short_m = approach(self._teacher, posture, to_rows(self._robot, goal))
         if short_m.max() > REACH_BOUND_M or not self._is_free(settled, self._clear):
             return None
         return self._follow_held(_State(goal, posture, state.target, state.held), state.point, move=move)
 
     def _follow_held(self, state: _State, point: Floats, *, move: int) -> _State | None:
-        """Go the same way with held targets from a via point [m] (hands, 3); `state` is where it ends without."""
+        """Go the same way with held targets from a via point (inputs,); `state` is where it ends without."""
         target, held, steps = state.target, state.held, MOVE_NS // _STEP_NS
         for step in range(steps):
             if (move * steps + step) % (_HOLD_NS // _STEP_NS) == 0:
@@ -138,7 +140,7 @@ class _Planner:
         return state._replace(target=target, held=held)
 
     def _step(self, posture: Floats, target: Floats) -> Floats:
-        return self._teacher.step_for(posture, target, _STEP_NS * 1e-9)
+        return self._teacher.step_for(posture, to_rows(self._robot, target), _STEP_NS * 1e-9)
 
     def _is_free(self, posture: Floats, clear: Nearest) -> bool:
         return self._distances.nearest(posture, below=clear) is clear

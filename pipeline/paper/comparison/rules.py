@@ -10,7 +10,7 @@ from statistics import median
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.evaluation.errors import WASHOUT_STEPS, HandErrors, hand_errors
+from pipeline.evaluation.errors import WASHOUT_STEPS, HandErrors, posture_errors
 from pipeline.learner.body import body_of
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import default_config, make_learner
@@ -153,7 +153,7 @@ def errors_of(robot: RobotConfig, answer: Answer, motions: Motions) -> dict[str,
     kinematics, errors = Kinematics(robot), {}
     for name, targets in motions.items():
         joints = answer(np.concatenate([np.repeat(targets[:1], WASHOUT_STEPS, axis=0), targets]))[WASHOUT_STEPS:]
-        errors[name] = HandErrors.of(hand_errors(kinematics, joints, targets), robot.hand_names)
+        errors[name] = posture_errors(kinematics, joints, targets)
     return errors
 
 

@@ -22,9 +22,8 @@ class CommandedPairs:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
+        self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
         self._held: Floats = np.empty(self._size)
-        self._held_hands = self._held.reshape(-1, 3)
         self._held_since_ns = 0
         self._waiting = False
         self.stamp_ns = 0
@@ -50,8 +49,7 @@ class CommandedPairs:
         joints = self._joints.positions(tick.joints)
         if complete:
             u[:] = self._held
-        for hand, position in enumerate(tick.hands):
-            self._held_hands[hand] = position
+        np.concatenate(tick.hands, out=self._held)
         d[: self._size] = self._held
         d[self._size :] = joints
         self._waiting = True

@@ -24,7 +24,7 @@ class ComputedPairs:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
+        self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
         self._kinematics = HandKinematics(robot)
         self.stamp_ns = 0
 

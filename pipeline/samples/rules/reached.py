@@ -21,7 +21,7 @@ class ReachedPairs:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._joints, self._size = JointMap(robot.joints), 3 * len(robot.hands)
+        self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
         self.stamp_ns = 0
 
     @property

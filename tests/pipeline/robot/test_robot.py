@@ -109,7 +109,12 @@ def test_a_cut_off_file_is_refused_with_its_folder(
             r"name of hand 0 .* expected small letters, digits and '_', .* found '/left'",
         ),
         ('name = "left"', 'name = "right"', "hands of the robot config: right given more than once"),
-        ('controls = "position"', 'controls = "pose"', "controls of hand left .* expected \"position\", found 'pose'"),
+        (
+            'controls = "position"',
+            'controls = "force"',
+            'controls of hand left .* expected "position" or "pose", found \'force\'',
+        ),
+        ('controls = "position"', 'controls = "pose"', "centre of hand left .* expected seven numbers, found a list"),
         ("box = [0.069,", "box = [0.0,", r"box of hand left .* expected half extents above 0 and at most 10 m"),
         ("box = [0.069,", "box = [69,", r"box of hand left .* expected half extents above 0 and at most 10 m"),
         ('joint = "head_pan"', 'joint = "neck"', r"\[gaze\] joint 'neck' is not among"),

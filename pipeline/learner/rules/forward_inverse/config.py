@@ -4,7 +4,7 @@ import dataclasses
 from collections.abc import Mapping
 from typing import Any, NamedTuple, Self
 
-from pipeline.learner.body import AXES, Body, any_body
+from pipeline.learner.body import AXES, TURNS, Body, any_body
 from pipeline.learner.rule import Settings, Shown
 from pipeline.learner.rules.forward_inverse.features import (
     MAX_FEATURES,
@@ -37,7 +37,7 @@ class ForwardInverseConfig(Settings):
     Parameters
     ----------
     inputs, outputs : int
-        Three inputs for each hand; outputs are the inputs and the joints.
+        Three inputs for each hand, six if its pose is controlled; outputs are the inputs and the joints.
     epochs : int
         How often a log is learned; once is enough.
     seed : int
@@ -98,8 +98,8 @@ class ForwardInverseConfig(Settings):
         """The inverse estimate, then the forward model of each hand."""
         body = self.known_body
         inverse = self._model("inverse", tuple(range(self.inputs)), len(body.joints))
-        hands = zip(body.hands, body.moves, strict=True)
-        return inverse, *(self._model(f"forward_{hand}", places, len(AXES)) for hand, places in hands)
+        hands = zip(body.hands, body.moves, body.hand_axes, strict=True)
+        return inverse, *(self._model(f"forward_{hand}", places, len(axes)) for hand, places, axes in hands)
 
     def state_shapes(self) -> dict[str, tuple[int, ...]]:
         """Names and shapes of the state, in the order in which it is digested.
@@ -132,7 +132,7 @@ class ForwardInverseConfig(Settings):
         body = self.known_body
         for model in self.models:
             inverse = model.name == "inverse"
-            outputs = body.joints if inverse else AXES
+            outputs = body.joints if inverse else (AXES + TURNS)[: model.outputs]
             if array == f"{model.name}_errors":
                 return f"{array}[{(*outputs, 'sum of weights')[index[0]]}]"
             features = self._feature_names(model)

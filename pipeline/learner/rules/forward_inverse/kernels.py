@@ -517,8 +517,8 @@ def expect(
 ) -> None:
     """Fill where the forward models expect the hands, and how far from there they may be.
 
-    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's outputs of the mean of e^2 / (1 + f' P f), e the error
-    from before each update; a sample's weight is the cube of 1 / (1 + f' P f). It is infinite before anything was
+    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's x, y and z of the mean of e^2 / (1 + f' P f), e the
+    error from before each update; a sample's weight is the cube of 1 / (1 + f' P f). It is infinite before anything was
     learned.
 
     Parameters
@@ -533,18 +533,20 @@ def expect(
         Filled with the standard deviation of each hand's distance [m].
     """
     common = common_views(sizes, memory)
+    first = last = 0
     for hand in range(sizes[2]):
         forward = model_views(sizes, tables, memory, 1 + hand)
         size = forward.weights.shape[1]
-        first, weight, squares = hand * size, forward.errors[size], 0.0
-        for m in range(size):
+        first, last = last, last + size
+        weight, squares = forward.errors[size], 0.0
+        for m in range(3):
             squares += forward.errors[m] * (common.reach[first + m] * common.reach[first + m])
         for k in range(joints.shape[0]):
             for j in range(joints.shape[1]):
                 common.posture[j] = (joints[k, j] - common.comfort[j]) / common.half[j]
             fill_features(forward, common.posture, False)
-            fill_hand(forward, common.hands[first : first + size])
-            for m in range(first, first + size):
+            fill_hand(forward, common.hands[first:last])
+            for m in range(first, last):
                 hands[k, m] = common.centre[m] + common.reach[m] * common.hands[m]
             variance = max(fill_gain(forward), 0.0)
             deviations[k, hand] = np.sqrt(squares / weight * (1.0 + variance)) if weight > 0.0 else np.inf
@@ -570,9 +572,10 @@ def linearise(
     common = common_views(sizes, memory)
     for j in range(joints.size):
         common.posture[j] = (joints[j] - common.comfort[j]) / common.half[j]
+    first = last = 0
     for hand in range(sizes[2]):
         forward = model_views(sizes, tables, memory, 1 + hand)
-        first, last = hand * forward.weights.shape[1], (hand + 1) * forward.weights.shape[1]
+        first, last = last, last + forward.weights.shape[1]
         fill_features(forward, common.posture, False)
         fill_hand(forward, common.hands[first:last])
         fill_jacobian(forward, common.jacobian[first:last])

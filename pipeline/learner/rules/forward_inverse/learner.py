@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from pipeline.arrays import Floats
+from pipeline.learner.body import AXES
 from pipeline.learner.rows import centre_of, finite_rows, not_finite, pairs_of, rows_of
 from pipeline.learner.rules.forward_inverse import kernels
 from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
@@ -189,7 +190,8 @@ class ForwardInverseLearner:
     def least_deviations(self) -> Floats:
         """Return s [m] of each hand, shape (hands,): the deviation where f' P f is 0; infinite before learning."""
         errors = self.model_errors()
-        return np.array([float(np.sqrt((errors[model.name] ** 2).sum())) for model in self.config.models[1:]])
+        hands = (errors[model.name][: len(AXES)] for model in self.config.models[1:])
+        return np.array([float(np.sqrt((error**2).sum())) for error in hands])
 
     def explain(self, u: ArrayLike) -> Explained:
         """Return how the commands to targets u (n, inputs) [m] come about.
@@ -232,10 +234,11 @@ class ForwardInverseLearner:
     def model_errors(self) -> dict[str, Floats]:
         """Return the deviation of every model's outputs from what was measured, from before each update.
 
-        By the model's name: joints [rad or m] of the inverse estimate, x, y and z [m] of the forward models; infinite
-        before anything was learned.
+        By the model's name: joints [rad or m] of the inverse estimate, x, y and z [m] and turns [rad] of the forward
+        models; infinite before anything was learned.
         """
-        scales = [self._common.half, *np.split(self._common.reach, len(self._models) - 1)]
+        ends = np.cumsum([model.outputs for model in self.config.models[1:]])
+        scales = [self._common.half, *np.split(self._common.reach, ends[:-1])]
         return {
             name: _root_mean(model.errors) * scale
             for (name, model), scale in zip(self._models.items(), scales, strict=True)
@@ -249,11 +252,12 @@ class ForwardInverseLearner:
         """
         explained, hands = self.explain(u), self.config.known_body.hands
         steps = (explained.joints - explained.estimate) / self._common.half
-        left = (explained.hands - np.asarray(u, dtype=np.float64)).reshape(len(steps), len(hands), -1)
+        ends = np.cumsum([model.outputs for model in self.config.models[1:]])
+        left = np.split(explained.hands - np.asarray(u, dtype=np.float64), ends[:-1], axis=1)
         curves = {"Newton step [% of half the range]": 100.0 * np.sqrt((steps * steps).mean(axis=1))}
         for place, hand in enumerate(hands):
             curves[f"{hand} hand: expected deviation [cm]"] = 100.0 * explained.deviations[:, place]
-            curves[f"{hand} hand: expected distance [cm]"] = 100.0 * np.linalg.norm(left[:, place], axis=1)
+            curves[f"{hand} hand: expected distance [cm]"] = 100.0 * np.linalg.norm(left[place][:, : len(AXES)], axis=1)
         return curves
 
     def lines(self) -> tuple[str, ...]:
@@ -261,7 +265,7 @@ class ForwardInverseLearner:
         errors = self.model_errors()
         return tuple(
             f"{size.name.replace('_', ' ')}: degree {size.degree}, {size.features} features, "
-            f"errs by {float(np.sqrt((errors[size.name] ** 2).mean())):.2g} {'rad' if place == 0 else 'm'}"
+            f"errs by {_root_mean_text(errors[size.name], forward=place > 0)}"
             for place, size in enumerate(self.config.models)
         )
 
@@ -365,6 +369,12 @@ def _root_mean(errors: Floats) -> Floats:
         return np.full(len(errors) - 1, np.inf)
     roots: Floats = np.sqrt(errors[:-1] / errors[-1])
     return roots
+
+
+def _root_mean_text(errors: Floats, *, forward: bool) -> str:
+    """Return the root mean square of errors as a text: of joints, or of positions and of turns, if there are any."""
+    parts = [(errors, "rad")] if not forward else [(errors[: len(AXES)], "m"), (errors[len(AXES) :], "rad")]
+    return " and ".join(f"{float(np.sqrt((part**2).mean())):.2g} {unit}" for part, unit in parts if part.size)
 
 
 def _failure(status: int) -> ReenactError:

@@ -1,0 +1,101 @@
+"""Rotation vectors and unit quaternions in a fixed order of IEEE operations: the same bits whatever libm there is.
+
+A rotation vector r turns by |r| about its own direction; a quaternion is x, y, z, w, as ROS has it. Every rotation of
+less than half a turn has one rotation vector, which depends on it smoothly. At half a turn there are two, r and -r:
+`REGULAR_RAD` stays clear of that, and whoever takes rotations in refuses those beyond.
+"""
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from pipeline.arrays import Floats
+from pipeline.trigonometry import cosine, sine
+
+REGULAR_RAD = 2.6
+"""Largest turn about a centre that is taken [rad]: 149 degrees; at 180 a rotation vector would jump."""
+
+_QUARTER_TURN = float.fromhex("0x1.921fb54442d18p+0")
+_HALVINGS = 3  # of an angle of at most an eighth of a turn, before its series
+_ARC_TANGENT = [(-1) ** n / (2 * n + 1) for n in range(1, 10)]  # at a tangent of 0.099 the next term is below 1e-20
+
+
+def quaternions_of(vectors: ArrayLike) -> Floats:
+    """Return the unit quaternions of rotation vectors [rad], shape (..., 3); shape (..., 4).
+
+    Examples
+    --------
+    >>> quaternions_of([0.0, 0.0, 1.0]).tolist()
+    [0.0, 0.0, 0.479425538604203, 0.8775825618903728]
+    """
+    x, y, z = _parts(vectors)
+    half = np.sqrt(x * x + y * y + z * z) / 2.0
+    moves = half > 0.0
+    factor = np.where(moves, sine(half) / np.where(moves, 2.0 * half, 1.0), 0.5)
+    return np.stack([factor * x, factor * y, factor * z, cosine(half)], axis=-1)
+
+
+def vectors_of(quaternions: ArrayLike) -> Floats:
+    """Return the rotation vectors [rad] of quaternions of any length, shape (..., 4); shape (..., 3).
+
+    Each is at most half a turn: a quaternion and its negative are one rotation.
+
+    Examples
+    --------
+    >>> vectors_of([0.0, 0.0, 1.0, 1.0]).tolist()
+    [0.0, 0.0, 1.5707963267948966]
+    """
+    x, y, z, w = _parts(quaternions)
+    part = np.sqrt(x * x + y * y + z * z)  # sine of half the angle, times the length
+    angle = 2.0 * _arc_tangent(part, np.abs(w))
+    factor = np.where(part > 0.0, angle / np.where(part > 0.0, part, 1.0), 2.0)
+    factor = np.where(w < 0.0, -factor, factor)
+    return np.stack([factor * x, factor * y, factor * z], axis=-1)
+
+
+def product(first: ArrayLike, second: ArrayLike) -> Floats:
+    """Return quaternions that turn by the `second` and then by the `first`, both of shape (..., 4)."""
+    (a, b, c, d), (x, y, z, w) = _parts(first), _parts(second)
+    return np.stack(
+        [
+            d * x + a * w + b * z - c * y,
+            d * y - a * z + b * w + c * x,
+            d * z + a * y - b * x + c * w,
+            d * w - a * x - b * y - c * z,
+        ],
+        axis=-1,
+    )
+
+
+def inverse(quaternions: ArrayLike) -> Floats:
+    """Return the quaternions that turn back, shape (..., 4)."""
+    turned_back: Floats = np.asarray(quaternions, dtype=np.float64) * np.array([-1.0, -1.0, -1.0, 1.0])
+    return turned_back
+
+
+def turns_between(vectors: ArrayLike, others: ArrayLike) -> Floats:
+    """Return the angles [rad] between orientations whose rotation vectors have one centre, (..., 3) each; (...)."""
+    x, y, z = _parts(vectors_of(product(quaternions_of(vectors), inverse(quaternions_of(others)))))
+    angles: Floats = np.sqrt(x * x + y * y + z * z)
+    return angles
+
+
+def _parts(values: ArrayLike) -> list[Floats]:
+    array = np.asarray(values, dtype=np.float64)
+    return [array[..., part] for part in range(array.shape[-1])]
+
+
+def _arc_tangent(sines: Floats, cosines: Floats) -> Floats:
+    """Return the angles [rad] from 0 to a quarter turn whose tangents are quotients of numbers from 0 up.
+
+    atan t = 2 atan(t / (1 + sqrt(1 + t^2))) halves an angle until its Taylor series is short.
+    """
+    steep = sines > cosines
+    larger, smaller = np.where(steep, sines, cosines), np.where(steep, cosines, sines)
+    tangent = smaller / np.where(larger > 0.0, larger, 1.0)
+    for _ in range(_HALVINGS):
+        tangent = tangent / (1.0 + np.sqrt(1.0 + tangent * tangent))
+    squared, total = tangent * tangent, np.zeros_like(tangent)
+    for coefficient in reversed(_ARC_TANGENT):
+        total = (total + coefficient) * squared
+    angle = (tangent + tangent * total) * 2.0**_HALVINGS
+    return np.where(steep, _QUARTER_TURN - angle, angle)
