@@ -52,6 +52,34 @@ def vectors_of(quaternions: ArrayLike) -> Floats:
     return np.stack([factor * x, factor * y, factor * z], axis=-1)
 
 
+def quaternions_of_matrices(matrices: ArrayLike) -> Floats:
+    """Return quaternions, not of length 1, of rotation matrices, shape (..., 3, 3); shape (..., 4).
+
+    Of four multiples of a quaternion, one for each of its parts, the one with the largest such part is taken.
+
+    Source: S. W. Shepperd, "Quaternion from rotation matrix", J. Guidance and Control 1 (1978), doi:10.2514/3.55767b.
+
+    Examples
+    --------
+    >>> quaternions_of_matrices([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]).tolist()
+    [0.0, 0.0, 2.0, 2.0]
+    """
+    known = np.asarray(matrices, dtype=np.float64)
+    (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = np.moveaxis(known, (-2, -1), (0, 1))
+    multiples = np.stack(
+        [
+            np.stack([1.0 + xx - yy - zz, yx + xy, xz + zx, zy - yz], axis=-1),
+            np.stack([yx + xy, 1.0 - xx + yy - zz, zy + yz, xz - zx], axis=-1),
+            np.stack([xz + zx, zy + yz, 1.0 - xx - yy + zz, yx - xy], axis=-1),
+            np.stack([zy - yz, xz - zx, yx - xy, 1.0 + xx + yy + zz], axis=-1),
+        ],
+        axis=-2,
+    )
+    largest = np.diagonal(multiples, axis1=-2, axis2=-1).argmax(axis=-1)
+    taken: Floats = np.take_along_axis(multiples, largest[..., np.newaxis, np.newaxis], axis=-2)[..., 0, :]
+    return taken
+
+
 def product(first: ArrayLike, second: ArrayLike) -> Floats:
     """Return quaternions that turn by the `second` and then by the `first`, both of shape (..., 4)."""
     (a, b, c, d), (x, y, z, w) = _parts(first), _parts(second)

@@ -10,7 +10,7 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.arrays import Floats
-from pipeline.rotations import inverse, product, quaternions_of, turns_between, vectors_of
+from pipeline.rotations import inverse, product, quaternions_of, quaternions_of_matrices, turns_between, vectors_of
 
 AXES = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0))
 ANGLES = st.one_of(st.floats(0.0, math.pi * (1.0 - 1e-9)), st.floats(0.0, 1e-6), st.just(0.0))
@@ -40,6 +40,13 @@ def test_vectors_come_back_whatever_the_length_and_sign(axis: Floats, angle: flo
     np.testing.assert_allclose(
         vectors_of(quaternion), Rotation.from_quat(quaternion).as_rotvec(), rtol=1e-9, atol=4e-15
     )
+
+
+@given(AXES, ANGLES)
+def test_matrices_have_the_same_vectors(axis: Floats, angle: float) -> None:
+    turned = vector(axis, angle)
+    found = vectors_of(quaternions_of_matrices(Rotation.from_rotvec(turned).as_matrix()))
+    np.testing.assert_allclose(found, turned, rtol=0.0, atol=3e-15)
 
 
 @given(AXES, ANGLES, AXES, ANGLES)

@@ -6,7 +6,9 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, row_size, to_inputs
 from pipeline.robot.hand_kinematics import HandKinematics
+from pipeline.rotations import quaternions_of_matrices
 from pipeline.samples.pairing import PairingRule
 from recorders.messages.topics import SAMPLE_JOINTS
 from recorders.ticks.joiner import JointMap, Tick
@@ -25,7 +27,8 @@ class ComputedPairs:
 
     def __init__(self, robot: RobotConfig) -> None:
         self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
-        self._kinematics = HandKinematics(robot)
+        self._kinematics, self._robot = HandKinematics(robot), robot
+        self._of_positions = row_size(robot) == POSITION_SIZE
         self.stamp_ns = 0
 
     @property
@@ -42,11 +45,17 @@ class ComputedPairs:
     def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
         """Complete the step of this tick."""
         joints = self._joints.positions(tick.joints)
-        u[:] = self._kinematics.positions(joints).ravel()
+        u[:] = self._kinematics.positions(joints).ravel() if self._of_positions else self._inputs(joints)
         d[: self._size] = u
         d[self._size :] = joints
         self.stamp_ns = tick.stamp_ns
         return True
+
+    def _inputs(self, joints: Floats) -> Floats:
+        """Return the inputs (inputs,) at a posture (n,) [rad or m]."""
+        positions, rotations = self._kinematics.poses(joints)
+        rows = np.concatenate([positions, quaternions_of_matrices(rotations)], axis=-1)
+        return to_inputs(self._robot, rows)
 
 
 def _joints_alone(_hands: Sequence[str]) -> tuple[str, ...]:

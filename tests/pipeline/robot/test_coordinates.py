@@ -13,10 +13,12 @@ from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot.coordinates import centre_rows, hand_slices, positions_of, to_inputs, to_rows, turns_of
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
+from pipeline.samples.pairing import find_pairing
 from pipeline.simulation.simulation import Simulation
 from recorders.errors import MessageError, MotionError, RobotError
-from recorders.messages.message_types import PoseStamped
+from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import hand_measured, hand_target
+from recorders.ticks.joiner import Tick
 
 POSED = THREE[1]
 
@@ -67,6 +69,14 @@ def test_kinematics_has_inputs_and_how_they_move(robot: RobotConfig) -> None:
         np.testing.assert_allclose(jacobian, np.transpose(moved), rtol=0.0, atol=1e-8)
     positions = [row for where in hand_slices(robot) for row in range(where.start, where.start + 3)]
     np.testing.assert_array_equal(jacobian[positions], kinematics.hands_and_jacobian(q)[1])
+
+
+def test_hands_computed_of_joints_are_inputs_too(robot: RobotConfig) -> None:
+    pairs, u, d = find_pairing("computed").pairs(robot), np.empty(12), np.empty(12 + len(robot.joints))
+    for q in robot.comfort + np.random.default_rng(5).uniform(-0.4, 0.4, (5, len(robot.joints))):
+        assert pairs.fill(Tick(0, (), JointState(0, robot.joints, q), ()), u, d)
+        np.testing.assert_allclose(u, Kinematics(robot).inputs(q), rtol=0.0, atol=1e-14)
+        assert d.tobytes() == np.concatenate([u, q]).tobytes()
 
 
 def test_the_simulation_measures_the_pose(robot: RobotConfig) -> None:
