@@ -12,10 +12,12 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import hand_errors
+from pipeline.learner_node.live_choice import LiveChoice
 from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
+from pipeline.samples.pairing import find_pairing
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
@@ -24,8 +26,10 @@ from recorders.nodes.status import NodeSource
 from recorders.wire.frames import Frame, FrameType
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
+from recorders.wire.stream import Offer
 from recorders.wire.subscription import LiveMessage
 from replay.sources.live import LiveStream, live_offer
+from replay.sources.schedule import Schedule
 
 logger = logging.getLogger(__name__)
 
@@ -95,21 +99,22 @@ class LiveLearner:
     ) -> None:
         self._trainer, self._robot, self._config = trainer, robot, config
         self._receiver, self._publisher = receiver, publisher
-        self._stream = LiveStream(
-            epochs=config.epochs,
-            check=range_check(robot),
-            tick=trainer.pairing.topics(robot.hand_names),
-            poses=range_check(robot).poses,
-            phase=trainer.checkpoint_phase,
-        )
+        self._choice = self._make_choice()
         self._scores = _Scores(robot)
         self._ended = False  # a stream that awaited this is through
         self._reported = 0
 
-    def run(self, stopped: Callable[[], bool], *, keep: Callable[[RecordedMessage], None]) -> dict[str, Any]:
+    def run(
+        self,
+        stopped: Callable[[], bool],
+        *,
+        keep: Callable[[RecordedMessage], None],
+        on_choice: Callable[[tuple[str, ...]], None] = lambda tick: None,
+    ) -> dict[str, Any]:
         """Learn until it is `stopped`, has enough, or a stream that awaits this ends; return the result.
 
-        `keep` is given every message that is learned from, and every marker that is followed.
+        `keep` is given every message that is learned from, and every marker that is followed, `on_choice` the topics
+        of the ticks before that.
 
         Raises
         ------
@@ -118,13 +123,13 @@ class LiveLearner:
         """
         self._trainer.report_to(lambda report: self._publisher.report(report, **self._counts()))
         self._trainer.show_steps_to(self._show)
-        received = self._received(stopped, keep)
+        received = self._kept(self._received(stopped), keep, on_choice)
         first = list(islice(received, 1))  # a marker, which names the run
         texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
         try:
             with self._receiver.reporting_failure():
-                tick = self._trainer.pairing.topics(self._robot.hand_names)
-                self._trainer.hello(live_offer(self._stream.run, epochs=self._config.epochs, robot=texts, tick=tick))
+                run, tick = self._stream.run, self._choice.tick
+                self._trainer.hello(live_offer(run, epochs=self._config.epochs, robot=texts, tick=tick))
                 self._trainer.take(chain(first, received))
                 self._trainer.check_learned(self._stream.losses)
         finally:
@@ -138,9 +143,9 @@ class LiveLearner:
         return NodeSource(
             "learner",
             name,
-            state=lambda: "learning live" if self._stream.ticks else "waiting",
+            state=lambda: "learning live" if self._choice.ticks else "waiting",
             counts=lambda: {
-                "ticks": self._stream.ticks,
+                "ticks": self._choice.ticks,
                 "dropped": self._stream.dropped,
                 "gaps": self._stream.gaps,
                 "refused": sum(tuple(self._stream.refused.values())) + sum(tuple(self._receiver.refused.values())),
@@ -148,9 +153,37 @@ class LiveLearner:
             digests=lambda: self._publisher.digests,
         )
 
-    def _received(
-        self, stopped: Callable[[], bool], keep: Callable[[RecordedMessage], None]
+    @property
+    def _stream(self) -> LiveStream:
+        """The stream of the ticks that are learned."""
+        return self._choice.stream
+
+    def _make_choice(self) -> LiveChoice:
+        """Return the choice between the ticks of the pairs that are asked for and of those in their place."""
+        asked, hands = self._trainer.pairing, self._robot.hand_names
+        phase, check = self._trainer.checkpoint_phase, range_check(self._robot)
+
+        def make(tick: tuple[str, ...]) -> LiveStream:
+            """Return a stream of ticks on some topics."""
+            return LiveStream(epochs=self._config.epochs, check=check, tick=tick, poses=check.poses, phase=phase)
+
+        other = find_pairing(asked.otherwise) if asked.otherwise else asked
+        return LiveChoice(make, asked.topics(hands), other.topics(hands))
+
+    def _kept(
+        self,
+        records: Iterator[RecordedMessage],
+        keep: Callable[[RecordedMessage], None],
+        on_choice: Callable[[tuple[str, ...]], None],
     ) -> Iterator[RecordedMessage]:
+        """Yield the stream, with every message kept; once it begins it is chosen."""
+        for index, record in enumerate(records):
+            if index == 0:
+                on_choice(self._choice.tick)
+            keep(record)
+            yield record
+
+    def _received(self, stopped: Callable[[], bool]) -> Iterator[RecordedMessage]:
         """Yield the stream that a learner can take, until it is over; in a pause, what came before it is learned."""
         quiet = False
         while not (self._ended or self._has_enough() or stopped()):
@@ -160,31 +193,30 @@ class LiveLearner:
                 quiet = True
                 continue
             quiet = False
-            yield from self._taken(event, keep)
+            yield from self._taken(event)
             if self._stream.ticks - self._reported >= _REPORT_TICKS:
                 self._report()
-        yield from self._last(keep)
+        yield from self._last()
+        yield from self._choice.settle()
         self._stream.finish()
 
-    def _last(self, keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
+    def _last(self) -> Iterator[RecordedMessage]:
         """Yield what had arrived when the learner was stopped, which is no more than a receiver lets wait."""
         self._receiver.unsubscribe()
         while not (self._ended or self._has_enough()) and (event := self._event(0.0)) is not None:
             if isinstance(event, ReceivedOffer):
                 self._receiver.refuse(event, _STOPPED)
             else:
-                yield from self._taken(event, keep)
+                yield from self._taken(event)
 
-    def _taken(self, event: Event, keep: Callable[[RecordedMessage], None]) -> Iterator[RecordedMessage]:
-        """Yield what a learner can take of what came, keeping it."""
-        for record in self._messages(event):
-            keep(record)
-            yield record
+    def _taken(self, event: Event) -> Iterator[RecordedMessage]:
+        """Yield what a learner can take of what came."""
+        yield from self._messages(event)
         if isinstance(event, Frame) and event.messages:
             self._receiver.consumed(event)
 
     def _has_enough(self) -> bool:
-        return self._config.ticks is not None and self._stream.ticks >= self._config.ticks
+        return self._config.ticks is not None and self._choice.ticks >= self._config.ticks
 
     def _event(self, wait_s: float) -> Event | None:
         try:
@@ -198,6 +230,7 @@ class LiveLearner:
         if isinstance(event, LiveMessage):
             yield from self._live(event)
         elif isinstance(event, ReceivedOffer):
+            yield from self._choice.settle(_topics_of(event.offer))
             self._receiver.accept(event, 0)
         elif event.kind is FrameType.ABORT:
             self._leave(f"the sender gave up at message {event.first}: {event.reason}")
@@ -205,11 +238,11 @@ class LiveLearner:
             self._ended = event.kind is FrameType.END
             for record in event.messages:
                 if not self._has_enough():
-                    yield from self._stream.feed(record)
+                    yield from self._choice.feed(record)
 
     def _live(self, event: LiveMessage) -> tuple[RecordedMessage, ...]:
         if self._receiver.offer is None:
-            return self._stream.feed(event.record, numbered=event.numbered)
+            return self._choice.feed(event.record, numbered=event.numbered)
         if event.record.topic in self._stream.topics:
             line = f"{event.record.topic}: a message that is not of the stream that awaits this learner"
             self._stream.refuse(event.record.topic, "not of the stream", line)
@@ -249,6 +282,14 @@ class LiveLearner:
             topic = next((topic for topic in self._stream.topics if reason.startswith(f"{topic}: ")), "elsewhere")
             refused[f"{topic}: unread"] += count
         return {"refused": dict(refused), "dropped": self._stream.dropped, "gaps": self._stream.gaps}
+
+
+def _topics_of(offer: Offer) -> tuple[str, ...] | None:
+    """Return the topics of a tick of a stream on offer; None if it does not name them."""
+    try:
+        return Schedule.from_dict(offer.schedule).topics
+    except ConfigError:
+        return None
 
 
 class _Scores:

@@ -75,7 +75,7 @@ def learn_live(
             with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port):
                 where = f"{receiver.namespace}/** at {', '.join(session.listen or session.connect)}"
                 logger.info(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
-                return learner.run(stopped, keep=recording.keep)
+                return learner.run(stopped, keep=recording.keep, on_choice=recording.state)
 
 
 def _answering(opened: Session, namespace: str) -> RobotConfig:
@@ -90,12 +90,12 @@ class _Recording:
 
     def __init__(self, config: LiveConfig, robot: RobotConfig, tick: tuple[str, ...]) -> None:
         self._writer: LogWriter | None = None
+        self._epochs, self._tick = config.epochs, tick
         if config.record is None:
             return
-        schedule = live_offer("", epochs=config.epochs, robot={}, tick=tick).schedule
         self._writer = LogWriter(
             config.record,
-            manifest={"kind": "learning", "schedule": schedule},
+            manifest={"kind": "learning", **self._schedule(tick)},
             attachments={URDF_FILE: robot.urdf_text.encode(), TOML_FILE: robot.toml_text.encode()},
             overwrite=config.overwrite,
             rechunk=False,
@@ -108,7 +108,15 @@ class _Recording:
         if self._writer is not None:
             self._writer.close()
 
+    def state(self, tick: tuple[str, ...]) -> None:
+        """State the topics of the ticks that are learned from, where they are others than at the beginning."""
+        if self._writer is not None and tick != self._tick:
+            self._writer.note(self._schedule(tick))
+
     def keep(self, record: RecordedMessage) -> None:
         """Write a message that is learned from."""
         if self._writer is not None:
             self._writer.copy(record)
+
+    def _schedule(self, tick: tuple[str, ...]) -> dict[str, Any]:
+        return {"schedule": live_offer("", epochs=self._epochs, robot={}, tick=tick).schedule}

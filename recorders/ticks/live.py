@@ -14,6 +14,9 @@ from recorders.ticks.stamp_joiner import OpenTick, RejectionError, StampJoiner, 
 MAX_PENDING = 64
 """Ticks that may wait for more of their messages: how far one publisher may run ahead of another."""
 
+WAIT_TICKS = 16
+"""Ticks of joints alone after which hands are taken not to be measured, if no tick with hands was complete by then."""
+
 MAX_MESSAGE = 64 << 10
 """Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
 

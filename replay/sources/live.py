@@ -57,6 +57,8 @@ class LiveStream:
 
     Attributes
     ----------
+    quiet : bool
+        Whether nothing is logged from now on.
     topics : frozenset of str
         Topics of the stream: those of a tick, and of phase markers.
     refused : counter of str
@@ -81,7 +83,7 @@ class LiveStream:
     ) -> None:
         self._epochs = epochs
         self._phase = phase
-        self._quiet = quiet
+        self.quiet = quiet
         self._marked = False  # whether the marker in force has been passed on
         self._joiner = LiveTicks(check, tick, poses)
         self.topics = frozenset({SESSION_PHASE, *tick})
@@ -187,7 +189,7 @@ class LiveStream:
         return RecordedMessage(SESSION_PHASE, String.TYPE, data, self._repeats - 1, tick.records[0].log_time_ns)
 
     def _report_sometimes(self, line: str, count: int) -> None:
-        if not self._quiet and str(count).strip("0") == "1":
+        if not self.quiet and str(count).strip("0") == "1":
             line = escape_control(line)
             logger.warning(line if count == 1 else f"{line} ({count} times so far)")
 

@@ -140,29 +140,45 @@ def test_where_no_hands_are_measured_the_robots_kinematics_has_them(log: Path, t
     assert check_case(add_case(tmp_path / "case", made, GoldenRunner()).folder, GoldenRunner()).finding is None
 
 
-def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp_path: Path) -> None:
-    endpoint = free_endpoint()
+def learned_live(log: Path, folder: Path, endpoint: str) -> dict[str, Any]:
+    """Learn live from a log that is played, recording it as live.mcap."""
     live = ("learn", "--live", "--pairs", "reached", "--robot", "asimo", "--ticks", SAMPLES, "--record", "live.mcap")
-    with start(*live, "--listen", endpoint, "--out", "live.npz", "--json", cwd=tmp_path) as learner:
+    with start(*live, "--listen", endpoint, "--out", "live.npz", "--json", cwd=folder) as learner:
         wait_for_line(learner, "learns asimo")
-        played = reenact("replay", log, "--play", "--connect", endpoint, "--json", cwd=tmp_path)
+        played = reenact("replay", log, "--play", "--connect", endpoint, "--json", cwd=folder)
         assert played.returncode == 0, played.stderr
-        learned, complaints = learner.communicate(timeout=120)
+        learned, complaints = learner.communicate(timeout=60)
     assert learner.returncode == 0, complaints
     result = json.loads(learned)
     assert (result["ticks"], result["steps"], result["gaps"], result["dropped"]) == (SAMPLES, SAMPLES, 0, 0)
+    return dict(result)
+
+
+def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    result = learned_live(log, tmp_path, endpoint)
     replayed = ("learn", "--pairs", "reached", "--listen", endpoint, "--out", "again.npz", "--json")
     with start(*replayed, cwd=tmp_path) as learner:
         wait_for_line(learner, "waits for a replay")
         sent = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, "--json", cwd=tmp_path)
         assert sent.returncode == 0, sent.stderr
-        again, complaints = learner.communicate(timeout=120)
+        again, complaints = learner.communicate(timeout=60)
+    assert learner.returncode == 0, complaints
     trained = run("train", tmp_path / "live.mcap", "--as-recorded", "--pairs", "reached", "--out", tmp_path / "c.npz")
     for key in SAME:
         assert result[key] == json.loads(again)[key] == trained[key], key
     controllers = [Controller.load(tmp_path / name) for name in ("live.npz", "again.npz", "c.npz")]
     assert {controller.pairs for controller in controllers} == {"reached"}
     assert all(first_difference(controllers[0], other) is None for other in controllers[1:])
+
+
+def test_live_without_measured_hands_and_from_the_recording_are_one_state(tmp_path: Path) -> None:
+    bare = write_plain_episode(tmp_path / "bare.mcap", samples=SAMPLES)
+    result = learned_live(bare, tmp_path, free_endpoint())
+    trained = run("train", tmp_path / "live.mcap", "--as-recorded", "--pairs", "reached", "--out", tmp_path / "c.npz")
+    assert [trained[key] for key in (*SAME, "pairs")] == [result[key] for key in (*SAME, "pairs")]
+    assert result["pairs"] == "computed"
+    assert first_difference(*(Controller.load(tmp_path / name) for name in ("live.npz", "c.npz"))) is None
 
 
 def test_a_learner_refuses_a_stream_without_its_topics(log: Path) -> None:
