@@ -14,7 +14,7 @@ from pipeline.motions import names as motion_names
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import PATTERNS
 from pipeline.paper.command_costs import command_costs
-from pipeline.paper.comparison.run import FOLDER, ComparisonConfig, compare
+from pipeline.paper.comparison.run import FOLDER, TEACHERS_FOLDER, ComparisonConfig, compare
 from pipeline.paper.networks import try_networks
 from pipeline.paper.results import CONTROLLERS, PATTERN_1, PATTERN_2, REPORT, SUMMARY, NetworkEnsemble, PaperResults
 from pipeline.robot.config import load_robot
@@ -218,7 +218,8 @@ def _make_folders(out: Path, logs: Iterable[Path]) -> None:
         (out / CONTROLLERS).mkdir(parents=True, exist_ok=True)
         stale = [out / SUMMARY, out / REPORT, *out.glob("figure[456]*.png")]
         stale += [path for pattern in PATTERNS for path in (out / CONTROLLERS).glob(f"{pattern}-*.npz")]
-        stale += [*(out / FOLDER).glob("*.part"), *(part_of(log) for log in logs)]
+        stale += [part for folder in (FOLDER, TEACHERS_FOLDER) for part in (out / folder).glob("*.part")]
+        stale += [part_of(log) for log in logs]
         for path in stale:
             path.unlink(missing_ok=True)
     except OSError as error:

@@ -12,8 +12,9 @@ from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.paper.command_costs import command_costs
 from pipeline.paper.comparison.error_parts import ErrorPart
 from pipeline.paper.comparison.explorations import EXPLORATIONS, OTHER_ROBOTS, Explored
-from pipeline.paper.comparison.results import Comparison
+from pipeline.paper.comparison.results import Babbled, Comparison
 from pipeline.paper.comparison.rules import OUR_RULE, PAPERS_RULE, ComparedRule, StepCosts
+from pipeline.paper.comparison.teachers import TeacherTrial
 from pipeline.paper.results import PATTERN_1, PATTERN_2, NetworkEnsemble, PaperResults
 from pipeline.samples.pairs import Samples, read_samples
 from pipeline.training.batch import Outcome, Run, compute
@@ -56,7 +57,20 @@ def small_comparison(log: Path) -> Comparison:
     names = ("papers_rule", "held", "reached", "reached_held", "covered", "covered_held", "linear", "linear_reached")
     parts = tuple(ErrorPart(name, f"{name} & more", errors) for name in names)
     missing = ComparedRule("scikit-learn's MLP", ())
-    return Comparison((1, 2), explored, OTHER_ROBOTS[1:2], (*rules, missing), parts, StepCosts(30.0, 5.0, 3.7))
+    babbled = tuple(Babbled(one, ({name: _errors(1.5) for name in one.motions},) * 2) for one in EXPLORATIONS[2:])
+    return Comparison(
+        (1, 2),
+        explored,
+        OTHER_ROBOTS[1:2],
+        (*rules, missing),
+        parts,
+        StepCosts(30.0, 5.0, 3.7),
+        babbled,
+        (
+            TeacherTrial("rates", "right_hand_drawing", 2.5, 0.25, 0.3, 0.02, 5.85, 41.0),
+            TeacherTrial("qp", "right_hand_drawing", 2.25, 0.125, 0.6, 0.03, None, 806.0),
+        ),
+    )
 
 
 def _errors(cm: float) -> HandErrors:

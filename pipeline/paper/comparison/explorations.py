@@ -15,6 +15,7 @@ from pipeline.motions.names import PATTERNS, drawings
 from pipeline.robot.config import load_robot
 from pipeline.simulation.simulation import SimulationConfig
 from pipeline.training.trainer import train
+from recorders.errors import MotionError, RobotError
 
 RULE = "forward-inverse"
 _SIMULATION = SimulationConfig()
@@ -98,9 +99,11 @@ class Explored:
     log : Path
         Its log.
     errors : mapping of str to HandErrors
-        By motion, what was learned tried on it.
+        By motion, what was learned tried on it; empty if the exploration was refused.
     seconds : float
         Time to explore and to learn [s].
+    refused : str
+        Why the exploration was refused, in one line; empty if it was not.
     """
 
     exploration: Exploration
@@ -108,6 +111,7 @@ class Explored:
     log: Path
     errors: Mapping[str, HandErrors]
     seconds: float
+    refused: str = ""
 
 
 def explore_and_learn(exploration: Exploration, *, seed: int, folder: Path, step_ns: int | None = None) -> Explored:
@@ -127,11 +131,14 @@ def explore_and_learn(exploration: Exploration, *, seed: int, folder: Path, step
     Raises
     ------
     ReenactError
-        If a stage fails.
+        If a stage fails; a motion or a robot that is refused is a result.
     """
     began_s = time.monotonic()
     log = folder / f"{exploration.name}-{seed}.mcap"
-    _simulate(exploration.source(), exploration.robot, seed, log, step_ns)
+    try:
+        _simulate(exploration.source(), exploration.robot, seed, log, step_ns)
+    except (MotionError, RobotError) as error:
+        return Explored(exploration, seed, log, {}, round(time.monotonic() - began_s, 2), refused=str(error))
     settings = default_config(RULE)
     controller = train([log], schedule=settings.schedule(), config=settings).controller()
     seconds = round(time.monotonic() - began_s, 2)
@@ -139,11 +146,17 @@ def explore_and_learn(exploration: Exploration, *, seed: int, folder: Path, step
     return Explored(exploration, seed, log, errors, seconds)
 
 
+def with_step(way: Source, step_ns: int | None) -> tuple[Source, SimulationConfig]:
+    """Return a source with its teacher's period [ns], and the simulation that goes with it; their own if None."""
+    if step_ns is None:
+        return way, _SIMULATION
+    qp = way.qp and replace(way.qp, period_ns=step_ns)
+    way = replace(way, teacher=replace(way.teacher, period_ns=step_ns), qp=qp)
+    return way, SimulationConfig(step_ns=step_ns, control_ns=step_ns)
+
+
 def _simulate(way: Source, robot_name: str, seed: int, log: Path, step_ns: int | None) -> None:
-    simulation = _SIMULATION
-    if step_ns is not None:
-        way = replace(way, teacher=replace(way.teacher, period_ns=step_ns))
-        simulation = SimulationConfig(step_ns=step_ns, control_ns=step_ns)
+    way, simulation = with_step(way, step_ns)
     robot = load_robot(robot_name)
     guidance = way.guidance(robot, seed=seed)
     if step_ns is not None:

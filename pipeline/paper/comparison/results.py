@@ -13,6 +13,7 @@ from pipeline.paper.bounds import BoundCheck, at_most, spread
 from pipeline.paper.comparison.error_parts import ErrorPart
 from pipeline.paper.comparison.explorations import Exploration, Explored
 from pipeline.paper.comparison.rules import ComparedRule, StepCosts
+from pipeline.paper.comparison.teachers import TeacherTrial
 
 _CONFIDENCE = 0.95
 
@@ -48,6 +49,22 @@ class Figure:
 
 
 @dataclass(frozen=True)
+class Babbled:
+    """Goal babbling for as long a time as an exploration without a teacher.
+
+    Attributes
+    ----------
+    exploration : Exploration
+        The exploration.
+    errors : tuple of mapping of str to HandErrors
+        For each seed, by motion.
+    """
+
+    exploration: Exploration
+    errors: tuple[Mapping[str, HandErrors], ...]
+
+
+@dataclass(frozen=True)
 class Comparison:
     """Learning rules compared.
 
@@ -63,8 +80,12 @@ class Comparison:
         All rules, after the same explorations.
     parts : tuple of ErrorPart
         The paper's rule, with causes of its error taken away.
-    costs : StepCosts
-        Times of compiled steps.
+    costs : StepCosts or None
+        Times of compiled steps; None if every exploration that the rules learn from was refused.
+    babbled : tuple of Babbled
+        Goal babbling beside each exploration without a teacher.
+    teachers : tuple of TeacherTrial
+        Both teachers on the same motions.
     """
 
     seeds: tuple[int, ...]
@@ -72,19 +93,28 @@ class Comparison:
     missing: tuple[Exploration, ...]
     rules: tuple[ComparedRule, ...]
     parts: tuple[ErrorPart, ...]
-    costs: StepCosts
+    costs: StepCosts | None
+    babbled: tuple[Babbled, ...] = ()
+    teachers: tuple[TeacherTrial, ...] = ()
+
+    @property
+    def refused(self) -> tuple[Explored, ...]:
+        """Explorations that were refused."""
+        return tuple(one for one in self.explored if one.refused)
 
     @property
     def seconds(self) -> float:
         """Time to explore and to learn the first exploration, with nothing beside it [s]."""
         return self.explored[0].seconds
 
+    def errors_after(self, exploration: Exploration) -> tuple[Mapping[str, HandErrors], ...]:
+        """Return the errors after an exploration, for each seed that was not refused."""
+        return tuple(one.errors for one in self.explored if one.exploration == exploration and not one.refused)
+
     def by_exploration(self) -> dict[Exploration, dict[str, Figure]]:
-        """Return the figures of each exploration, by motion and hand, see `columns_of`."""
-        found: dict[Exploration, list[Mapping[str, HandErrors]]] = {}
-        for one in self.explored:
-            found.setdefault(one.exploration, []).append(one.errors)
-        return {exploration: figures_of(errors) for exploration, errors in found.items()}
+        """Return the figures of each exploration, by motion and hand, see `columns_of`, over the seeds not refused."""
+        explorations = dict.fromkeys(one.exploration for one in self.explored if not one.refused)
+        return {exploration: figures_of(self.errors_after(exploration)) for exploration in explorations}
 
     def summary(self) -> dict[str, Any]:
         """Return the numbers as plain JSON."""
@@ -92,17 +122,22 @@ class Comparison:
         return {
             "seeds": list(self.seeds),
             "explorations": {one.name: _plain(figures) for one, figures in by_exploration.items()},
+            "refused": [
+                {"exploration": one.exploration.name, "seed": one.seed, "reason": one.refused} for one in self.refused
+            ],
             "not_compared": [one.name for one in self.missing] + [one.name for one in self.rules if not one.errors],
             "rules": {one.name: _rule_summary(one) for one in self.rules if one.errors},
             "error_parts": {one.name: _plain(figures_of(one.errors)) for one in self.parts},
-            "learning_step_us": self.costs.learning_us,
-            "command_us": self.costs.command_us,
-            "papers_step_us": self.costs.papers_us,
+            "goal_babbling": {one.exploration.name: _plain(figures_of(one.errors)) for one in self.babbled},
+            "teachers": [one.to_dict() for one in self.teachers],
+            "learning_step_us": self.costs and self.costs.learning_us,
+            "command_us": self.costs and self.costs.command_us,
+            "papers_step_us": self.costs and self.costs.papers_us,
             "seconds_explore_and_learn": self.seconds,
         }
 
     def checks(self) -> Iterator[BoundCheck]:
-        """Yield the bounds of the errors: of the worst column, the mean over the seeds."""
+        """Yield the bounds of the errors, of the worst column the mean over the seeds, and what was refused."""
         for exploration, figures in self.by_exploration().items():
             patterns = [figure.mean_cm for column, figure in figures.items() if column in PATTERNS]
             drawings = [figure.mean_cm for column, figure in figures.items() if column not in PATTERNS]
@@ -111,6 +146,10 @@ class Comparison:
             if drawings:
                 claim = f"{rule}: each hand of each drawing"
                 yield at_most(claim, max(drawings), exploration.drawings_cm, digits=3)
+        for one in self.refused:
+            yield BoundCheck(
+                f"{one.exploration.title}: seed {one.seed} explores", f"refused: {one.refused}", holds=False
+            )
 
 
 def columns_of(errors: Mapping[str, HandErrors]) -> dict[str, float]:

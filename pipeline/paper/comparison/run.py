@@ -1,17 +1,19 @@
 """Comparison of learning rules: explores, learns and tries."""
 
-from collections.abc import Callable, Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor
 from concurrent.futures.process import BrokenProcessPool
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from importlib.metadata import PackageNotFoundError, distribution
 from itertools import product
 from pathlib import Path
 
+from pipeline.exploration.leader import TEACHERS
+from pipeline.exploration.via_points import VOLUME
 from pipeline.learner.controller import Controller
 from pipeline.motions.names import PATTERNS, drawings
-from pipeline.paper.comparison.error_parts import error_parts
+from pipeline.paper.comparison.error_parts import ErrorPart, error_parts
 from pipeline.paper.comparison.explorations import (
     EXPLORATIONS,
     OTHER_ROBOTS,
@@ -20,16 +22,18 @@ from pipeline.paper.comparison.explorations import (
     Explored,
     explore_and_learn,
 )
-from pipeline.paper.comparison.results import Comparison
-from pipeline.paper.comparison.rules import compare_rules, motions_of, step_costs
-from pipeline.robot.config import load_robot
+from pipeline.paper.comparison.goal_babbling import goal_babbling
+from pipeline.paper.comparison.results import Babbled, Comparison
+from pipeline.paper.comparison.rules import ComparedRule, Motions, compare_rules, errors_of, motions_of, step_costs
+from pipeline.paper.comparison.teachers import TAUGHT_MOTIONS, TeacherTrial, try_teacher
+from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.terminal import console
 from pipeline.training.batch import RunsError, as_completed
 from pipeline.training.executors import local_processes
 from recorders.errors import ConfigError
 
-FOLDER = "explorations"
-"""Where the logs go, within the folder of a run."""
+FOLDER, TEACHERS_FOLDER = "explorations", "teachers"
+"""Where the logs go, within the folder of a run: those that rules learn from, and those of both teachers."""
 
 _MODELS = "example-robot-data"
 
@@ -46,17 +50,20 @@ class ComparisonConfig:
         What is explored; the first of them is what all rules learn from.
     step_ns : int or None
         Period of teacher and simulation [ns] of a coarse run.
+    taught_motions : mapping of str to float or None
+        Motions that both teachers follow, with the length [s] of one that is drawn.
     """
 
     epochs: int = 150
     explorations: tuple[Exploration, ...] = (*EXPLORATIONS, *OTHER_ROBOTS)
     step_ns: int | None = None
+    taught_motions: Mapping[str, float | None] = field(default_factory=lambda: TAUGHT_MOTIONS)
 
     @classmethod
     def quick(cls, *, step_ns: int) -> "ComparisonConfig":
         """Return a comparison of seconds; its numbers have no meaning."""
         short = tuple(replace(one, duration_s=one.duration_s / 40.0) for one in EXPLORATIONS)
-        return cls(2, tuple(replace(one, duration_s=max(1.0, one.duration_s)) for one in short), step_ns)
+        return cls(2, tuple(replace(one, duration_s=max(1.0, one.duration_s)) for one in short), step_ns, {VOLUME: 1.0})
 
 
 def compare(
@@ -67,7 +74,7 @@ def compare(
     Parameters
     ----------
     out : Path
-        Folder; the logs go to one within it.
+        Folder; the logs go to two within it.
     networks, log : sequence of Controller and Path
         Networks of the paper's rule, and what they learned from.
     seeds : sequence of int
@@ -80,23 +87,80 @@ def compare(
     ReenactError
         If a stage fails.
     """
-    folder = out / FOLDER
+    folder = _made(out / FOLDER)
+    known = [one for one in config.explorations if one.robot == TAUGHT.robot or _has_models()]
+    explored = _explored(known, seeds, folder, config.step_ns)
+    first = config.explorations[0]
+    logs = [one.log for one in explored if one.exploration == first and not one.refused]
+    robot = load_robot(first.robot)
+    motions = motions_of(robot, (*PATTERNS, *drawings()))
+    return Comparison(
+        seeds=tuple(seeds),
+        explored=tuple(explored),
+        missing=tuple(one for one in config.explorations if one not in known),
+        rules=tuple(_rules(logs, motions, config.epochs)),
+        parts=tuple(_parts(networks, log, logs, robot, motions, config.epochs)),
+        costs=step_costs(logs[0]) if logs else None,
+        babbled=tuple(_babbled([one for one in known if not one.is_taught], seeds, robot, motions)),
+        teachers=tuple(_teachers(config, seeds[0], _made(out / TEACHERS_FOLDER))),
+    )
+
+
+def _made(folder: Path) -> Path:
+    """Make a folder, unless it is there, and return it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise ConfigError(f"{folder}: expected a folder to write to: {error.strerror}") from error
-    known = [one for one in config.explorations if one.robot == TAUGHT.robot or _has_models()]
-    explored = _explored(known, seeds, folder, config.step_ns)
-    first = config.explorations[0]
-    logs = [one.log for one in explored if one.exploration == first]
-    robot = load_robot(first.robot)
-    motions = motions_of(robot, (*PATTERNS, *drawings()))
-    with console.progress("compare rules"):
-        rules = tuple(compare_rules(logs, motions, epochs=config.epochs))
-        parts = tuple(error_parts(networks, log, logs[0], robot=robot, motions=motions, epochs=config.epochs))
-        costs = step_costs(logs[0])
-    missing = tuple(one for one in config.explorations if one not in known)
-    return Comparison(tuple(seeds), tuple(explored), missing, rules, parts, costs)
+    return folder
+
+
+def _rules(logs: Sequence[Path], motions: Motions, epochs: int) -> Iterator[ComparedRule]:
+    """Let all rules learn from explorations; none if there are none."""
+    if logs:
+        with console.progress("compare rules"):
+            yield from compare_rules(logs, motions, epochs=epochs)
+
+
+def _parts(
+    networks: Sequence[Controller],
+    log: Path,
+    volume_logs: Sequence[Path],
+    robot: RobotConfig,
+    motions: Motions,
+    epochs: int,
+) -> Iterator[ErrorPart]:
+    """Take the error of networks apart, with the first of some explorations; not at all if there is none."""
+    if volume_logs:
+        with console.progress("take the error apart"):
+            yield from error_parts(networks, log, volume_logs[0], robot=robot, motions=motions, epochs=epochs)
+
+
+def _babbled(
+    explorations: Iterable[Exploration], seeds: Iterable[int], robot: RobotConfig, motions: Motions
+) -> Iterator[Babbled]:
+    """Let goal babbling learn for as long as each exploration, from each seed."""
+    with console.progress("babble goals"):
+        for one in explorations:
+            answers = [goal_babbling(robot, seed=seed, duration_s=one.duration_s) for seed in seeds]
+            yield Babbled(one, tuple(errors_of(robot, answer, motions) for answer in answers))
+
+
+def _teachers(config: ComparisonConfig, seed: int, folder: Path) -> Iterator[TeacherTrial]:
+    """Let both teachers follow motions, one after the other, for their times."""
+    trials = list(product(config.taught_motions.items(), TEACHERS))
+    with console.progress("compare teachers") as advance:
+        for done, ((motion, duration_s), teacher) in enumerate(trials, 1):
+            yield try_teacher(
+                teacher,
+                motion,
+                robot_name=TAUGHT.robot,
+                seed=seed,
+                folder=folder,
+                duration_s=duration_s,
+                step_ns=config.step_ns,
+            )
+            advance(done / len(trials))
 
 
 def _explored(

@@ -49,9 +49,12 @@ def assert_keys(result: dict[str, Any]) -> None:
     assert list(result["comparison"]) == [
         "seeds",
         "explorations",
+        "refused",
         "not_compared",
         "rules",
         "error_parts",
+        "goal_babbling",
+        "teachers",
         "learning_step_us",
         "command_us",
         "papers_step_us",
@@ -63,6 +66,8 @@ def assert_keys(result: dict[str, Any]) -> None:
     for rule in result["comparison"]["rules"].values():
         assert list(rule) == ["errors", "tick_us", "command_us"]
         assert list(rule["errors"]) == columns
+    assert list(result["comparison"]["goal_babbling"]) == ["self_taught_120s", "self_taught_30s"]
+    assert [one["teacher"] for one in result["comparison"]["teachers"]] == ["rates", "qp"]
     assert list(result["pattern1"]) == ["train_cm_mean", "train_cm_std", "on_pattern2_cm_mean"]
     assert list(result["pattern2"]) == ["train_cm_mean", "train_cm_std", "on_pattern1_cm_mean"]
     assert list(result["deployed"]) == ["learned_cm", "teacher_cm"]

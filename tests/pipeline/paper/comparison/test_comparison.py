@@ -11,11 +11,13 @@ from episodes import write_episode
 from small_paper import small_comparison, small_paper
 
 from pipeline.evaluation.trials import evaluate_motion
+from pipeline.exploration.sources import volume as volume_source
 from pipeline.learner.controller import Controller
 from pipeline.learner.registry import default_config
 from pipeline.motions.names import PATTERNS, drawings
 from pipeline.paper.comparison import rules
 from pipeline.paper.comparison.error_parts import error_parts
+from pipeline.paper.comparison.explorations import TAUGHT, explore_and_learn
 from pipeline.paper.comparison.page import comparison_texts
 from pipeline.paper.comparison.results import Figure
 from pipeline.paper.comparison.rules import (
@@ -173,3 +175,67 @@ def test_the_page_has_figures_commands_and_what_is_missing(tmp_path: Path) -> No
         "reenact explore --no-teacher --duration 30 --tick-rate 25 --robot asimo --seed SEED "
         "--out again-self_taught_30s-SEED.mcap"
     ) in texts["explored_commands"]
+
+
+def test_goal_babbling_stands_beside_the_rule_at_equal_robot_time(tmp_path: Path) -> None:
+    comparison = small_comparison(tmp_path / "log.mcap")
+    table = comparison_texts(comparison)["alone"]
+    assert re.findall(r"<td>(forward-inverse|goal babbling)[^<]*</td><td[^>]*>(\d+ s)</td>", table) == [
+        (rule, length) for length in ("120 s", "30 s") for rule in ("forward-inverse", "goal babbling")
+    ]
+    assert table.count("1.500 ± 0.000") == 2 * 4
+    found = comparison.summary()["goal_babbling"]
+    assert found["self_taught_30s"]["circles"] == {"mean_cm": 1.5, "std_cm": 0.0, "interval_cm": 0.0}
+
+
+def test_both_teachers_stand_in_the_report(tmp_path: Path) -> None:
+    comparison = small_comparison(tmp_path / "log.mcap")
+    rows = re.findall(r"<tr>(.*?)</tr>", comparison_texts(comparison)["teachers"])[-2:]
+    assert [re.findall(r"<td[^>]*>(.*?)</td>", row) for row in rows] == [
+        ["right hand drawing", "rates", "2.500", "0.250", "0.30", "0.0200", "5.85", "41"],
+        ["right hand drawing", "qp", "2.250", "0.125", "0.60", "0.0300", "–", "806"],
+    ]
+    assert [one["teacher"] for one in comparison.summary()["teachers"]] == ["rates", "qp"]
+
+
+def test_an_exploration_that_is_refused_is_a_row_with_its_reason(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(volume_source, "_DRAWS", 1)  # found out sooner
+    far = replace(TAUGHT, robot=str(robot_out_of_reach(tmp_path)), duration_s=1.0, motions=("circles",))
+    one = explore_and_learn(far, seed=0, folder=tmp_path)
+    assert one.errors == {}
+    assert re.match(r"robot 'asimo': found no way for hands that keep 3 cm from its body", one.refused)
+
+    paper = small_paper(tmp_path)
+    robots_first, *others = (found for found in paper.comparison.explored if found.exploration.name == "icub")
+    refused = replace(robots_first, errors={}, refused="hands & body touch")
+    explored = tuple(refused if found is robots_first else found for found in paper.comparison.explored)
+    comparison = replace(paper.comparison, explored=explored)
+    text = comparison_texts(comparison)["explored"]
+    assert f"seed {refused.seed} was refused: hands &amp; body touch" in text
+    assert comparison.by_exploration()[refused.exploration]["circles"].mean_cm == others[0].errors["circles"].mean_cm
+    assert comparison.summary()["refused"] == [{"exploration": "icub", "seed": 1, "reason": "hands & body touch"}]
+    failed = [check for check in comparison.checks() if not check.holds]
+    assert [(check.claim, check.found) for check in failed] == [
+        ("iCub: 120 s at 5 Hz: seed 1 explores", "refused: hands & body touch")
+    ]
+
+
+def test_the_report_goes_on_where_every_exploration_is_refused(tmp_path: Path) -> None:
+    whole = small_comparison(tmp_path / "log.mcap")
+    explored = tuple(replace(one, errors={}, refused="too near") for one in whole.explored)
+    comparison = replace(whole, explored=explored, rules=(), parts=(), costs=None)
+    texts = comparison_texts(comparison)
+    assert texts["explored"].count("was refused: too near") == len(explored)
+    assert texts.keys() == comparison_texts(whole).keys()
+    assert comparison.summary()["learning_step_us"] is None
+
+
+def robot_out_of_reach(folder: Path) -> Path:
+    """Write asimo with boxes that its hands do not reach."""
+    robot = folder / "far"
+    robot.mkdir()
+    (robot / "robot.urdf").write_text(ROBOT.urdf_text)
+    (robot / "robot.toml").write_text(ROBOT.toml_text.replace("centre = [0.32,", "centre = [0.92,"))
+    return robot
