@@ -13,8 +13,9 @@ from pipeline.exploration.episode import Guidance
 from pipeline.exploration.explore import explore
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
-from pipeline.motions.motion import Motion, check_targets
+from pipeline.motions.motion import Motion, check_targets, oriented
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
 from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
@@ -143,7 +144,8 @@ def demonstrate(
     robot : RobotConfig
         Robot that follows.
     shown : DemonstratedPaths
-        Paths of some of the hands; a hand that is not shown is held still in the centre of its pattern.
+        Paths of some of the hands; a hand that is not shown is held still in the centre of its pattern. Where the pose
+        is controlled, the orientation is that in the middle: paths are of positions.
     config : DemonstrationConfig
         Placement of the paths in the workspace.
     seed : int
@@ -158,7 +160,7 @@ def demonstrate(
     MotionError, ConfigError, RobotError, LogError
         If the paths do not make a motion or leave the robot's reach; and as `explore` does.
     """
-    placed = to_motion(robot, shown, config=config)
+    placed = oriented(to_motion(robot, shown, config=config), robot)
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
     notes = {"demonstration": {**shown.source, **config.manifest_entry(), "out_of_reach": asdict(found)}}
@@ -186,7 +188,9 @@ def demonstrate(
 
 
 def _peak_m_s(motion: Motion) -> float:
-    speeds = np.linalg.norm(np.diff(motion.targets, axis=0), axis=2) / np.diff(motion.times_s)[:, None]
+    speeds = (
+        np.linalg.norm(np.diff(motion.targets[..., :POSITION_SIZE], axis=0), axis=2) / np.diff(motion.times_s)[:, None]
+    )
     return float(speeds.max())
 
 

@@ -7,6 +7,7 @@ import numpy as np
 from pipeline.arrays import Floats
 from pipeline.collision.self_distance import CLEARANCE_M, SelfDistance
 from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, hand_slices, row_size, to_rows
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import Teacher, approach
 from recorders.errors import RobotError
@@ -27,7 +28,8 @@ class BoxSearch:
     """Search for the largest box about the centres of a robot's hands, the same for each.
 
     In every corner the teacher reaches with all hands, with no joint at its limit, no part near another and no hand
-    below the ground. Two hands are tried in any two of their corners, more in the same and in opposite ones.
+    below the ground. Two hands are tried in any two of their corners, more in the same and in opposite ones. A hand
+    whose pose is controlled is turned there, one way and the other.
 
     Parameters
     ----------
@@ -43,6 +45,7 @@ class BoxSearch:
         self._teacher = Teacher(Kinematics(robot))
         self._distances = SelfDistance(robot)
         self._directions = _directions(len(robot.hands))
+        self._turn_signs = (1.0,) if row_size(robot) == POSITION_SIZE else (1.0, -1.0)
         self._span = robot.upper - robot.lower
 
     def largest(self, radius_m: float) -> Floats:
@@ -69,9 +72,22 @@ class BoxSearch:
     def obstacle(self, box: Floats) -> str | None:
         """Return what keeps the hands from a corner of a box with these half extents (3,) [m]; None if nothing does."""
         for directions in self._directions:
-            if found := self._at(self._robot.centres + directions * box):
-                return found
+            for sign in self._turn_signs:
+                if found := self._at(self._corner(directions, box, sign)):
+                    return found
         return None
+
+    def _corner(self, directions: Floats, box: Floats, sign: float) -> Floats:
+        """Return the targets by row in one corner; hands whose pose is controlled are turned to a corner, too."""
+        inputs = self._robot.input_centre.copy()
+        extents = np.broadcast_to(box, directions.shape)
+        for hand, where, direction, extent in zip(
+            self._robot.hands, hand_slices(self._robot), directions, extents, strict=True
+        ):
+            inputs[where][:POSITION_SIZE] += direction * extent
+            if hand.turn is not None:
+                inputs[where][POSITION_SIZE:] += sign * direction * np.array(hand.turn)
+        return to_rows(self._robot, inputs)
 
     def _widest(self, axes: list[int], box: Floats, most: int) -> int:
         """Return to how many millimetres some axes of a box can grow together."""
@@ -84,16 +100,16 @@ class BoxSearch:
         return low
 
     def _at(self, targets: Floats) -> str | None:
-        """Return what keeps the hands from targets (hands, 3) [m]; None if nothing does."""
+        """Return what keeps the hands from targets by row; None if nothing does."""
         posture, short_m = approach(self._teacher, self._robot.comfort, targets, REACH_M)
         if (worst := float(short_m.max())) > REACH_M:
             hand = int(short_m.argmax())
-            point = ", ".join(f"{value:.3f}" for value in targets[hand])
+            point = ", ".join(f"{value:.3f}" for value in targets[hand][:POSITION_SIZE])
             return f"hand {self._robot.hand_names[hand]} stays {100 * worst:.1f} cm short of ({point}) m"
         return None if self._reach_only else self._too_near(targets, posture)
 
     def _too_near(self, targets: Floats, posture: Floats) -> str | None:
-        """Return to what hands or joints come too near at targets (hands, 3) [m], reached at a posture (n,)."""
+        """Return to what hands or joints come too near at targets by row, reached at a posture (n,)."""
         if (lowest := float(targets[:, 2].min())) < 0.0:
             return f"a corner is {-lowest:.2f} m below the ground"
         margins = np.minimum(posture - self._robot.lower, self._robot.upper - posture) / self._span

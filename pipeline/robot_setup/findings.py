@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 
 from pipeline.robot.config import TOML_FILE, RobotConfig, load_robot, robot_names
+from pipeline.robot.coordinates import centre_rows
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_setup.box import REACH_M, BoxSearch
 from pipeline.robot_setup.statics import Statics
@@ -48,7 +49,7 @@ def _loads(robot: RobotConfig) -> Iterator[str]:
 
 
 def _centres(robot: RobotConfig) -> Iterator[str]:
-    _, short_m = approach(Teacher(Kinematics(robot)), robot.comfort, robot.centres, REACH_M)
+    _, short_m = approach(Teacher(Kinematics(robot)), robot.comfort, centre_rows(robot), REACH_M)
     at_rest = Kinematics(robot).hands(robot.comfort)
     for hand, short, rest in zip(robot.hands, short_m, at_rest, strict=True):
         if short > REACH_M:

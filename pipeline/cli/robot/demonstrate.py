@@ -157,6 +157,8 @@ def demonstrate(
     if pose.topic is not None and pose.hand is None and len(hands) > 1:
         others = "the other" if len(hands) == 2 else "another"
         console.notice(f"--topic: {pose.topic} is taken for the {hands[-1]} hand; --hand {hands[0]} for {others}")
+    if posed := [hand.name for hand in follower.hands if hand.orientation is not None]:
+        console.notice(f"what is shown are positions: {' and '.join(posed)} keep the orientation of the middle")
     check_place(out, overwrite=overwrite)
     shown = _subscribe(hands, pose, live, session) if source == LIVE else _read(source, hands, pose, live, session)
     with note_partial_log(out), console.progress(f"demonstrate {shown.name}") as advance:
