@@ -32,20 +32,27 @@ class OnlineLearning:
 
     Attributes
     ----------
+    pairing : PairingRule
+        The rule that is followed.
     steps : int
         Steps learned from so far.
     """
 
     def __init__(self, learner: OnlineLearner, robot: RobotConfig, pairing: PairingRule) -> None:
-        self._learner = learner
-        self._pairs = pairing.pairs(robot)
-        self._joints = joints_rank(pairing.topics(robot.hand_names))
+        self._learner, self._robot = learner, robot
+        self.follow(pairing)
         self._u = np.empty((1, learner.config.inputs))  # u(k), d(k) of one step
         self._d = np.empty((1, learner.config.outputs))
         self._kinematics = Kinematics(robot)
-        self._scores = pairing.name == COMMANDED  # with others no command is an answer to the u that is learned
         self._scored: deque[tuple[Floats, Floats]] = deque(maxlen=_SCORED)
         self.steps = 0
+
+    def follow(self, pairing: PairingRule) -> None:
+        """Make steps by a rule from now on."""
+        self.pairing = pairing
+        self._pairs = pairing.pairs(self._robot)
+        self._joints = joints_rank(pairing.topics(self._robot.hand_names))
+        self._scores = pairing.name == COMMANDED  # with others no command is an answer to the u that is learned
 
     @property
     def pending(self) -> Floats:

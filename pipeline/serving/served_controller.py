@@ -13,16 +13,16 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.insight import KnowsDeviation
 from pipeline.learner.state import state_digest
 from pipeline.robot.range_check import is_within, range_check
-from pipeline.samples.pairing import COMMANDED, find_pairing
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from pipeline.serving.clock_reset import LEAP_NS, RESTART_AFTER
 from pipeline.serving.commands import Command, Commander
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.deviations import Deviations
-from pipeline.serving.inputs import JointsReader, TargetReader, reader_of
+from pipeline.serving.inputs import JointsReader, TargetReader
 from pipeline.serving.online_learning import OnlineLearning
 from pipeline.serving.output.speed_limiter import SpeedLimiter
 from pipeline.serving.rejections import Rejection, Rejections, undecodable
-from pipeline.serving.tick_stream import MAX_OPEN, Parts, TickStream
+from pipeline.serving.tick_stream import MAX_OPEN, MeasuredTicks, Parts, TickStream
 from recorders.cdr.codec import decode_as, encode
 from recorders.cdr.templates import pose_layout
 from recorders.errors import MessageError
@@ -120,7 +120,7 @@ class ServedController:
         self._rejections = Rejections(report)
         self._on_learned = on_learned
         self._online: OnlineLearning | None = None
-        self._measured: TickStream | None = None
+        self._measured: MeasuredTicks | None = None
         self._deviations: Deviations | None = None
         if isinstance(learner, KnowsDeviation):
             self._deviations = Deviations(learner, robot.hand_names, report=report, on_deviation=on_deviation)
@@ -132,12 +132,7 @@ class ServedController:
             if pairing.name == COMMANDED:
                 readers, self._topics = (*readers, self._joints), self._learned_topics
             else:
-                self._measured = TickStream(
-                    self._learned_topics,
-                    [reader_of(topic, check) for topic in self._learned_topics],
-                    reject=self.reject,
-                    restart=self._begin_measuring,
-                )
+                self._measured = MeasuredTicks(pairing, robot, reject=self.reject, on_choice=self._learn_otherwise)
         self._ticks = TickStream(self._topics, readers, reject=self.reject, restart=self._begin_anew)
         self._order = self._ticks.order
         of_two = len(self._topics) == len(self._targets) == 2 and not check.poses
@@ -240,9 +235,8 @@ class ServedController:
         self._commander.finish(advance=self._online is None)
         if self._measured is not None and self._accepted == MAX_OPEN and not self._learned_steps:
             absent = ", ".join(self._learned_topics)
-            self._report(
-                f"--learn: nothing is learned: {MAX_OPEN} commands were sent, and {absent} of one stamp never came"
-            )
+            line = f"--learn: nothing is learned: {MAX_OPEN} commands were sent, and {absent} of one stamp never came"
+            self._report(line)
         if self._deviations is not None:
             self._deviations.account(self._order.last_ns, self._commander.u)
 
@@ -274,6 +268,7 @@ class ServedController:
         }
         if self._deviations is not None:
             figures |= self._deviations.summary()
+        figures |= {} if self._online is None else {"pairs": self._online.pairing.name}
         state, pending = self._learner.state(), self._pending
         error_cm = self._online.error_later() if self._online is not None else lambda: None
         return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": error_cm()}
@@ -303,6 +298,7 @@ class ServedController:
                 **self._controller.provenance,
                 "served_from": self._controller.digest,
                 "learned_while_serving": self._learned_steps,
+                **({} if self._online is None else {"learned_from": self._online.pairing.name}),
             },
         )
 
@@ -348,11 +344,6 @@ class ServedController:
         self._begin()
         self._order.begin(stamp)
 
-    def _begin_measuring(self, stamp: int, _reason: Rejection) -> None:
-        """Go on with the clock that hands and joints have from now on."""
-        if self._measured is not None:
-            self._measured.begin(stamp)
-
     def _warm_up(self) -> None:
         """Load the kernels and the layouts of the messages, so that the first target waits for neither."""
         decode_as(PoseStamped, encode(PoseStamped(0, np.zeros(3))))
@@ -363,8 +354,8 @@ class ServedController:
     def _take(self, record: RecordedMessage) -> Command | None:
         if record.topic == SESSION_PHASE:
             self._follow(record)
-        if self._measured is not None and record.topic in self._measured:
-            self._learn(self._measured, record)
+        if self._measured is not None:
+            self._learn(self._measured.take(record))
         if self._limiter is not None and record.topic == JOINT_STATES:
             self._limiter.measure(self._joints.read(record)[1])
         if record.topic not in self._ticks:
@@ -372,14 +363,20 @@ class ServedController:
         tick = self._ticks.take(record)
         return None if tick is None else self._answer(*tick)
 
-    def _learn(self, measured: TickStream, record: RecordedMessage) -> None:
-        """Learn from a tick that was measured, once it is complete, whatever is asked for meanwhile."""
-        tick = measured.take(record)
-        if tick is not None:
-            self._take_step(*tick)
-            measured.order.last_ns = tick[0]
-            measured.order.note_answer()
-            self._on_learned(tuple(part for part, _ in tick[1]))
+    def _learn(self, ticks: list[tuple[int, Parts]]) -> None:
+        """Learn from ticks that were measured, whatever is asked for meanwhile."""
+        for stamp, parts in ticks:
+            self._take_step(stamp, parts)
+            self._on_learned(tuple(part for part, _ in parts))
+
+    def _learn_otherwise(self, pairing: PairingRule) -> None:
+        """Learn by the rule in place of the controller's from now on."""
+        if self._online is not None:
+            self._online.follow(pairing)
+        absent = ", ".join(self._learned_topics)
+        self._report(
+            f"--learn: pairs {pairing.name}, as {absent} of one stamp never came; wrong zeros of joints are not mended"
+        )
 
     def _take_step(self, stamp: int, parts: Parts) -> None:
         """Take the step that a tick completes."""

@@ -10,6 +10,7 @@ from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.learner import Learner
 from pipeline.learner.state import state_digest
+from pipeline.robot.hand_kinematics import HandKinematics
 from pipeline.serving.clock_reset import RESTART_AFTER
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.deviations import BEYOND
@@ -20,6 +21,7 @@ from recorders.errors import ConfigError
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SAMPLE_JOINTS
+from recorders.ticks.live import WAIT_TICKS
 
 LEARN = ServingConfig(learn=True)
 MIDDLE = ROBOT.input_centre.reshape(2, 3)
@@ -101,6 +103,35 @@ def test_when_nothing_that_was_reached_comes_that_is_one_line(controller: Contro
     (line,) = lines
     assert SAMPLE_JOINTS in line
     assert "/hand/left/measured" in line
+
+
+def test_where_no_hands_are_measured_those_of_the_robots_kinematics_are_learned(controller: Controller) -> None:
+    joints, lines = postures(WAIT_TICKS + 5, seed=7), list[str]()
+    learned: list[tuple[RecordedMessage, ...]] = []
+    served = ServedController(controller, config=LEARN, on_learned=learned.append, report=lines.append)
+    for k, posture in enumerate(joints):
+        feed(served, measured(k, posture, hands_at(posture[np.newaxis])[0])[2:])
+        assert len(learned) == (k + 1 if k + 1 >= WAIT_TICKS else 0)
+    learner, hands = controller.learner(), HandKinematics(ROBOT).positions(joints).reshape(len(joints), 6)
+    learner.step(hands, np.concatenate([hands, joints], axis=1), learning=True)
+    status, written = served.status(), served.controller()
+    assert (status["pairs"], status["learned_steps"], status["refused"]) == ("computed", len(joints), {})
+    assert status["digest"] == written.digest == state_digest(learner.state(), np.empty(0))
+    assert (written.pairs, written.provenance["learned_from"]) == ("reached", "computed")
+    assert [records[0].topic for records in learned] == [SAMPLE_JOINTS] * len(joints)
+    (line,) = lines
+    assert "pairs computed, as /hand/left/measured" in line
+
+
+def test_hands_that_come_late_are_learned_from_all_the_same(controller: Controller) -> None:
+    joints = postures(WAIT_TICKS + 3, seed=8)
+    hands = hands_at(joints)
+    served = ServedController(controller, config=LEARN)
+    for k in range(WAIT_TICKS - 1):
+        feed(served, measured(k, joints[k], hands[k])[2:])
+    for k in range(WAIT_TICKS - 1, WAIT_TICKS + 3):
+        feed(served, measured(k, joints[k], hands[k]))
+    assert (served.status()["pairs"], served.status()["learned_steps"]) == ("reached", 4)
 
 
 @pytest.mark.parametrize("forgetting", [1.0, 0.999])
