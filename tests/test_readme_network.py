@@ -19,7 +19,7 @@ import zenoh
 from episodes import write_episode
 from processes import reenact, start, wait_for_line
 from short_motion import write_short_motion
-from waiting import wait_for_arrival
+from waiting import wait_for_arrival, wait_for_subscriber
 
 import pipeline
 from pipeline.cli import app as cli
@@ -97,9 +97,11 @@ def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
     ]
     assert [verb for verb, *_ in lines] == ["robot", "record", "learn", "explore", "train", "diff"]
     with ExitStack() as stack:
-        nodes = [stack.enter_context(start(*line, cwd=tmp_path)) for line in lines[:3]]
-        for node in nodes:
-            stack.callback(node.kill)
+        nodes = []
+        for line, ready in zip(lines, ("waits for commands", "records reenact/**", "waits for a replay"), strict=False):
+            nodes.append(stack.enter_context(start(*line, cwd=tmp_path)))
+            stack.callback(nodes[-1].kill)
+            wait_for_line(nodes[-1], ready)
         explored = reenact(*lines[3], cwd=tmp_path)
         assert explored.returncode == 0, explored.stderr
         _, learned = (node.communicate(timeout=120)[0] for node in nodes[1:])
@@ -119,10 +121,12 @@ def test_the_spectators_example_records_what_the_learner_says_and_nothing_else(t
     lines = [[endpoint if word == DEFAULT_ENDPOINT else word for word in line] for line in commands(section)]
     assert [verb for verb, *_ in lines] == ["learn", "record", "replay"]
     with ExitStack() as stack:
-        learner, spectator = (stack.enter_context(start(*line, cwd=tmp_path)) for line in lines[:2])
-        for process in (learner, spectator):
-            stack.callback(process.kill)
-        wait_for_line(spectator, "records reenact/**")
+        nodes = []
+        for line, ready in zip(lines, ("waits for a replay", "records reenact/**"), strict=False):
+            nodes.append(stack.enter_context(start(*line, cwd=tmp_path)))
+            stack.callback(nodes[-1].kill)
+            wait_for_line(nodes[-1], ready)
+        learner, spectator = nodes
         replayed = reenact(*lines[2], "--epochs", 20, cwd=tmp_path)
         assert replayed.returncode == 0, replayed.stderr
         learner.communicate(timeout=120)
@@ -145,6 +149,7 @@ def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) 
         )
         stack.callback(process.kill)
         wait_for_line(process, "records reenact/**")
+        wait_for_subscriber(session)
         for record in episode:
             put(session, record.topic, record.data)
         put(session, "/robot_description", padded)

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from recorders.wire.loopback import free_endpoint
 
-_START_S = 30.0
+_START_S = 120.0
 
 
 @contextmanager

@@ -26,6 +26,12 @@ def matches(publisher: zenoh.Publisher) -> bool:
     return bool(status.matching)
 
 
+def wait_for_subscriber(session: zenoh.Session, *, namespace: str = "reenact") -> None:
+    """Wait until somebody who subscribes to a whole namespace is known: what is put before reaches nobody."""
+    with session.declare_publisher(f"{namespace}/anything") as publisher:
+        wait_until(lambda: matches(publisher))
+
+
 def wait_for_arrival(session: zenoh.Session, consumer: str, *, namespace: str = "reenact") -> None:
     """Wait until a consumer answers: what this session put before has come there before the question."""
     replies = session.get(control_key(namespace, consumer, "status"), timeout=_DEADLINE_S)

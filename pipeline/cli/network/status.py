@@ -55,7 +55,7 @@ def status(
         return
     try:
         with open_session(session) as opened:
-            found = find_nodes(opened, namespace=namespace)
+            found = find_nodes(opened, namespace=namespace, timeout_s=max(wait, _WAIT_S))
     except UnreachedError as error:
         if as_json:
             _print_json([])

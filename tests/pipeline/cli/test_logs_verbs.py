@@ -6,17 +6,18 @@ import signal
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
 
 import hostile
 import pytest
-from processes import complaint, reenact, start
-from waiting import wait_until
+from processes import complaint, reenact
 
+from pipeline.cli import app
 from pipeline.terminal.log_tables import recovered
 from recorders.messages.message_types import Clock
 from recorders.messages.topics import CLOCK
 from recorders.reading.reader import LogReader
-from recorders.recovery.recover import recover
+from recorders.recovery.recover import Recovery, _Copy, recover
 from recorders.writing.writer import LogWriter
 
 CHUNK = b"\x03\0\0\0lz4"
@@ -141,15 +142,26 @@ def test_the_name_of_a_refused_file_commands_no_terminal(tmp_path: Path) -> None
     assert r"a\x1b[31m.mcap" in said
 
 
-def test_ctrl_c_leaves_no_file(tmp_path: Path) -> None:
-    log = write(tmp_path / "log.mcap", 50_000)  # recovering takes far longer than seeing that it has begun
-    with start("recover", log, "--out", "good.mcap", cwd=tmp_path) as process:
-        part = tmp_path / "good.mcap.part"
-        wait_until(lambda: part.exists() or process.poll() is not None)
-        process.send_signal(signal.SIGINT)
-        _, errors = process.communicate(timeout=120)
-    assert process.returncode == 130, errors
-    assert "Traceback" not in errors
+def test_ctrl_c_leaves_no_file(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
+) -> None:
+    log, part, copy = write(tmp_path / "log.mcap"), tmp_path / "good.mcap.part", _Copy.run
+
+    def interrupted(*arguments: Any) -> Recovery:
+        recovery = copy(*arguments)
+        assert part.exists()
+        signal.raise_signal(signal.SIGINT)
+        return recovery
+
+    monkeypatch.setattr(_Copy, "run", interrupted)
+    earlier = signal.getsignal(signal.SIGTERM)
+    try:
+        with pytest.raises(SystemExit) as end:
+            app.main(["recover", str(log), "--out", str(tmp_path / "good.mcap")])
+    finally:
+        signal.signal(signal.SIGTERM, earlier)
+    assert end.value.code == 130
+    assert "Traceback" not in capfd.readouterr().err
     assert not list(tmp_path.glob("good*"))
 
 

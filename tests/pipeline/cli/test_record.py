@@ -10,7 +10,8 @@ import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, contextmanager
+from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -22,6 +23,8 @@ from live import robot as live_robot
 from live import spawn
 from processes import complaint, reenact, start, wait_for_line
 from short_motion import write_short_motion
+from unfinished import so_far
+from waiting import wait_for_subscriber, wait_until
 
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import load_robot
@@ -48,9 +51,11 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Offer
+from recorders.wire.stream import Offer, Progress
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
+from replay.transports.sender_config import SenderConfig
+from replay.transports.zenoh import ZenohTransport
 
 
 @contextmanager
@@ -60,8 +65,7 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         with start("record", "--out", "log.mcap", "--connect", endpoint, "--json", *options, cwd=folder) as process:
             wait_for_line(process, "records reenact/**")
-            with session.declare_publisher("reenact/anything") as publisher:
-                await_that(lambda: bool(publisher.matching_status.matching))  # type: ignore[attr-defined]
+            wait_for_subscriber(session)
             yield session, process
             process.kill()
 
@@ -101,22 +105,6 @@ def stop_once_all_is_there(
     """Stop a recorder when it has what was put before."""
     await_arrival(session)
     return stop(process, number)
-
-
-def await_that(holds: Callable[[], bool]) -> None:
-    deadline = time.monotonic() + 120
-    while not holds():
-        assert time.monotonic() < deadline, "it does not come about"
-        time.sleep(0.01)
-
-
-def handed_over(part: Path) -> list[RecordedMessage]:
-    """Return what another process finds in a log that is being written."""
-    found: list[RecordedMessage] = []
-    with suppress(LogError):
-        for record in LogReader(part):
-            found.append(record)  # one by one: the last step raises
-    return found
 
 
 def bare(record: RecordedMessage) -> tuple[str, int, bytes]:
@@ -246,7 +234,7 @@ def test_a_topic_too_many_for_a_log_is_refused_and_ends_nothing(
     with recording_here(tmp_path / "log.mcap") as (producer, live, stopped):
         for index in range(20):
             producer.publish(f"/values/{index % 5}", Float64MultiArray([1.0]), log_time_ns=0)
-        await_that(lambda: live.recording.messages + live.recording.refused.total() == 20)
+        wait_until(lambda: live.recording.messages + live.recording.refused.total() == 20)
         stopped()
     assert LogReader(tmp_path / "log.mcap").counts == {f"/values/{index}": 4 for index in range(3)}
     assert caplog.messages == ["refused a message on one topic more: a log holds no more than 65535 channels"]
@@ -307,11 +295,11 @@ def test_files_are_split_by_time_and_none_is_empty(tmp_path: Path) -> None:
     with (
         recording_here(tmp_path / "log.mcap", **options) as (producer, live, stopped),
     ):
-        await_that(lambda: len(looks) > 2)
+        wait_until(lambda: len(looks) > 2)
         assert [path.name for path in tmp_path.iterdir()] == ["log_000.mcap.part"]
         for index in range(3):
             producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
-        await_that(lambda: live.recording.messages == 3)
+        wait_until(lambda: live.recording.messages == 3)
         paths = stopped().paths
     assert [path.name for path in paths] == ["log_000.mcap", "log_001.mcap", "log_002.mcap"]
     assert [[record.sequence for record in LogReader(path)] for path in paths] == [[0], [1], [2]]
@@ -327,7 +315,7 @@ def test_log_time_never_falls_whatever_the_clock_on_the_wall_does(
     ):
         for index in range(5):
             producer.publish(LEFT_TARGET, pose(index), log_time_ns=0)
-        await_that(lambda: live.recording.messages == 5)
+        wait_until(lambda: live.recording.messages == 5)
         stopped()
     times_ns = [record.log_time_ns - now_ns for record in LogReader(tmp_path / "log.mcap")]
     assert times_ns == [0, 5, 5, 5, 6]
@@ -391,37 +379,43 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
 def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)  # twice as long as a sender is silent
+    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)
+    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
     log = write_episode(tmp_path / "episode.mcap", samples=4)
     endpoint = free_endpoint()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
         open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        open_session(SessionConfig(connect=(endpoint,))) as sending,
         Receiver(session, config=ReceiverConfig(name="recorder", live=True)) as receiver,
         Receiver(elsewhere) as slow,
         TopicPublisher(elsewhere) as producer,
         ThreadPoolExecutor() as pool,
         ExitStack() as stack,
     ):
-        last_words = Slow(3.0, lambda: producer.publish(LEARNER_OUTPUT, Float64MultiArray([1.0]), log_time_ns=0))
+        last_words = Last(
+            partial(time.sleep, 3.0),  # no event: longer than a sender that is silent is waited for
+            lambda: producer.publish(LEARNER_OUTPUT, Float64MultiArray([1.0]), log_time_ns=0),
+        )
         over = threading.Event()
         stack.callback(over.set)  # or the recorder would outlive a test that fails
         live = LiveRecorder(tmp_path / "run.mcap")
         recording = pool.submit(live.run, receiver, stopped=over.is_set, stop_at_stream_end=True)
         consuming = pool.submit(slow.serve, last_words)
-        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
-        replayed = reenact("replay", log, *arguments, cwd=tmp_path)
-        assert replayed.returncode == 0, replayed.stderr
+        source = Replay([log], Schedule(epochs=1))
+        ZenohTransport(sending, config=SenderConfig(consumers=("recorder", "learner"))).deliver(
+            source.offer(), source.stream
+        )
         consuming.result(timeout=120)
         recording.result(timeout=120)
     assert LogReader(tmp_path / "run.mcap").counts[LEARNER_OUTPUT] == 1
 
 
-class Slow:
-    """A consumer that thinks the whole stream over before it has its say."""
+class Last:
+    """A consumer that takes the whole stream, waits, and publishes or fails only then."""
 
-    def __init__(self, seconds: float, say: Callable[[], object]) -> None:
-        self._seconds = seconds
+    def __init__(self, wait: Callable[[], object], say: Callable[[], object]) -> None:
+        self._wait = wait
         self._say = say
 
     def hello(self, offer: Offer) -> int:
@@ -429,9 +423,23 @@ class Slow:
 
     def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
         count = len(list(messages))
-        time.sleep(self._seconds)
+        self._wait()
         self._say()
         return {"count": count}
+
+
+def await_result(session: zenoh.Session) -> None:
+    """Wait until the recorder has reported what it made of the stream."""
+
+    def has_reported() -> bool:
+        replies = session.get("reenact/@consumer/recorder/status", timeout=120.0)
+        return any(
+            Progress.from_json(reply.ok.payload.to_bytes()).result is not None
+            for reply in replies
+            if reply.ok is not None
+        )
+
+    wait_until(has_reported)
 
 
 def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tmp_path: Path) -> None:
@@ -449,7 +457,8 @@ def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tm
             "record", "--stop-at-stream-end", "--out", "run.mcap", "--connect", endpoint, "--json", cwd=tmp_path
         ) as process,
     ):
-        consuming = pool.submit(receiver.serve, Slow(1.0, fail), wait_s=120.0)
+        last = Last(lambda: await_result(session), fail)
+        consuming = pool.submit(receiver.serve, last, wait_s=120.0)
         arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
         replayed = reenact("replay", log, *arguments, cwd=tmp_path)
         assert "learner: nothing comes of it" in complaint(replayed)
@@ -463,7 +472,7 @@ def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tm
 def test_a_stream_whose_sender_is_killed_leaves_a_sound_log(tmp_path: Path) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     with recording_endlessly(log) as (process, replay):
-        await_that(lambda: bool(handed_over(tmp_path / "run.mcap.part")))
+        wait_until(lambda: bool(so_far(tmp_path / "run.mcap.part")))
         replay.kill()
         result = stop(process)
     records = list(LogReader(tmp_path / "run.mcap"))
@@ -482,10 +491,12 @@ def test_a_recorder_that_is_stopped_tells_the_sender(tmp_path: Path) -> None:
     assert said.endswith("reenact: recorder: the recorder was stopped\n")
 
 
-def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_recorded(tmp_path: Path) -> None:
+def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_recorded(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     log = write_episode(tmp_path / "episode.mcap", samples=20)
     endpoint, over = free_endpoint(), threading.Event()
-    config = ReceiverConfig(name="recorder", live=True, silence_s=1.0)
+    config = ReceiverConfig(name="recorder", live=True)
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
         Receiver(session, config=config) as receiver,
@@ -496,9 +507,10 @@ def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_
         recording = pool.submit(live.run, receiver, stopped=over.is_set)
         with endless_replay(log, endpoint) as replay:
             stack.callback(over.set)  # or the recorder would outlive a test that fails
-            await_that(lambda: live.recording.messages > 0)
+            wait_until(lambda: live.recording.messages > 0)
             replay.send_signal(signal.SIGSTOP)
-            await_that(lambda: bool(live.recording.broken))
+            monkeypatch.setattr(receiver._stream, "_silence_s", 0.5)  # only now: it may have been slow before
+            wait_until(lambda: bool(live.recording.broken))
             messages = live.recording.messages
             replay.send_signal(signal.SIGCONT)
             said = replay.communicate(timeout=120)[1]

@@ -3,19 +3,17 @@
 import signal
 import time
 from collections.abc import Callable
-from contextlib import suppress
 from pathlib import Path
 
 import pytest
 import zenoh
 from processes import complaint, reenact, start, wait_for_line
 from typer.testing import CliRunner
+from unfinished import so_far
 
 from pipeline.cli import app as cli
-from recorders.errors import LogError
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import LEFT_TARGET
-from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
@@ -26,11 +24,7 @@ COUNT = 100
 
 def numbers(path: Path) -> list[int]:
     """Return the numbers of the messages that a log holds, as far as it is whole."""
-    found: list[int] = []
-    with suppress(LogError):
-        for record in LogReader(path):
-            found.append(record.sequence)  # one by one: the last step may raise
-    return found
+    return [record.sequence for record in so_far(path)]
 
 
 def latest(folder: Path, pattern: str) -> Path:

@@ -2,6 +2,7 @@
 
 import json
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from threading import Lock
 from typing import Any
@@ -13,10 +14,13 @@ from processes import complaint, reenact, start, wait_for_line
 from waiting import wait_until
 
 from recorders.messages.message_types import PoseStamped
+from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import Receiver
 from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.stream import Offer
 from recorders.writing.writer import LogWriter
 
 SAMPLES = 9
@@ -28,31 +32,29 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 class Listener:
-    """Subscribes as anyone would, and keeps what comes: key, payload, time of arrival [s] since `began_s`."""
+    """Subscribes as anyone would, and keeps what comes: key and payload."""
 
     def __init__(self, session: zenoh.Session) -> None:
         self._lock = Lock()
-        self.began_s = 0.0
-        self._heard: list[tuple[str, bytes, float]] = []
+        self._heard: list[tuple[str, bytes]] = []
         self._subscriber = session.declare_subscriber("**", self._on_sample)
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         with self._lock:
-            self._heard.append((str(sample.key_expr), sample.payload.to_bytes(), time.monotonic() - self.began_s))
+            self._heard.append((str(sample.key_expr), sample.payload.to_bytes()))
 
-    def messages(self) -> list[tuple[str, bytes, float]]:
+    def messages(self) -> list[tuple[str, bytes]]:
         with self._lock:
             return [entry for entry in self._heard if not entry[0].endswith("replay/batch")]
 
 
-def play(folder: Path, *arguments: object) -> tuple[dict[str, Any], list[tuple[str, bytes, float]]]:
-    """Play to a listener; returns the result, and key, payload and time [s] since just before it began."""
+def play(folder: Path, *arguments: object) -> tuple[dict[str, Any], list[tuple[str, bytes]]]:
+    """Play to a listener; returns the result, and key and payload of what came."""
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))) as session:
         listener = Listener(session)
         with start("replay", *arguments, "--play", "--connect", endpoint, "--json", cwd=folder) as process:
             wait_for_line(process, "whoever listens may lose messages")
-            listener.began_s = time.monotonic()
             printed, said = process.communicate(timeout=120)
         assert process.returncode == 0, said
         result = json.loads(printed)
@@ -63,14 +65,32 @@ def play(folder: Path, *arguments: object) -> tuple[dict[str, Any], list[tuple[s
 def test_the_bytes_and_keys_are_those_of_the_log(log: Path, tmp_path: Path) -> None:
     result, heard = play(tmp_path, log, "--rate", 50)
     recorded = [("reenact" + record.topic, record.data) for record in LogReader(log)]
-    assert [(key, payload) for key, payload, _ in heard] == recorded
+    assert heard == recorded
     assert result["messages"] == len(recorded)
 
 
+class Timed:
+    """A consumer that notes when it was offered a stream, and when it had all of it [s]."""
+
+    def hello(self, offer: Offer) -> int:
+        self.offered_s = time.monotonic()
+        return 0
+
+    def consume(self, messages: Iterator[RecordedMessage]) -> dict[str, Any]:
+        count = len(list(messages))
+        self.through_s = time.monotonic()
+        return {"count": count}
+
+
 def test_it_keeps_the_pace(log: Path, tmp_path: Path) -> None:
-    rate = 4.0
-    _, heard = play(tmp_path, log, "--rate", rate)
-    assert heard[-1][2] >= SAMPLES * PERIOD_NS / 1e9 / rate
+    rate, endpoint, consumer = 4.0, free_endpoint(), Timed()
+    with open_session(SessionConfig(listen=(endpoint,))) as session, Receiver(session) as receiver:
+        paced = ("--rate", rate, "--await", "learner", "--connect", endpoint)
+        with start("replay", log, "--play", *paced, cwd=tmp_path) as process:
+            receiver.serve(consumer, wait_s=120.0)
+            _, said = process.communicate(timeout=120)
+    assert process.returncode == 0, said
+    assert consumer.through_s - consumer.offered_s >= SAMPLES * PERIOD_NS / 1e9 / rate
 
 
 def test_a_pace_that_cannot_be_kept_slips_and_the_result_says_so(tmp_path: Path) -> None:
@@ -87,7 +107,7 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
     options = ("--namespace", "lab/one", "--topic", LEFT_TARGET, "--map", f"{LEFT_TARGET}=/goal", "--loop", 2)
     _, heard = play(tmp_path, log, *options, "--end", 0.5, "--rate", 100)
     targets = [record.data for record in LogReader(log) if record.topic == LEFT_TARGET][:3]
-    assert [(key, payload) for key, payload, _ in heard] == [("lab/one/goal", data) for data in targets * 2]
+    assert heard == [("lab/one/goal", data) for data in targets * 2]
 
 
 @pytest.mark.parametrize(

@@ -84,7 +84,7 @@ def nodes(lab: Lab, capsys: pytest.CaptureFixture[str], until: Callable[[list[di
     """Ask until the nodes are as expected: messages are on their way."""
     found: list[Any] = []
     while not until(found):
-        assert status("--json", "--connect", lab.endpoint) == 0
+        assert status("--json", "--connect", lab.endpoint, "--wait", "120") == 0
         (line,) = capsys.readouterr().out.splitlines()
         found = json.loads(line)["nodes"]
     return found
@@ -110,7 +110,7 @@ def test_every_node_is_there_with_what_it_counts(lab: Lab, capsys: pytest.Captur
     )
     assert robot["digests"]["robot"] == controller["digests"]["robot"]
     assert 0.0 < controller["latency_us"]["p50"] <= controller["latency_us"]["max"]
-    assert status("--connect", lab.endpoint) == 0
+    assert status("--connect", lab.endpoint, "--wait", "120") == 0
     rows = capsys.readouterr().out.splitlines()
     assert [row.split()[0] for row in rows if row[:1].strip()] == ["kind", *KINDS]
 
@@ -135,8 +135,9 @@ def test_metrics_are_the_figures_of_the_status_and_on_loopback_alone(
 def test_a_watch_goes_on_until_ctrl_c_and_listens_nowhere(lab: Lab, tmp_path: Path) -> None:
     with start("status", "--watch", "--json", "--connect", lab.endpoint, cwd=tmp_path) as process:
         assert process.stdout is not None
-        for _ in range(2):
-            assert len(json.loads(process.stdout.readline())["nodes"]) == len(KINDS)
+        while not json.loads(process.stdout.readline())["nodes"]:  # it is not connected yet
+            pass
+        assert len(json.loads(process.stdout.readline())["nodes"]) == len(KINDS)
         assert listening(process.pid) == set()
         process.send_signal(signal.SIGINT)
         _, said = process.communicate(timeout=120)
@@ -189,10 +190,10 @@ def empty() -> Iterator[str]:
 
 def test_no_node_is_one_line_and_status_1(capsys: pytest.CaptureFixture[str]) -> None:
     with empty() as endpoint:
-        assert status("--connect", endpoint) == 1
+        assert status("--connect", endpoint, "--wait", "120") == 1
         out, line = capsys.readouterr()
         assert (out, line) == ("", f"no node runs in namespace 'reenact' at {endpoint}\n")
-        assert status("--connect", endpoint, "--json") == 1
+        assert status("--connect", endpoint, "--wait", "120", "--json") == 1
         assert json.loads(capsys.readouterr().out) == {"nodes": []}
     assert status("--connect", endpoint, "--wait", "0") == 1
     (line,) = capsys.readouterr().err.splitlines()
@@ -219,8 +220,8 @@ def test_what_strangers_say_is_spelt_out(capsys: pytest.CaptureFixture[str]) -> 
                 query.reply(key, text)
 
         with session.declare_queryable(key, answer):
-            assert status("--connect", endpoint) == 0
-            assert status("--connect", endpoint, "--json") == 0
+            assert status("--connect", endpoint, "--wait", "120") == 0
+            assert status("--connect", endpoint, "--wait", "120", "--json") == 0
     out = capsys.readouterr().out
     assert all(line.isprintable() for line in out.splitlines())
     assert "\\x1b[2J" in out

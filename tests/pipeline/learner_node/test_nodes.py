@@ -5,6 +5,7 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import Change, write_episode
+from held_stream import PATIENCE_S, HeldStream
 from processes import complaint, reenact, start, wait_for_line
 from sockets import listening, loopback
 from waiting import wait_until
@@ -26,6 +28,7 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
+from replay.transports.zenoh import ZenohTransport
 
 EPOCHS = 3
 
@@ -135,16 +138,19 @@ def at_tick_7(**changes: object) -> Change:
 
 
 def test_a_second_replay_is_refused_while_the_first_goes_on(log: Path, empty: Path, tmp_path: Path) -> None:
-    with learner(empty) as (endpoint, process):
-        first_arguments = ("replay", log, "--connect", endpoint, "--epochs", 400, "--wait", 60, "--json")
-        with start(*first_arguments, cwd=tmp_path) as first:
-            wait_for_line(process, "takes run")
-            line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 5, cwd=tmp_path))
+    source = Replay([log], Schedule(epochs=1))
+    held = HeldStream(source, at=200)
+    with learner(empty) as (endpoint, process), ThreadPoolExecutor() as pool:
+        wait_for_line(process, "waits for a replay")
+        with open_session(SessionConfig(connect=(endpoint,))) as session:
+            first = pool.submit(ZenohTransport(session).deliver, source.offer(), held.stream)
+            assert held.reached.wait(PATIENCE_S)
+            line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
             assert "already fed by another replay" in line
-            replayed, complaints = first.communicate(timeout=120)
-            assert first.returncode == 0, complaints
+            held.may_go_on.set()
+            replayed = first.result(timeout=PATIENCE_S)
         learned, _ = process.communicate(timeout=120)
-    assert json.loads(learned)["digest"] == json.loads(replayed)["consumers"]["learner"]["digest"]
+    assert json.loads(learned)["digest"] == replayed["learner"]["digest"]
 
 
 def test_a_replay_that_is_stopped_tells_the_learner(log: Path, empty: Path, tmp_path: Path) -> None:

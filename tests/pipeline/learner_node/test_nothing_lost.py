@@ -187,7 +187,7 @@ def test_at_a_millisecond_a_message_nothing_is_lost(log: Path, tmp_path: Path, e
 @pytest.mark.parametrize("batch", [1, 64])
 def test_a_publisher_that_closes_at_once_after_the_last_message_has_lost_nothing(log: Path, batch: int) -> None:
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
-    config = SenderConfig(consumers=("slow",), batch_size=batch)
+    config = SenderConfig(consumers=("slow",), batch_size=batch, wait_s=120.0)
     for _ in range(2):
         with collecting(endpoint, "slow", delay_s=0.0002) as consumer:
             with open_session(SessionConfig(listen=(endpoint,))) as session:
@@ -227,7 +227,10 @@ def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(l
     assert reason.endswith(": terminated")
 
 
-def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(log: Path) -> None:
+def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
     with (
         collecting(endpoint, "early", silence_s=SILENCE_S) as early,
@@ -249,7 +252,8 @@ def late(endpoint: str) -> str:
     )
 
 
-def test_a_pause_in_the_stream_is_no_silence(log: Path) -> None:
+def test_a_pause_in_the_stream_is_no_silence(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
 
     def paused(begin: int) -> Iterator[RecordedMessage]:
@@ -260,5 +264,5 @@ def test_a_pause_in_the_stream_is_no_silence(log: Path) -> None:
 
     with collecting(endpoint, "learner", silence_s=SILENCE_S) as consumer:
         with open_session(SessionConfig(listen=(endpoint,))) as session:
-            delivered = ZenohTransport(session).deliver(source.offer(), paused)
+            delivered = ZenohTransport(session, config=SenderConfig(wait_s=120.0)).deliver(source.offer(), paused)
         assert delivered["learner"] == said(consumer) == collected(log, 1)

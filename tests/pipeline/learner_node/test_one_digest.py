@@ -50,13 +50,17 @@ def settings(name: str) -> tuple[object, ...]:
 
 def learners(stack: ExitStack, connection: tuple[str, str], out: str, folder: Path) -> dict[str, Popen[str]]:
     """Start a learner of each rule, and wait until all of them can be awaited."""
-    started = {}
+    started, others = {}, []
     for name in RULES:
         options = ("--name", name, "--out", f"{name}-{out}.npz", *settings(name))
         started[name] = stack.enter_context(start("learn", *connection, *options, cwd=folder))
         stack.callback(started[name].kill)
+        if connection[0] == "--listen":
+            wait_for_line(started[name], "waits for a replay")  # the others connect to it
+        else:
+            others.append(started[name])
         connection = ("--connect", connection[1])
-    for process in started.values():
+    for process in others:
         wait_for_line(process, "waits for a replay")
     return started
 
@@ -78,10 +82,9 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
             stack.callback(process.kill)
             return process
 
-        robot = run("robot", "--listen", endpoint)
+        wait_for_line(run("robot", "--listen", endpoint), "waits for commands")
         started = learners(stack, ("--connect", endpoint), "live", folder)
         recorder = run("record", "--connect", endpoint, "--out", "live.mcap", "--stop-at-stream-end", "--json")
-        wait_for_line(robot, "waits for commands")
         wait_for_line(recorder, "records reenact/**")
         explorer = stack.enter_context(
             spawn(

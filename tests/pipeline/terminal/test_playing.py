@@ -40,7 +40,7 @@ os.execv(sys.argv[1], sys.argv[1:])
 BACKGROUND = """
 import fcntl, subprocess, sys, termios
 fcntl.ioctl(0, termios.TIOCSCTTY, 0)
-sys.exit(subprocess.run(sys.argv[1:], process_group=0, timeout=60).returncode)
+sys.exit(subprocess.run(sys.argv[1:], process_group=0, timeout=240).returncode)
 """
 
 

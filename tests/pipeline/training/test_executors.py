@@ -26,7 +26,8 @@ from recorders.wire.loopback import free_endpoint
 from replay.sources.schedule import Schedule
 
 EPOCHS, COUNT = 60, 3
-END_S = 60.0  # far more than any of it takes, and far less than for ever
+WORKER_S = 120.0
+END_S = 240.0  # far more than any of it takes, and far less than for ever
 
 
 @pytest.fixture(scope="module")
@@ -47,7 +48,7 @@ def digests(runs: list[Run]) -> list[str]:
 @pytest.fixture
 def cluster(tmp_path: Path) -> Iterator[BareCluster]:
     with bare_cluster(tmp_path, workers=1) as started:
-        with dask_cluster(started.address):
+        with dask_cluster(started.address, worker_wait_s=WORKER_S):
             pass  # its worker is there
         yield started
 
@@ -58,7 +59,7 @@ def silent_port() -> Iterator[int]:
         yield listener.getsockname()[1]
 
 
-def user(address: str, log: Path, *, wait_s: float = 30.0) -> "subprocess.Popen[str]":
+def user(address: str, log: Path, *, wait_s: float = WORKER_S) -> "subprocess.Popen[str]":
     """Start one; its first run is computed, the others are under way until they are let go on."""
     for word in ("begun", "go on"):
         log.with_name(word).unlink(missing_ok=True)
@@ -151,7 +152,7 @@ def test_a_worker_that_comes_in_time_goes_on(cluster: BareCluster, runs: list[Ru
             cluster.kill_workers()
             cluster.add_worker()
 
-    outcomes = compute_all(runs, partial(dask_cluster, cluster.address), on_done=replace_worker)
+    outcomes = compute_all(runs, partial(dask_cluster, cluster.address, worker_wait_s=WORKER_S), on_done=replace_worker)
     assert [outcome.digest for outcome in outcomes] == digests
     assert told == [1, 2, 3]
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import zenoh
 from processes import command, complaint, wait_for_line
+from waiting import wait_for_subscriber
 
 from recorders.errors import LogError
 from recorders.messages.message_types import Float64MultiArray, PoseStamped
@@ -151,6 +152,7 @@ def recorder(
         ) as process:
             try:
                 wait_for_line(process, "records reenact/**")
+                wait_for_subscriber(session)
                 yield session, process
             finally:
                 process.kill()

@@ -229,8 +229,9 @@ def test_numbers_out_of_range_are_refused(options: dict[str, int]) -> None:
 
 
 def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(
-    log: Path, caplog: pytest.LogCaptureFixture
+    log: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    monkeypatch.setattr("replay.transports.zenoh._LISTENER_WAIT_S", 120.0)  # "just after" is not long
     heard: list[bytes] = []
     endpoint = free_endpoint()
     with (
