@@ -4,11 +4,12 @@ import json
 from collections.abc import Callable, Iterable, Mapping
 from typing import Any, NamedTuple, TypeAlias
 
-from recorders.cdr.codec import decode
+from recorders.cdr.codec import decode, stamp_ns
 from recorders.cdr.message_format import FORMATS
+from recorders.cdr.stream import CdrReader
 from recorders.containers.conversions import CONVERSIONS, convert
 from recorders.containers.definitions import channel_definitions, is_standard, ros_name
-from recorders.containers.ros_values import RosReader
+from recorders.containers.ros_values import RosReader, ros1_stamp_ns
 from recorders.errors import MessageError, MissingExtra, ReenactError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.message_types import Message
@@ -100,6 +101,32 @@ def find_decoding(channel: DeclaredChannel) -> Decoding | None:
     our_type = CONVERSIONS[name][0]
     read = _READERS[channel.encoding](channel, name)
     return Decoding(our_type, lambda data: convert(name, read(data)), as_it_is=False)
+
+
+def stamp_reader(channel: DeclaredChannel) -> Callable[[bytes], int | None]:
+    """Return what reads the stamps of a channel's messages [ns], of any type that has some, and None where it has none.
+
+    What is returned raises MessageError if the bytes are no message of the type.
+    """
+    if channel.encoding == "cdr" and (FORMATS.get(channel.type) is not None or not _begins_with_header(channel)):
+        return lambda data: stamp_ns(channel.type, data)
+    if channel.encoding == "cdr":
+        return lambda data: CdrReader(data).time_ns()
+    if channel.encoding == "ros1" and _begins_with_header(channel):
+        return ros1_stamp_ns
+    try:
+        found = find_decoding(channel)
+    except ReenactError:
+        return lambda data: None
+    return lambda data: None if found is None else getattr(found.decode(data), "stamp_ns", None)
+
+
+def _begins_with_header(channel: DeclaredChannel) -> bool:
+    try:
+        _, fields = channel_definitions(channel).get(ros_name(channel.type), ((), ()))
+    except MessageError:
+        return False
+    return bool(fields) and fields[0][1][1] == "std_msgs/msg/Header"
 
 
 def _ros_reader(channel: DeclaredChannel, name: str) -> ReadFields:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Mapping
-from functools import cache
+from functools import cache, lru_cache
 from typing import Any, TypeAlias
 
 from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_from_msg, get_typestore
@@ -30,6 +30,7 @@ def standard_definitions(ros: int) -> Definitions:
     return get_typestore(Stores.ROS1_NOETIC if ros == 1 else Stores.ROS2_HUMBLE).fielddefs
 
 
+@lru_cache(maxsize=256)
 def channel_definitions(channel: DeclaredChannel) -> Definitions:
     """Return the types that a channel's schema defines, or the standard ones if it defines none.
 

@@ -70,8 +70,18 @@ def open_as_it_is(log: Log) -> Reader:
     found = find_log(log) if isinstance(log, Path) else log
     if isinstance(found, Parts):
         return SessionReader(found)
-    begin = _first_bytes(found)
-    return next(container for container in CONTAINERS if container.holds(found, begin)).open(found)
+    return container_of(found).open(found)
+
+
+def container_of(log: Path) -> Container:
+    """Return the container of a recording, by its content; raises LogError if it is not there."""
+    begin = _first_bytes(log)
+    return next(container for container in CONTAINERS if container.holds(log, begin))
+
+
+def is_foreign_container(log: Path) -> bool:
+    """Whether there is a recording of this name in another container than MCAP."""
+    return log.exists() and container_of(log).open is not LogReader
 
 
 def _first_bytes(path: Path) -> bytes:

@@ -35,6 +35,7 @@ _NUMBERS = {
 }
 _DEEPEST = 16  # levels of types within types: those of ROS have six
 _ENCAPSULATION = 4
+_ROS1_HEADER = struct.Struct("<III")  # sequence, stamp in s and ns
 _CDR_ORDERS = {b"\x00\x00": ">", b"\x00\x01": "<"}
 
 
@@ -126,6 +127,14 @@ class RosReader:
         if fixed is not None:
             return (lambda source: source.array(code, fixed)), fixed * size
         return (lambda source: source.array(code, source.count(size))), 4
+
+
+def ros1_stamp_ns(data: bytes) -> int:
+    """Return the stamp [ns] of a message of ROS 1 that begins with a header; raises MessageError if it is too short."""
+    if len(data) < _ROS1_HEADER.size:
+        raise MessageError(f"message cut off: expected a header, found {len(data)} bytes")
+    _, seconds, nanoseconds = _ROS1_HEADER.unpack_from(data)
+    return int(seconds) * 10**9 + int(nanoseconds)
 
 
 class _Bytes:

@@ -2,12 +2,16 @@
 
 from collections import Counter
 from collections.abc import Callable, Sequence
+from pathlib import Path
 
+from recorders.containers.opening import container_of, is_foreign_container, open_as_it_is
 from recorders.reading.parts import PART, Log, Parts
 from recorders.recovery.log_info import LogSummary, summarise
-from recorders.recovery.salvage import Damage, LogSurvey
+from recorders.recovery.salvage import Damage, LogSurvey, Salvaged
 from recorders.recovery.survey import survey
 from recorders.writing.writer import RESERVED
+
+_REPORTED = 4096  # messages between two reports of progress
 
 
 def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fraction: None) -> LogSummary:
@@ -19,7 +23,8 @@ def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fra
         If one of the files is not there, cannot be read, or is not MCAP at all.
     """
     if not isinstance(log, Parts):
-        return summarise(log, on_progress=on_progress)
+        foreign = is_foreign_container(log)
+        return summarise_container(log, on_progress) if foreign else summarise(log, on_progress=on_progress)
     whole = LogSummary(LogSurvey(log.paths[0].with_name(log.name), 0))
     parts = []
     for number, path in enumerate(log.paths):
@@ -37,6 +42,28 @@ def summarise_log(log: Log, *, on_progress: Callable[[float], None] = lambda fra
     whole.counts_hold = _all([part.counts_hold for part in parts])
     whole.wrong_totals = [f"{part.survey.path.name}: {total}" for part in parts for total in part.wrong_totals]
     return whole
+
+
+def summarise_container(log: Path, on_progress: Callable[[float], None] = lambda fraction: None) -> LogSummary:
+    """Read a recording in another container than MCAP from end to end and return what is in it: see `summarise`.
+
+    Raises
+    ------
+    LogError
+        If it cannot be read, or is damaged.
+    """
+    reader = open_as_it_is(log)
+    channels = {channel.topic: channel for channel in reversed(reader.channels)}
+    files = (path for path in (log.iterdir() if log.is_dir() else (log,)) if path.is_file())
+    summary = LogSummary(LogSurvey(log, sum(path.stat().st_size for path in files), finished=True))
+    summary.survey.library = container_of(log).name
+    total = sum(reader.counts.values()) or 1
+    for number, (topic, _, data, sequence, time_ns) in enumerate(reader):
+        summary.add(Salvaged(0, 0, False, channels[topic], sequence, time_ns, time_ns, data))
+        if not number % _REPORTED:
+            on_progress(number / total)
+    summary.finish()
+    return summary
 
 
 def _joined(whole: LogSurvey, parts: Sequence[LogSurvey]) -> LogSurvey:

@@ -1,9 +1,10 @@
 """Summary of one topic of a log: rates, numbers and times that are missing, and how the stamps lie to log time."""
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from typing import Any
 
-from recorders.cdr.codec import stamp_ns
+from recorders.containers.decoding import stamp_reader
 from recorders.errors import MessageError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.recovery.intervals import Intervals, rate_hz
@@ -55,6 +56,8 @@ class TopicSummary:
     stamps: Intervals = field(default_factory=Intervals)
     ahead_ns: tuple[int, int] | None = None
     _sequences: dict[DeclaredChannel | None, int] = field(default_factory=dict)
+    _channel: DeclaredChannel | None = None
+    _stamp_of: Callable[[bytes], int | None] = lambda data: None
 
     @property
     def rate_hz(self) -> float | None:
@@ -106,8 +109,10 @@ class TopicSummary:
         self.restarts += sequence < before
 
     def _add_stamp(self, message: Salvaged) -> None:
+        if message.channel is not None and message.channel is not self._channel:
+            self._channel, self._stamp_of = message.channel, stamp_reader(message.channel)
         try:
-            stamp = stamp_ns(self.type, message.data)
+            stamp = self._stamp_of(message.data)
         except MessageError:
             return
         if stamp is None:
