@@ -14,7 +14,7 @@ from recorders.errors import LogError, MotionError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import hand_target
-from recorders.reading.parts import Log, Parts
+from recorders.reading.parts import Log, files_of
 from recorders.text.wording import names_text
 from replay.sources.scheduled import naming, renamed
 
@@ -112,8 +112,7 @@ def read_log_paths(
         poses = [name for name, kind in reader.topics.items() if kind == PoseStamped.TYPE]
         found = names_text(name for name in poses if name not in renames) or "none"
         raise LogError(f"{path}: no message on {' or '.join(topics)}; its topics of {PoseStamped.TYPE}: {found}")
-    files = path.paths if isinstance(path, Parts) else (path,)
-    source = {"kind": "log", "name": path.name, "sha256": file_sha256(*files)}
+    source = {"kind": "log", "name": path.name, "sha256": file_sha256(*files_of(path))}
     return from_tracks(path.stem, tracks, source={**source, "topics": dict(topics), "renamed": dict(renames)})
 
 

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from pathlib import Path
 from typing import Any
 
 from recorders.cdr.rosbags_types import is_known, schema_text
@@ -16,8 +15,7 @@ from recorders.files.whole_files import file_sha256
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
-from recorders.reading.bag_metadata import METADATA_FILE, is_bag_folder, read_bag_metadata
-from recorders.reading.parts import PART, Log, Parts
+from recorders.reading.parts import PART, Log, files_of
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import SessionReader, merged_by_time
@@ -108,7 +106,7 @@ class Sources:
         return [
             {
                 "name": reader.path.name,
-                "files": [{"name": path.name, "sha256": file_sha256(path)} for path in _files(reader.path)],
+                "files": [{"name": path.name, "sha256": file_sha256(path)} for path in files_of(reader.path)],
             }
             for reader in self.readers
         ]
@@ -152,12 +150,6 @@ def _first_ns(reader: Reader) -> int | None:
         return min((record.log_time_ns for record in reader.records()), default=None)
     first = next(iter(reader.records()), None)
     return None if first is None else first.log_time_ns
-
-
-def _files(log: Log) -> tuple[Path, ...]:
-    if isinstance(log, Parts):
-        return log.paths
-    return (log / METADATA_FILE, *read_bag_metadata(log).files) if is_bag_folder(log) else (log,)
 
 
 def _described(channel: DeclaredChannel) -> str:

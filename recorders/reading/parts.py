@@ -93,6 +93,13 @@ def find_log(path: Path) -> Log:
     return path
 
 
+def files_of(log: Log) -> tuple[Path, ...]:
+    """Return the files that a recording is in, in order; raises LogError if those of a bag cannot be found out."""
+    if isinstance(log, Parts):
+        return log.paths
+    return (log / METADATA_FILE, *read_bag_metadata(log).files) if is_bag_folder(log) else (log,)
+
+
 def one_session(paths: Sequence[Path]) -> Log:
     """Return the one session that a list of logs is: numbered parts go by their numbers, other logs as listed.
 

@@ -78,7 +78,7 @@ def strip_topics(
     """
     reader = open_log(source)
     of_case = [topic for topic in reader.topics if topic in _OTHERS or hands_among([topic])]
-    if isinstance(source, Path) and len(of_case) == len(reader.topics):
+    if isinstance(reader, LogReader) and isinstance(source, Path) and len(of_case) == len(reader.topics):
         target.write_bytes(source.read_bytes())
         return
     topics = of_case if physics else (SESSION_PHASE, *tick)

@@ -16,7 +16,7 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
-from recorders.reading.parts import Log
+from recorders.reading.parts import Log, files_of
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.text.quantities import MAX_TIME_NS, seconds_text
 from recorders.text.wording import names_text
@@ -191,4 +191,4 @@ def _content(reader: Reader) -> str:
     if not isinstance(reader.path, Path):
         return content_sha256(reader.records(file_order=True))
     recorded = reader.manifest.get("content_sha256")
-    return recorded if isinstance(recorded, str) else file_sha256(reader.path)
+    return recorded if isinstance(recorded, str) else file_sha256(*files_of(reader.path))

@@ -14,9 +14,10 @@ from rosbags.rosbag2 import Writer as BagWriter
 from rosbags.typesys import Stores, get_typestore
 from rosbags.typesys.store import Typestore
 
-from recorders.cdr.codec import encode
+from recorders.cdr.codec import decode, encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.messages.message_types import JointState, Message, PoseStamped, TFMessage, TransformStamped
+from recorders.reading.reader import LogReader
 
 JOINTS, POSE, ODOMETRY, TF = "/joint_states", "/tracker/pose", "/odom", "/tf"
 START_NS = 1_700_000_000_000_000_000
@@ -146,6 +147,22 @@ def ros1_bag(path: Path, *, compression: str | None = None, chunk_bytes: int = 2
         for topic, kind, data, time_ns in found if order is None else order(found):
             if topic not in channels:
                 channels[topic] = writer.add_connection(topic, kind, typestore=_with_tf(ROS1))
+            writer.write(channels[topic], time_ns, data)
+    return path
+
+
+def as_bag(log: Path, path: Path) -> Path:
+    """Write the messages of a log of ours as a rosbag2 folder, or as a ROS 1 bag if the path ends so."""
+    ros1 = path.suffix == ".bag"
+    store = _with_tf(ROS1) if ros1 else ROS2
+    writer: Any = Ros1Writer(path) if ros1 else BagWriter(path, version=9)
+    with writer:
+        channels = {}
+        for topic, kind, data, _, time_ns in LogReader(log):
+            if topic not in channels:
+                channels[topic] = writer.add_connection(topic, kind, typestore=store)
+            if ros1:
+                data = bytes(store.serialize_ros1(_ros(store, topic, decode(kind, data))[1], kind))
             writer.write(channels[topic], time_ns, data)
     return path
 

@@ -1,0 +1,72 @@
+"""Verbs take a session in any container, and come to what they come to with the log."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import bags
+import pytest
+from episodes import write_episode
+from typer.testing import CliRunner
+
+from pipeline.cli import app as cli
+from recorders.reading.reader import LogReader
+
+FORMS = ["bag", "log.bag"]
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("bags")
+    log = write_episode(folder / "log.mcap", samples=12)
+    for name in FORMS:
+        bags.as_bag(log, folder / name)
+    return folder
+
+
+def reenact(*words: object, status: int = 0) -> Any:
+    run = CliRunner().invoke(cli.app, [*map(str, words), "--json"])
+    assert run.exit_code == status, run.output or run.exception
+    return json.loads(run.stdout) if run.stdout else run.exception
+
+
+@pytest.fixture(scope="module")
+def trained(folder: Path) -> dict[str, Any]:
+    made: dict[str, Any] = reenact("train", folder / "log.mcap", "--epochs", 1, "--out", folder / "c.npz")
+    return made
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_bag_trains_to_the_digest_of_the_log(folder: Path, trained: dict[str, Any], form: str) -> None:
+    words = ["--epochs", 1, "--robot", "asimo", "--out", folder / f"{form}.npz"]
+    made = reenact("train", folder / form, *words)
+    assert made["digest"] == trained["digest"]
+    expected = reenact("evaluate", folder / "c.npz", folder / "log.mcap")
+    found = reenact("evaluate", folder / "c.npz", folder / form)
+    assert {key for key in expected if found[key] != expected[key]} <= {"motion"}
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_bag_is_described_shown_and_compared(folder: Path, form: str, tmp_path: Path) -> None:
+    found, log = reenact("info", folder / form), reenact("info", folder / "log.mcap")
+    for name in ("messages", "first_ns", "last_ns"):
+        assert found[name] == log[name]
+    assert reenact("diff", folder / form, folder / "log.mcap", "--ignore", "sequence")["equal"]
+    shown = reenact("view", folder / form, "--robot", "asimo", "--save", tmp_path / "v.rrd")
+    assert shown["samples"] == reenact("view", folder / "log.mcap", "--save", tmp_path / "w.rrd")["samples"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_was_converted_is_the_log(folder: Path, trained: dict[str, Any], form: str, tmp_path: Path) -> None:
+    reenact("convert", folder / form, "--out", tmp_path / "x.mcap")
+    made = reenact("train", tmp_path / "x.mcap", "--epochs", 1, "--robot", "asimo", "--out", tmp_path / "x.npz")
+    assert made["digest"] == trained["digest"]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_a_demonstration_is_taken_from_a_bag(folder: Path, form: str, tmp_path: Path) -> None:
+    words = ["--hand", "left", "--topic", "/hand/left/target", "--on-unreachable", "clip"]
+    outs = [tmp_path / "a.mcap", tmp_path / "b.mcap"]
+    for name, out in zip((form, "log.mcap"), outs, strict=True):
+        reenact("demonstrate", folder / name, *words, "--out", out)
+    assert list(LogReader(outs[0])) == list(LogReader(outs[1]))
