@@ -17,6 +17,7 @@ import zenoh
 
 from recorders.errors import UnreachedError, WireError
 from recorders.files.descriptors import need_descriptors
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.zenoh_config import endpoints, explicit_setting, read_config, reason
 
 Session: TypeAlias = zenoh.Session
@@ -245,6 +246,9 @@ def watching_tokens(
 ) -> Iterator[None]:
     """Call back when somebody comes or goes that has a liveliness token, while the block runs.
 
+    It is called before anything that arrives later is handed over: who is answered by another of the same name knows
+    that the first has gone.
+
     Parameters
     ----------
     session : zenoh.Session
@@ -252,7 +256,7 @@ def watching_tokens(
     key : str
         Key of the tokens; wildcards are expanded.
     on_change : callable
-        Takes a token's key and whether it is there now, on a thread of Zenoh's.
+        Takes a token's key and whether it is there now, on the thread that reads; must return at once.
     history : bool
         Whether those count as coming that are there already.
     """
@@ -260,7 +264,7 @@ def watching_tokens(
     def on_token(sample: zenoh.Sample) -> None:
         on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-    with session.liveliness().declare_subscriber(key, on_token, history=history):
+    with session.liveliness().declare_subscriber(key, on_network_thread(on_token), history=history):
         yield
 
 
