@@ -1,7 +1,7 @@
 """A controller beside teachers on a motion in its own time: what the robot's hands physically do in Drake, and why."""
 
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import partial
 from importlib.util import find_spec
 
@@ -16,8 +16,9 @@ from pipeline.learner.controller import Controller
 from pipeline.motions.motion import Motion
 from pipeline.robot.backend import RobotBackend
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.coordinates import to_inputs
+from pipeline.robot.coordinates import POSITION_SIZE, to_inputs, turns_of
 from pipeline.robot.kinematics import Kinematics
+from pipeline.rotations import turns_between
 from pipeline.simulation.simulation import Simulation
 from pipeline.teacher.qp_config import QpTeacherConfig
 from pipeline.teacher.qp_teacher import QpTeacher
@@ -37,7 +38,7 @@ _CM_PER_M, _NS_PER_S = 100.0, 1_000_000_000
 
 @dataclass(frozen=True)
 class RealTimeError:
-    """Distance of the physical hands from their targets under one leader, mean over targets and hands.
+    """Errors of the physical hands under one leader, mean over targets: distances, over all hands, and angles.
 
     Attributes
     ----------
@@ -49,12 +50,16 @@ class RealTimeError:
         At the end of each target's time, the motion going on.
     settled_cm : float
         After `HOLD_S` on a target.
+    moving_deg, settled_deg : dict of str to float
+        Angles between orientation and target alike, by hand whose pose is controlled [degrees].
     """
 
     leader: str
     tick_rate_hz: int
     moving_cm: float
     settled_cm: float
+    moving_deg: dict[str, float] = field(default_factory=dict)
+    settled_deg: dict[str, float] = field(default_factory=dict)
 
     @property
     def is_lag(self) -> bool:
@@ -100,21 +105,25 @@ def lag_sentences(errors: list[RealTimeError]) -> Iterator[str]:
 
 
 def resampled(motion: Motion, rate_hz: int) -> Floats:
-    """Return the targets of a motion in its own time, interpolated linearly, shape (T, hands, 3)."""
+    """Return the targets of a motion in its own time, by row, interpolated linearly, quaternions of the nearer sign."""
     times_s = motion.times_s - motion.times_s[0]
     ticks_s = np.arange(int(times_s[-1] * rate_hz + 1e-6) + 1) / rate_hz
-    flat = motion.targets.reshape(len(motion), -1)
+    targets = motion.targets.copy()
+    orientations = targets[..., POSITION_SIZE:]
+    turns_away = (orientations[1:] * orientations[:-1]).sum(axis=-1, keepdims=True) < 0.0
+    orientations[1:] *= np.cumprod(np.where(turns_away, -1.0, 1.0), axis=0)
+    flat = targets.reshape(len(motion), -1)
     columns = [np.interp(ticks_s, times_s, column) for column in flat.T]
     return np.stack(columns, axis=1).reshape(len(ticks_s), *motion.targets.shape[1:])
 
 
 def follow(robot: RobotConfig, guide: Guide, targets: Floats, *, period_ns: int) -> Floats:
-    """Let a guide lead the simulated robot from the comfort posture along targets (T, hands, 3), each for a period.
+    """Let a guide lead the simulated robot from the comfort posture along targets by row, each for a period.
 
     Returns
     -------
-    ndarray, shape (T, hands, 3)
-        Where the hands were at the end of each period [m].
+    ndarray, shape (T, hands, 3 or 7)
+        The hands at the end of each period, by row.
     """
     simulation = Simulation(robot)
     simulation.reset(robot.comfort)
@@ -169,16 +178,28 @@ def _itself(guide: Guide) -> Guide:
 
 def _errors(robot: RobotConfig, name: str, guide: Callable[[], Guide], targets: Floats, rate: int) -> RealTimeError:
     period_ns = _NS_PER_S // rate
-    moving = _along(robot, guide(), targets, period_ns)
-    held = np.repeat(targets[:: -(-len(targets) // _HELD)], round(HOLD_S * rate), axis=0)
-    settled = _along(robot, guide(), held, period_ns)[round(HOLD_S * rate) - 1 :: round(HOLD_S * rate)]
-    return RealTimeError(name, rate, _CM_PER_M * float(moving.mean()), _CM_PER_M * float(settled.mean()))
+    moving_m, moving_deg = _along(robot, guide(), targets, period_ns)
+    each = round(HOLD_S * rate)
+    held = np.repeat(targets[:: -(-len(targets) // _HELD)], each, axis=0)
+    settled_m, settled_deg = _along(robot, guide(), held, period_ns)
+    return RealTimeError(
+        name,
+        rate,
+        _CM_PER_M * float(moving_m.mean()),
+        _CM_PER_M * float(settled_m[each - 1 :: each].mean()),
+        {hand: float(angles.mean()) for hand, angles in moving_deg.items()},
+        {hand: float(angles[each - 1 :: each].mean()) for hand, angles in settled_deg.items()},
+    )
 
 
-def _along(robot: RobotConfig, guide: Guide, targets: Floats, period_ns: int) -> Floats:
-    """Return the errors of the hands [m] (T, hands) along targets, the first of which is held before."""
+def _along(robot: RobotConfig, guide: Guide, targets: Floats, period_ns: int) -> tuple[Floats, dict[str, Floats]]:
+    """Return the errors of the hands [m] (T, hands) along targets, and angles [degrees] (T,) of hands with poses.
+
+    The first target is held before.
+    """
     before = round(_SETTLE_S * _NS_PER_S) // period_ns
     asked = np.concatenate([np.repeat(targets[:1], before, axis=0), targets])
     reached = follow(robot, guide, asked, period_ns=period_ns)
-    errors: Floats = np.linalg.norm(reached - asked, axis=2)[before:]
-    return errors
+    errors: Floats = np.linalg.norm((reached - asked)[..., :POSITION_SIZE], axis=2)[before:]
+    found, wanted = (turns_of(robot, to_inputs(robot, rows[before:])) for rows in (reached, asked))
+    return errors, {hand: np.degrees(turns_between(turns, wanted[hand])) for hand, turns in found.items()}

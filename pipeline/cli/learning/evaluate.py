@@ -126,6 +126,8 @@ def _deploy_in_own_time(controller: "Learned", motion: str, *, as_json: bool) ->
     for error in errors:
         key = f"{error.leader}_{error.tick_rate_hz}_hz"
         result |= {f"{key}_cm": error.moving_cm, f"{key}_settled_cm": error.settled_cm}
+        result |= {f"{key}_{hand}_deg": angle for hand, angle in error.moving_deg.items()}
+        result |= {f"{key}_{hand}_settled_deg": angle for hand, angle in error.settled_deg.items()}
     sentences = list(lag_sentences(errors))
     console.show(result | ({"lag": sentences} if as_json else {}) | {"pairs": controller.pairs}, as_json=as_json)
     if not as_json:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import write_plain_episode
+from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
@@ -43,6 +44,15 @@ def test_targets_are_interpolated_in_the_motions_own_time() -> None:
     assert targets.shape == (21, 2, 3)
     np.testing.assert_allclose(targets[::10], a_move().targets)
     np.testing.assert_allclose(targets[5], (a_move().targets[0] + a_move().targets[1]) / 2)
+
+
+def test_orientations_are_interpolated_whatever_the_signs_of_their_quaternions() -> None:
+    turned = Rotation.from_rotvec([[0.0, 0.0, 0.0], [0.0, 0.0, 0.2], [0.1, 0.0, 0.2]])
+    rows = np.concatenate([np.zeros((3, 3)), turned.as_quat() * [[1.0], [-1.0], [-1.0]]], axis=1)
+    targets = resampled(Motion("turn", 0.2 * np.arange(3), rows[:, np.newaxis], closed=False), 10)[:, 0, 3:]
+    found = Rotation.from_quat(targets)
+    assert (found[::2] * turned.inv()).magnitude().max() < 1e-12
+    np.testing.assert_allclose(found[1].as_rotvec(), [0.0, 0.0, 0.1], rtol=0.0, atol=1e-12)
 
 
 def test_a_controller_moves_the_robot_as_its_commands_do_in_the_simulation(controller: Controller) -> None:
