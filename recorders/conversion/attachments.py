@@ -3,9 +3,11 @@
 import hashlib
 from collections.abc import Iterable
 
-from recorders.mcap_format.attachments import attachment_data, attachment_head
+from recorders.containers.reader import Reader
+from recorders.mcap_format.attachments import AttachmentHead, attachment_data, attachment_head
 from recorders.mcap_format.manifest import METADATA_NAME
 from recorders.reading.reader import LogReader
+from recorders.writing.chunk_writer import media_type
 from recorders.writing.mcap_writer import McapWriter
 
 
@@ -21,6 +23,14 @@ def copy_attachments(parts: Iterable[LogReader], log: McapWriter) -> None:
                 if (head.name, digest.hexdigest()) not in there:
                     there.add((head.name, digest.hexdigest()))
                     log.add_attachment(head, attachment_data(record))
+
+
+def add_attachments(readers: Iterable[Reader], log: McapWriter) -> None:
+    """Write the attachments of readers of something else than MCAP."""
+    for reader in readers:
+        for name in reader.attachments:
+            data = reader.attachment(name)
+            log.add_attachment(AttachmentHead(0, 0, name, media_type(name), 0, len(data)), [data])
 
 
 def copy_metadata(parts: Iterable[LogReader], log: McapWriter) -> None:

@@ -10,13 +10,14 @@ from itertools import chain
 from pathlib import Path
 from typing import Any
 
-from recorders.conversion.attachments import copy_attachments, copy_metadata
+from recorders.containers.reader import Opened
+from recorders.conversion.attachments import add_attachments, copy_attachments, copy_metadata
 from recorders.conversion.config import COMPRESSIONS, ConvertConfig
 from recorders.conversion.sources import Sources
 from recorders.errors import LogError, TakenError
 from recorders.mcap_format.manifest import FORMAT_VERSION, environment
 from recorders.messages.record import RecordedMessage
-from recorders.reading.parts import PART, Log, Parts, part_path, parts_in
+from recorders.reading.parts import PART, Parts, part_path, parts_in
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.writing.bulk_writer import BulkWriter
 from recorders.writing.part_file import PartFile, check_place
@@ -53,7 +54,7 @@ class Conversion:
 
 
 def convert(
-    logs: Sequence[Log],
+    logs: Sequence[Opened],
     out: Path,
     config: ConvertConfig | None = None,
     *,
@@ -67,8 +68,8 @@ def convert(
 
     Parameters
     ----------
-    logs : sequence of Log
-        The recordings.
+    logs : sequence of Path, Parts or Reader
+        The recordings, or what reads one in its own way, such as ticks of it.
     out : Path
         Where they go; with a split `NAME_000.mcap` and so on.
     config : ConvertConfig, optional
@@ -161,6 +162,7 @@ class _Writing:
         parts = self.sources.mcap_parts()
         copy_metadata(parts, writer.log)
         copy_attachments(parts, writer.log)
+        add_attachments(self.sources.others(), writer.log)
 
     def _manifest(self, number: int, *, more: bool) -> dict[str, Any]:
         entries = {
@@ -175,12 +177,13 @@ class _Writing:
         return entries
 
 
-def _check_out(out: Path, logs: Sequence[Log], *, splits: bool, overwrite: bool) -> None:
+def _check_out(out: Path, logs: Sequence[Opened], *, splits: bool, overwrite: bool) -> None:
     """Refuse names that are taken, or that are one of the recordings."""
     taken = parts_in(out.parent, out.stem) if splits else []
     if taken and not overwrite:
         raise TakenError(f"{taken[0]} exists: choose another name, or --overwrite")
-    read = {path.resolve() for log in logs for path in (log.paths if isinstance(log, Parts) else (log,))}
+    named = [log if isinstance(log, Path | Parts) else log.path for log in logs]
+    read = {path.resolve() for log in named for path in (log.paths if isinstance(log, Parts) else (log,))}
     for path in taken or [out]:
         if path.resolve() in read:
             raise LogError(

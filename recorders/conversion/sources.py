@@ -3,19 +3,20 @@
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 from recorders.cdr.rosbags_types import is_known, schema_text
 from recorders.containers.definitions import channel_definitions, ros_name
 from recorders.containers.opening import open_as_it_is
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.conversion.config import ConvertConfig
 from recorders.errors import ConfigError, LogError, MessageError
 from recorders.files.whole_files import file_sha256
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
-from recorders.reading.parts import PART, Log, files_of
+from recorders.reading.parts import PART, Parts, files_of
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import SessionReader, merged_by_time
@@ -30,8 +31,8 @@ class Sources:
 
     Parameters
     ----------
-    logs : sequence of Log
-        One or more.
+    logs : sequence of Path, Parts or Reader
+        One or more; a reader's messages may be others than those in its files, such as ticks of them.
     config : ConvertConfig
         What is kept.
 
@@ -48,11 +49,11 @@ class Sources:
         If two topics would become one.
     """
 
-    def __init__(self, logs: Sequence[Log], config: ConvertConfig) -> None:
+    def __init__(self, logs: Sequence[Opened], config: ConvertConfig) -> None:
         if not logs:
             raise LogError("expected at least one recording, found none")
         self._config = config
-        self.readers = [open_as_it_is(log) for log in logs]
+        self.readers = [open_as_it_is(log) if isinstance(log, Path | Parts) else log for log in logs]
         topics = list(dict.fromkeys(topic for reader in self.readers for topic in reader.topics))
         for name in config.renames:
             if name not in topics:
@@ -121,6 +122,10 @@ class Sources:
                 case SessionReader():
                     parts += reader.parts
         return parts
+
+    def others(self) -> list[Reader]:
+        """Return those that are not MCAP as it is."""
+        return [reader for reader in self.readers if not isinstance(reader, LogReader | SessionReader)]
 
     def _channel(self, topic: str) -> DeclaredChannel:
         """Return the one channel that a topic becomes, of all that it was recorded on."""

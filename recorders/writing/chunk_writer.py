@@ -68,7 +68,7 @@ class ChunkWriter:
     def add_attachment(self, name: str, data: bytes) -> None:
         """Write an attachment, without times: identical runs give identical files."""
         self._end_chunk()
-        self._mcap.add_attachment(AttachmentHead(0, 0, name, _media_type(name), 0, len(data)), [data])
+        self._mcap.add_attachment(AttachmentHead(0, 0, name, media_type(name), 0, len(data)), [data])
         self._mcap.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
@@ -149,6 +149,7 @@ def _copy(record: McapRecord, copy: ChunkWriter) -> None:
             copy.add_metadata(record.name, record.metadata)
 
 
-def _media_type(name: str) -> str:
+def media_type(name: str) -> str:
+    """Return what an attachment of this name is, as MCAP states it."""
     kinds = {".urdf": "application/xml", ".toml": "application/toml", ".json": "application/json"}
     return kinds.get(Path(name).suffix, "application/octet-stream")

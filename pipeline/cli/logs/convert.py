@@ -1,16 +1,20 @@
 """The verb convert."""
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
-from pipeline.cli.options import Json, Overwrite, Renames, renames
+from pipeline.cli.options import Json, Overwrite, Pairs, Rule
 from pipeline.terminal import console
+from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from recorders.containers.reader import Opened
     from recorders.conversion.config import ConvertConfig
 
 
@@ -27,7 +31,6 @@ class Kept:
     sort: Annotated[
         bool, typer.Option("--sort", help="Put a log of reenact in order of log time too, where its times fall.")
     ] = False
-    map_: Renames = None
 
 
 @dataclass(frozen=True)
@@ -53,6 +56,13 @@ def convert(
     out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
     kept: Kept,
     written: Written,
+    alignment: AlignmentOptions,
+    robot: Annotated[
+        str | None,
+        typer.Option(help="With ticks: the robot, of a recording that carries none.", metavar="ROBOT"),
+    ] = None,
+    rule: Rule = None,
+    pairs: Pairs = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -60,13 +70,21 @@ def convert(
 
     They are merged by log time, sliced, chosen by topic, renamed and split as asked for. Messages keep their bytes and
     encodings; the same recordings give the same file, to the byte. The manifest names each file with its SHA-256.
+
+    With --tick-rate, --ticks-of or another option of alignment the result holds the ticks that `train` would learn
+    from, for --rule and --pairs.
     """
     from recorders.conversion.convert import convert as run
     from recorders.reading.parts import recordings as find_recordings
 
-    found = find_recordings(recordings)
+    config = _config(kept, written, alignment)
+    found: Sequence[Opened] = find_recordings(recordings)
+    if alignment.config().asks:
+        found, config = _ticks(found, alignment, robot, rule, pairs), replace(config, renames={})
+    elif not (robot is None and rule is None and pairs is None):
+        raise ConfigError("--robot, --rule and --pairs: expected --tick-rate or --ticks-of beside them")
     with console.progress("convert") as advance:
-        result = run(found, out, _config(kept, written), overwrite=overwrite, on_progress=advance)
+        result = run(found, out, config, overwrite=overwrite, on_progress=advance)
     if as_json:
         console.show(result.to_dict(), as_json=True)
         return
@@ -81,14 +99,31 @@ def convert(
     )
 
 
-def _config(kept: Kept, written: Written) -> "ConvertConfig":
+def _ticks(
+    found: "Sequence[Opened]", alignment: AlignmentOptions, robot: str | None, rule: str | None, pairs: str | None
+) -> "Sequence[Opened]":
+    """Return the ticks of a recording, as the learner of the rule takes them."""
+    from pipeline.learner.registry import default_config
+    from pipeline.robot.config import load_robot
+    from pipeline.robot.recorded import recorded_hands
+    from pipeline.training.pairing_choice import pairing_of
+
+    if len(found) > 1:
+        raise ConfigError(f"ticks: expected one recording, found {len(found)}; convert them one by one")
+    config = None if robot is None else load_robot(robot)
+    hands = recorded_hands(found[0], robot=config, renames=alignment.renames)
+    tick = pairing_of(default_config(rule), pairs).topics(hands)
+    return alignment.align(found, robot=config, tick=tick)[0]
+
+
+def _config(kept: Kept, written: Written, alignment: AlignmentOptions) -> "ConvertConfig":
     from recorders.conversion.config import ConvertConfig
     from recorders.text.quantities import parse_seconds, parse_size_or_time
 
     split_bytes, split_ns = (None, None) if written.split is None else parse_size_or_time(written.split, "--split")
     return ConvertConfig(
         topics=frozenset(kept.topic or ()),
-        renames=renames(kept.map_),
+        renames=alignment.renames,
         start_ns=0 if kept.start is None else parse_seconds(kept.start, "--start"),
         end_ns=None if kept.end is None else parse_seconds(kept.end, "--end"),
         sort=kept.sort,

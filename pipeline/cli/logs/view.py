@@ -73,7 +73,7 @@ def _require_file(log: "Log") -> None:
     from recorders.files.regular_file import require_regular_file
     from recorders.reading.parts import is_log
 
-    if isinstance(log, Path) and not (log.is_file() or is_log(log)):
+    if isinstance(log, Path) and not (log.is_file() or (log.is_dir() and is_log(log))):
         require_regular_file(log, expected="a log or a controller (.npz)", error=ConfigError)
         raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
 

@@ -10,6 +10,8 @@ from episodes import write_episode
 from typer.testing import CliRunner
 
 from pipeline.cli import app as cli
+from recorders.errors import ReenactError
+from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
 
 FORMS = ["bag", "log.bag"]
@@ -70,3 +72,34 @@ def test_a_demonstration_is_taken_from_a_bag(folder: Path, form: str, tmp_path: 
     for name, out in zip((form, "log.mcap"), outs, strict=True):
         reenact("demonstrate", folder / name, *words, "--out", out)
     assert list(LogReader(outs[0])) == list(LogReader(outs[1]))
+
+
+def test_ticks_that_were_converted_train_as_the_recording_does(folder: Path, tmp_path: Path) -> None:
+    words = ["--tick-rate", 7, "--tolerance", 0.3, "--robot", "asimo"]
+    made = reenact("train", folder / "bag", *words, "--epochs", 1, "--out", tmp_path / "a.npz")
+    converted = reenact("convert", folder / "bag", *words, "--out", tmp_path / "ticks.mcap")
+    assert converted["topics"] == dict.fromkeys((LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS), made["ticks"] // 7)
+    assert reenact("info", tmp_path / "ticks.mcap")["sound"]
+    again = reenact("train", tmp_path / "ticks.mcap", "--epochs", 1, "--out", tmp_path / "b.npz")
+    assert (again["digest"], again["stream_digest"]) == (made["digest"], made["stream_digest"])
+    whole = (tmp_path / "ticks.mcap").read_bytes()
+    reenact("convert", folder / "bag", *words, "--out", tmp_path / "ticks.mcap", "--overwrite")
+    assert (tmp_path / "ticks.mcap").read_bytes() == whole
+
+
+@pytest.mark.parametrize(
+    ("words", "expected"),
+    [
+        (["bag", "log.bag", "--tick-rate", 7, "--robot", "asimo"], "expected one recording, found 2"),
+        (["bag", "--robot", "asimo"], "expected --tick-rate or --ticks-of beside them"),
+        (["bag", "--tick-rate", 7], "carries no robot"),
+    ],
+)
+def test_ticks_that_cannot_be_converted_are_one_line(
+    folder: Path, tmp_path: Path, words: list[Any], expected: str
+) -> None:
+    paths = [folder / word if word in FORMS else word for word in words]
+    error = reenact("convert", *paths, "--out", tmp_path / "x.mcap", status=1)
+    assert isinstance(error, ReenactError)
+    assert expected in str(error)
+    assert not (tmp_path / "x.mcap").exists()
