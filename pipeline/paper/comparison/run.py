@@ -87,7 +87,7 @@ def compare(
     ReenactError
         If a stage fails.
     """
-    folder = _made(out / FOLDER)
+    folder = _folder(out / FOLDER)
     known = [one for one in config.explorations if one.robot == TAUGHT.robot or _has_models()]
     explored = _explored(known, seeds, folder, config.step_ns)
     first = config.explorations[0]
@@ -102,11 +102,11 @@ def compare(
         parts=tuple(_parts(networks, log, logs, robot, motions, config.epochs)),
         costs=step_costs(logs[0]) if logs else None,
         babbled=tuple(_babbled([one for one in known if not one.is_taught], seeds, robot, motions)),
-        teachers=tuple(_teachers(config, seeds[0], _made(out / TEACHERS_FOLDER))),
+        teachers=tuple(_teachers(config, seeds[0], _folder(out / TEACHERS_FOLDER))),
     )
 
 
-def _made(folder: Path) -> Path:
+def _folder(folder: Path) -> Path:
     """Make a folder, unless it is there, and return it."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
