@@ -17,7 +17,7 @@ from pipeline.paper.comparison.teachers import TAUGHT_MOTIONS, TeacherTrial, try
 def row(trial: TeacherTrial) -> str:
     near = "none" if trial.self_distance_cm is None else f"{trial.self_distance_cm:.2f}"
     return (
-        f"{trial.motion:20s}{trial.teacher:8s}{trial.error_cm:10.3f}{trial.limit_margin:9.3f}{trial.joint_speed:8.2f}"
+        f"{trial.motion:20s}{trial.teacher:8s}{trial.error_cm:10.3f}{trial.limit_margin:z9.3f}{trial.joint_speed:8.2f}"
         f"{trial.comfort:10.4f}{near:>13s}{trial.step_us:8.0f}"
     )
 

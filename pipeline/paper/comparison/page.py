@@ -107,7 +107,7 @@ def _teachers(trials: Iterable[TeacherTrial]) -> str:
     )
     body = []
     for one in trials:
-        values = f"{one.error_cm:.3f}", f"{one.limit_margin:.3f}", f"{one.joint_speed:.2f}", f"{one.comfort:.4f}"
+        values = f"{one.error_cm:.3f}", f"{one.limit_margin:z.3f}", f"{one.joint_speed:.2f}", f"{one.comfort:.4f}"
         distance = _NONE if one.self_distance_cm is None else f"{one.self_distance_cm:.2f}"
         body.append((escape(one.motion.replace("_", " ")), one.teacher, *values, distance, f"{one.step_us:.0f}"))
     return table(columns, body)
