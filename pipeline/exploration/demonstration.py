@@ -13,7 +13,9 @@ from pipeline.exploration.episode import Guidance
 from pipeline.exploration.explore import explore
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
+from pipeline.exploration.via_points import MOVE_NS
 from pipeline.motions.motion import Motion, check_targets, oriented
+from pipeline.motions.smoothing import peak_jerk, resampled, smoothed
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.coordinates import POSITION_SIZE
 from pipeline.robot.kinematics import Kinematics
@@ -26,7 +28,14 @@ from recorders.text.wording import names_text
 MAX_SAMPLES = 100_000
 """Most samples of a demonstration, close to three hours at 10 Hz: a wrong stamp must not fill the memory."""
 
+MAX_SMOOTH_S = 1.0
+"""Longest window of smoothing [s]: a longer one leaves little of what was shown."""
+
 ALIGNMENTS = ("centre", "as-is")
+
+_WIDER = 1.5  # the window after one in which a jerk is beyond the limit
+_LEAST_SLOWER = 1.05  # from try to try, once no window helps
+_MINIMUM_JERK_PEAK = 60.0  # largest jerk of a minimum-jerk movement, over its length and its time's third power
 
 _AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
@@ -38,7 +47,7 @@ class DemonstrationConfig:
     Parameters
     ----------
     hz : float
-        Samples a second, interpolated linearly between what was shown.
+        Samples a second.
     align : str
         Where the middle of each hand's path goes: to the `centre` of the hand's pattern, or nowhere, `as-is`.
     scale : float
@@ -50,6 +59,9 @@ class DemonstrationConfig:
         Whether the paths are flattened into that plane.
     on_unreachable : str
         What becomes of samples out of reach, one of `pipeline.teacher.reach.CHOICES`.
+    smooth_s : float
+        Length of the window in which each path is smoothed [s], before it is followed at a jerk that the robot can
+        follow; 0 leaves the paths as they were shown, interpolated linearly.
 
     Raises
     ------
@@ -63,11 +75,14 @@ class DemonstrationConfig:
     plane: tuple[str, str] | None = None
     project_to_plane: bool = False
     on_unreachable: str = "refuse"
+    smooth_s: float = 0.3
 
     def __post_init__(self) -> None:
         for name in ("hz", "scale"):
             if not 0.0 < getattr(self, name) < math.inf:
                 raise ConfigError(f"{name}: expected above 0, found {getattr(self, name):g}")
+        if not 0.0 <= self.smooth_s <= MAX_SMOOTH_S:
+            raise ConfigError(f"smooth: expected 0 to {MAX_SMOOTH_S:g} s, found {self.smooth_s:g}")
         for name, choices in (("align", ALIGNMENTS), ("on_unreachable", CHOICES)):
             if getattr(self, name) not in choices:
                 raise ConfigError(f"{name}: expected one of {', '.join(choices)}, found '{getattr(self, name):.40}'")
@@ -83,7 +98,28 @@ class DemonstrationConfig:
             "plane": self.plane,
             "flat": self.project_to_plane,
             "unreachable": self.on_unreachable,
+            "smooth_s": self.smooth_s,
         }
+
+
+@dataclass(frozen=True)
+class Smoothing:
+    """Smoothing of demonstrated paths.
+
+    Attributes
+    ----------
+    windows_s : dict of str to float
+        Length of the window by hand [s]; 0 where a path was not smoothed: not asked for, or too few samples.
+    slowed : float
+        How much longer the motion takes than what was shown; 1 if the robot can follow as it was shown.
+    jerk_m_s3, jerk_limit_m_s3 : float
+        Largest jerk of a hand's target, and the largest that the robot is asked to follow [m/s^3].
+    """
+
+    windows_s: dict[str, float]
+    slowed: float
+    jerk_m_s3: float
+    jerk_limit_m_s3: float
 
 
 @dataclass(frozen=True)
@@ -102,6 +138,8 @@ class DemonstrationResult:
         The highest speed of a hand's target [m/s].
     longest_gap_s : float
         The longest time between two poses shown, across which was interpolated [s].
+    smoothing : Smoothing
+        How it was smoothed.
     out_of_reach : OutOfReach
         What of it was, and what became of that.
     source : dict of str to object
@@ -117,6 +155,7 @@ class DemonstrationResult:
     duration_s: float
     peak_m_s: float
     longest_gap_s: float
+    smoothing: Smoothing
     out_of_reach: OutOfReach
     source: dict[str, Any]
     teacher_error_cm: float
@@ -160,10 +199,12 @@ def demonstrate(
     MotionError, ConfigError, RobotError, LogError
         If the paths do not make a motion or leave the robot's reach; and as `explore` does.
     """
-    placed = oriented(to_motion(robot, shown, config=config), robot)
+    in_place, smoothing = _prepared(robot, shown, config)
+    placed = oriented(in_place, robot)
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
-    notes = {"demonstration": {**shown.source, **config.manifest_entry(), "out_of_reach": asdict(found)}}
+    treated = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
+    notes = {"demonstration": {**shown.source, **config.manifest_entry(), **treated}}
     explored = explore(
         robot,
         motion,
@@ -180,6 +221,7 @@ def demonstrate(
         duration_s=float(motion.times_s[-1] - motion.times_s[0]),
         peak_m_s=_peak_m_s(motion),
         longest_gap_s=max(float(np.diff(path.times_s).max()) for path in shown.paths.values()),
+        smoothing=smoothing,
         out_of_reach=found,
         source=dict(shown.source),
         teacher_error_cm=explored.teacher_error_cm,
@@ -195,9 +237,10 @@ def _peak_m_s(motion: Motion) -> float:
 
 
 def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: DemonstrationConfig) -> Motion:
-    """Resample, turn, scale and place demonstrated paths.
+    """Smooth, resample, turn, scale and place demonstrated paths.
 
-    Samples are taken while every hand shown has poses on both sides of them. Targets are rounded to the nanometre.
+    Samples are taken while every hand shown has poses on both sides of them. Targets are rounded to the nanometre,
+    which hides the last bits of what smoothed them.
 
     Raises
     ------
@@ -205,18 +248,52 @@ def to_motion(robot: RobotConfig, shown: DemonstratedPaths, *, config: Demonstra
         There is less than one sample's time in which all hands are shown, more than `MAX_SAMPLES` of them, or a path
         ends up beyond all reach.
     """
-    times_s = _sample_times(shown, config.hz)
-    hands = []
+    return _prepared(robot, shown, config)[0]
+
+
+def _prepared(robot: RobotConfig, shown: DemonstratedPaths, config: DemonstrationConfig) -> tuple[Motion, Smoothing]:
+    """Return the motion of demonstrated paths, and how they were smoothed.
+
+    Windows grow, and then the motion slows, until the jerk of no hand is beyond the largest of an exploration of the
+    robot's boxes.
+    """
+    limit = _jerk_limit(robot)
+    window_s, slowed = config.smooth_s, 1.0
+    while True:
+        motion, windows_s = _motion(robot, shown, config, window_s, slowed)
+        jerk = peak_jerk(motion.targets, 1.0 / config.hz)
+        if not config.smooth_s or jerk <= limit:
+            return motion, Smoothing(windows_s, slowed, jerk, limit)
+        if _WIDER * window_s <= MAX_SMOOTH_S:
+            window_s *= _WIDER
+        else:
+            slowed *= max(_LEAST_SLOWER, float(np.cbrt(jerk / limit)))
+
+
+def _jerk_limit(robot: RobotConfig) -> float:
+    """Return the largest jerk of a move through a hand's box in an exploration of the volume [m/s^3]."""
+    longest_m = 2.0 * float(np.linalg.norm(robot.boxes, axis=1).min())
+    return _MINIMUM_JERK_PEAK * longest_m / (MOVE_NS * 1e-9) ** 3
+
+
+def _motion(
+    robot: RobotConfig, shown: DemonstratedPaths, config: DemonstrationConfig, window_s: float, slowed: float
+) -> tuple[Motion, dict[str, float]]:
+    """Return the motion of paths that are smoothed in a window and slowed, and the windows used by hand [s]."""
+    times_s = _sample_times(shown, config.hz * slowed)
+    hands, windows_s = [], {}
     for side, centre in zip(robot.hand_names, robot.centres, strict=True):
         path = shown.paths.get(side)
         if path is None:
             hands.append(np.broadcast_to(centre, (len(times_s), 3)))
         else:
-            placed = _place(_resample(path, times_s), robot, centre, config)
+            points, windows_s[side] = _sampled(path, times_s, window_s)
+            placed = _place(points, robot, centre, config)
             _check_extent(shown.name, placed, robot)
             hands.append(np.round(placed, 9))
     # To the nanosecond: k / hz is not a number of them for every rate.
-    return Motion(shown.name, np.round(times_s - times_s[0], 9), np.stack(hands, axis=1), closed=False)
+    even_s = np.round((times_s - times_s[0]) * slowed, 9)
+    return Motion(shown.name, even_s, np.stack(hands, axis=1), closed=False), windows_s
 
 
 def source_axes(plane: tuple[str, str]) -> Floats:
@@ -257,8 +334,12 @@ def _sample_times(shown: DemonstratedPaths, hz: float) -> Floats:
     return begin_s + np.arange(int(steps + 1e-6) + 1) / hz
 
 
-def _resample(path: HandPath, times_s: Floats) -> Floats:
-    return np.stack([np.interp(times_s, path.times_s, path.points[:, axis]) for axis in range(3)], axis=1)
+def _sampled(path: HandPath, times_s: Floats, window_s: float) -> tuple[Floats, float]:
+    """Return a path at other times, smoothed in a window, (T, 3), and the window used [s]; 0 interpolates only."""
+    if not window_s:
+        return np.stack([np.interp(times_s, path.times_s, path.points[:, axis]) for axis in range(3)], axis=1), 0.0
+    even_s, points, used_s = smoothed(path.times_s, path.points, window_s)
+    return resampled(even_s, points, times_s), used_s
 
 
 def _place(points: Floats, robot: RobotConfig, centre: Floats, config: DemonstrationConfig) -> Floats:

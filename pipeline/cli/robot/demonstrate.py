@@ -66,12 +66,20 @@ class PathOptions:
         typer.Option(help="Samples out of reach: refuse, clip to the nearest point, skip, or keep.", metavar="CHOICE"),
     ] = "refuse"
 
+    smooth: Annotated[
+        float,
+        typer.Option(
+            help="Window of smoothing; longer, or the motion slower, where the robot could not follow. 0 does neither.",
+            metavar="SECONDS",
+        ),
+    ] = 0.3
+
     def config(self) -> "DemonstrationConfig":
         """Return the settings of the demonstration."""
         from pipeline.exploration.demonstration import DemonstrationConfig
 
         return DemonstrationConfig(
-            self.hz, self.align, self.scale, self._axes(), self.project_to_plane, self.on_unreachable
+            self.hz, self.align, self.scale, self._axes(), self.project_to_plane, self.on_unreachable, self.smooth
         )
 
     def _axes(self) -> tuple[str, str] | None:

@@ -94,8 +94,10 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
         "pipeline.deployment": "sim",
         "pipeline.drake_systems": "sim",
         "pipeline.exploration": "sim",
+        "pipeline.motions": "sim",
         "pipeline.paper": "sim",
         "pipeline.robot_node": "sim",
+        "pipeline.robot_setup": "sim",
         "pipeline.simulation": "sim",
         "pipeline.teacher": "sim",
         "pipeline.training": "dask",
@@ -104,6 +106,7 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
         "recorders.rerun_scene": "view",
     }
     assert [module for module in lacking if module.startswith("pipeline.training")] == ["pipeline.training.dask"]
+    assert [module for module in lacking if module.startswith("pipeline.motions")] == ["pipeline.motions.smoothing"]
 
 
 def test_a_log_trains_and_its_controller_is_evaluated(run: Run) -> None:

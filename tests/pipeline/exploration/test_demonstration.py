@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from pipeline.exploration.demonstration import MAX_SAMPLES, DemonstrationConfig,
 from pipeline.exploration.hand_paths import DemonstratedPaths, read_csv_paths
 from pipeline.exploration.pose_track import HandPath
 from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.motions.smoothing import peak_jerk, smoothed
 from pipeline.samples.pairs import read_samples
 from pipeline.training.trainer import train
 from recorders.errors import ConfigError, MotionError
@@ -60,6 +62,41 @@ def test_what_is_drawn_on_a_screen_is_turned_into_the_robots_plane() -> None:
     np.testing.assert_allclose(np.diff(motion.targets[:, 1], axis=0)[:2], moves[:2], atol=1e-9)
 
 
+def tracked(noise_m: float) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """A circle at 30 Hz, uneven, with the noise of a tracker: times, noisy points, true ones."""
+    draw = np.random.default_rng(3)
+    times_s = np.arange(0.0, 4.0, 1 / 30) + draw.uniform(-0.005, 0.005, 120)
+    true = 0.1 * np.stack([np.zeros_like(times_s), np.cos(1.5 * times_s), np.sin(1.5 * times_s)], axis=1)
+    return times_s, true + draw.normal(0.0, noise_m, true.shape), true
+
+
+def test_a_trackers_noise_is_smoothed_away_and_what_is_smooth_stays() -> None:
+    for noise_m, bound_m in ((0.003, 0.002), (0.0, 1e-5)):
+        times_s, noisy, true = tracked(noise_m)
+        even_s, smooth, window_s = smoothed(times_s, noisy, 0.3)
+        assert window_s == pytest.approx(0.27, abs=0.05)
+        error_m = smooth - np.stack([np.interp(even_s, times_s, true[:, axis]) for axis in range(3)], axis=1)
+        assert np.sqrt((error_m**2).mean()) < bound_m + 2e-4  # the true path is interpolated linearly
+    assert smoothed(np.arange(10.0), np.eye(10, 3), 0.3)[2] == 0.0  # too sparse
+    np.testing.assert_array_equal(smoothed(np.arange(10.0), np.eye(10, 3), 0.3)[1], np.eye(10, 3))
+
+
+@pytest.mark.parametrize(("period_s", "hz"), [(0.1, 10.0), (0.3, 50.0)])  # a wider window helps; none can
+def test_a_leap_is_smoothed_or_slowed_until_the_robot_can_follow(period_s: float, hz: float, tmp_path: Path) -> None:
+    times_s = np.arange(11) * period_s
+    points = np.where(times_s[:, None] < 5.5 * period_s, 0.0, [0.0, 0.2, 0.2]) + RIGHT - [0.0, 0.1, 0.1]
+    config, shown = replace(AS_IS, hz=hz), shown_right(times_s, points)
+    result = demonstrate(ROBOT, shown, config=config, seed=0, out=tmp_path / "leap.mcap")
+    as_shown = to_motion(ROBOT, shown, config=replace(config, smooth_s=0.0))
+    assert peak_jerk(as_shown.targets, 1 / hz) > result.smoothing.jerk_limit_m_s3 >= result.smoothing.jerk_m_s3
+    assert len(as_shown) == round(10 * period_s * hz) + 1
+    assert (result.smoothing.slowed > 1.0) == (result.smoothing.windows_s["right"] == 0.0) == (period_s == 0.3)
+    assert result.duration_s == pytest.approx(10 * period_s * result.smoothing.slowed, abs=1.5 / hz)
+    manifest = LogReader(tmp_path / "leap.mcap").manifest["demonstration"]
+    assert manifest["smooth_s"] == 0.3
+    assert manifest["smoothing"] == asdict(result.smoothing)
+
+
 @pytest.mark.parametrize(
     ("times_s", "message"),
     [
@@ -77,6 +114,7 @@ def test_times_that_make_no_motion_are_refused(times_s: list[float], message: st
     [
         ({"hz": 0.0}, "hz: expected above 0, found 0"),
         ({"scale": float("nan")}, "scale: expected above 0, found nan"),
+        ({"smooth_s": 1.5}, "smooth: expected 0 to 1 s, found 1.5"),
         ({"align": "left"}, "align: expected one of centre, as-is, found 'left'"),
         ({"on_unreachable": "bend"}, "on_unreachable: expected one of refuse, clip, skip, keep, found 'bend'"),
         ({"plane": ("x", "-x")}, "plane: expected two different axes, such as -x and y, found x,-x"),
