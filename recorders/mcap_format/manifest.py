@@ -7,6 +7,7 @@ import struct
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -41,17 +42,37 @@ class ContentHash:
 
     def add(self, topic: str, sequence: int, log_time_ns: int, data: bytes, rest: Unread | None = None) -> None:
         """Take in one message; of a large one the `rest` may be in its file."""
-        framed = self._topics.get(topic)
-        if framed is None:
-            framed = self._topics[topic] = topic_frame(topic)
         size = len(data) + (rest.size if rest else 0)
-        self._hash.update(framed + FRAME.pack(sequence, log_time_ns, size))
+        self._hash.update(self._framed(topic) + FRAME.pack(sequence, log_time_ns, size))
         self._hash.update(data)
         for piece in rest.pieces() if rest else ():
             self._hash.update(piece)
 
+    def add_all(self, topics: Mapping[int, str], messages: Iterable[tuple[int, int, int, int, bytes]]) -> None:
+        """Take in messages: channel, sequence, log time [ns], publish time [ns] and data of each.
+
+        Parameters
+        ----------
+        topics : mapping of int to str
+            Topics of the channels.
+        messages : iterable of tuple
+            One or more messages, in their order.
+        """
+        channels, sequences, times, _, datas = zip(*messages, strict=True)
+        framed = {channel: self._framed(topics[channel]) for channel in set(channels)}
+        frames = map(FRAME.pack, sequences, times, map(len, datas))
+        parts = zip(map(framed.__getitem__, channels), frames, datas, strict=True)
+        self._hash.update(b"".join(chain.from_iterable(parts)))
+
+    def _framed(self, topic: str) -> bytes:
+        """Return a topic behind its length."""
+        framed = self._topics.get(topic)
+        if framed is None:
+            framed = self._topics[topic] = topic_frame(topic)
+        return framed
+
     def add_framed(self, pieces: Iterable[bytes]) -> None:
-        """Take in messages as pieces: of each `topic_frame`, what `FRAME` packs,, and its data."""
+        """Take in messages as pieces: of each `topic_frame`, what `FRAME` packs, and its data."""
         self._hash.update(b"".join(pieces))
 
     def hexdigest(self) -> str:

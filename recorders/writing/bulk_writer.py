@@ -13,7 +13,8 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.manifest import FRAME, METADATA_NAME, ContentHash, to_metadata, topic_frame
 from recorders.messages.record import RecordedMessage
-from recorders.writing.mcap_writer import BuiltChunk, McapWriter
+from recorders.writing.chunk_encoder import BuiltChunk
+from recorders.writing.mcap_writer import McapWriter
 
 _MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
 _BODY = _MESSAGE.size - 9  # bytes of a message's record before its data

@@ -3,10 +3,8 @@
 import os
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 from mcap.data_stream import RecordBuilder
-from mcap.records import ChunkIndex
 
 from recorders.files.anonymous_file import AnonymousFile
 
@@ -33,18 +31,16 @@ class ChunkIndexFile:
     def __init__(self, near: Path) -> None:
         self._file = AnonymousFile(near)
 
-    def append(self, index: ChunkIndex) -> None:
+    def append(self, index: "EncodedRecords") -> None:
         """Take the index of one more chunk."""
-        record: Any = RecordBuilder()  # Any: the library's annotations are not whole
-        index.write(record)
-        self._file.stream.write(record.end())
+        self._file.stream.write(index.data)
 
-    def __iter__(self) -> Iterator["_Records"]:
+    def __iter__(self) -> Iterator["EncodedRecords"]:
         """Yield all records, many at once, each time as something that the library can have write itself."""
         self._file.stream.flush()
         place, descriptor = 0, self._file.stream.fileno()
         while piece := os.pread(descriptor, _PIECE, place):
-            yield _Records(piece)
+            yield EncodedRecords(piece)
             place += len(piece)
 
     def close(self) -> None:
@@ -52,10 +48,18 @@ class ChunkIndexFile:
         self._file.discard()
 
 
-class _Records:
+class EncodedRecords:
+    """Records of the summary as bytes, in place of objects of the library.
+
+    Parameters
+    ----------
+    data : bytes
+        One record, or several.
+    """
+
     def __init__(self, data: bytes) -> None:
-        self._data = data
+        self.data = data
 
     def write(self, builder: RecordBuilder) -> None:
         """Write the records as they are."""
-        builder.write(self._data)
+        builder.write(self.data)

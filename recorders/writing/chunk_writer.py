@@ -1,6 +1,6 @@
 """Chunk boundaries depend on content only: equal recordings are byte-identical."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import BinaryIO
@@ -9,6 +9,7 @@ from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Meta
 from mcap.stream_reader import StreamReader
 
 from recorders.mcap_format.attachments import AttachmentHead
+from recorders.writing.chunk_encoder import Pending
 from recorders.writing.chunk_index_file import ChunkIndexFile
 from recorders.writing.mcap_writer import McapWriter
 
@@ -26,6 +27,8 @@ class ChunkWriter:
         Empty, and buffered.
     path : Path
         What the file is called: the index of its chunks is kept beside it until the end.
+    on_chunk : callable, optional
+        Given the messages of each chunk that is written.
 
     Attributes
     ----------
@@ -42,9 +45,11 @@ class ChunkWriter:
         From every method but the two that register and `close`, if the file cannot be written.
     """
 
-    def __init__(self, file: BinaryIO, path: Path) -> None:
+    def __init__(
+        self, file: BinaryIO, path: Path, *, on_chunk: Callable[[Sequence[Pending]], None] = lambda messages: None
+    ) -> None:
         self._index = ChunkIndexFile(path)
-        self._mcap = McapWriter(file, index=self._index)
+        self._mcap = McapWriter(file, index=self._index, on_chunk=on_chunk)
         self.messages = 0
         self.pending = 0
         self.regular = True
@@ -64,6 +69,15 @@ class ChunkWriter:
         self.pending += 1
         if self.messages % FLUSH_EVERY == 0:
             self._end_chunk()
+
+    @property
+    def counts(self) -> Mapping[int, int]:
+        """Messages by channel, of the chunks that are written."""
+        return self._mcap.counts
+
+    def flush_messages(self) -> None:
+        """Write the messages so far, as whatever is no message does that follows them."""
+        self._end_chunk()
 
     def add_attachment(self, name: str, data: bytes) -> None:
         """Write an attachment, without times: identical runs give identical files."""

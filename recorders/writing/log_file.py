@@ -4,12 +4,13 @@ import errno
 import os
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from recorders.errors import LogError
+from recorders.writing.chunk_encoder import Pending
 from recorders.writing.chunk_writer import ChunkWriter, rechunk_log
 from recorders.writing.part_file import PartFile
 from recorders.writing.periodic_thread import PeriodicThread
@@ -29,6 +30,8 @@ class LogFile:
         Where the log goes in the end.
     end : callable
         Writes the last records to the chunks, given whether the log is complete.
+    on_chunk : callable, optional
+        Given the messages of each chunk that is written.
     overwrite : bool
         Whether files of this name may be replaced.
     rechunk : bool
@@ -52,13 +55,14 @@ class LogFile:
         path: Path,
         *,
         end: Callable[[ChunkWriter, bool], None],
+        on_chunk: Callable[[Sequence[Pending]], None] = lambda messages: None,
         overwrite: bool,
         rechunk: bool,
     ) -> None:
         self._file = PartFile(path, overwrite=overwrite)
         self.part = self._file.part
         try:
-            self.chunks = ChunkWriter(self._file.stream, self.part)
+            self.chunks = ChunkWriter(self._file.stream, self.part, on_chunk=on_chunk)
         except OSError as error:
             self._file.close(keep=False)
             raise self._file.error(error) from error
@@ -90,6 +94,22 @@ class LogFile:
             self._sound = False
             try:
                 write()
+            except OSError as error:
+                self._unreported = None
+                raise self._file.error(error) from error
+            self._sound = True
+
+    def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
+        """Write a message, as `change` with the chunks' own method would; raises as it does."""
+        with self._lock:
+            if not self._sound:
+                self._check()
+            chunks = self.chunks
+            if not chunks.pending:
+                self._oldest_s = time.monotonic()
+            self._sound = False
+            try:
+                chunks.add_message(channel, sequence, log_time_ns, data)
             except OSError as error:
                 self._unreported = None
                 raise self._file.error(error) from error

@@ -2,8 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping
-from functools import partial
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeAlias
@@ -24,6 +23,7 @@ from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.text.wording import names_text
+from recorders.writing.chunk_encoder import Pending
 from recorders.writing.chunk_writer import ChunkWriter
 from recorders.writing.log_file import LogFile
 
@@ -31,6 +31,9 @@ RESERVED = ("format_version", "complete", "messages", "counts", "content_sha256"
 
 # topic, type, numbered by its producer, of another log
 _Channel: TypeAlias = tuple[str, str, bool, DeclaredChannel | None]
+
+# topic, type if given, numbered by its producer, opaque, of another log
+_Asked: TypeAlias = tuple[str, str | None, bool, bool, DeclaredChannel | None]
 
 MAX_CHANNELS = 2**16 - 1
 """As many as MCAP's numbers of channels distinguish."""
@@ -87,11 +90,12 @@ class LogWriter:
         self._given = dict(manifest)
         self._manifest = _with_environment(manifest)
         self._content = ContentHash()
-        self._counts: Counter[str] = Counter()
+        self._topics: dict[int, str] = {}  # by the number of their channel
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[_Channel, int] = {}
-        self._numbered: Counter[str] = Counter()
-        self._file = LogFile(self.path, end=self._end, overwrite=overwrite, rechunk=rechunk)
+        self._asked: dict[_Asked, int] = {}
+        self._numbered: dict[str, int] = {}
+        self._file = LogFile(self.path, end=self._end, on_chunk=self._add_content, overwrite=overwrite, rechunk=rechunk)
         self.part = self._file.part
         try:
             self._file.change(lambda: self._begin(attachments))
@@ -148,26 +152,15 @@ class LogWriter:
         LogError
             If the file cannot be written.
         """
-        if isinstance(message, bytes):
-            data, found = message, type_name or type_of(topic)
-        else:
-            data, found = encode(message), message.TYPE
-        expected = type_of(topic)
-        if opaque or declared is not None:
-            found = ""
-        elif expected and found != expected:
-            raise MessageError(f"{topic}: expected {expected}, found {found}")
-        number = self._numbered[topic] if sequence is None else sequence
+        data, kind = (message, type_name) if isinstance(message, bytes) else (encode(message), message.TYPE)
+        number = self._numbered.get(topic, 0) if sequence is None else sequence
         if not (0 <= number <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
-        channel = (topic, found, sequence is not None, declared)
-        if channel not in self._channels:
-            if len(self._channels) == MAX_CHANNELS:
-                raise MessageError(f"{topic}: a log holds no more than {MAX_CHANNELS} channels")
-            described = declared or (_opaque(topic) if opaque else _standard(topic, found))
-            self._file.change(lambda: self._open_channel(channel, described))
-        self._file.change(partial(self._add, self._channels[channel], topic, number, log_time_ns, data))
-        self._numbered[topic] += sequence is None
+        asked = (topic, kind, sequence is not None, opaque, declared)
+        channel = self._asked.get(asked) or self._find_channel(asked)
+        self._file.add_message(channel, number, log_time_ns, data)
+        if sequence is None:
+            self._numbered[topic] = number + 1
 
     def copy(self, record: RecordedMessage) -> None:
         """Write a record as it is: bytes, sequence and log time of its own; raises as `write` does."""
@@ -211,18 +204,42 @@ class LogWriter:
         for name, data in attachments.items():
             self._file.chunks.add_attachment(name, data)
 
+    def _add_content(self, messages: Sequence[Pending]) -> None:
+        """Take the messages of a chunk into the hash."""
+        self._content.add_all(self._topics, messages)
+
     def _describe(self) -> None:
         """Write the manifest as it is before the end: what comes later in the file replaces it."""
         self._file.chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, "complete": False}))
 
     def _end(self, chunks: ChunkWriter, complete: bool) -> None:
+        chunks.flush_messages()
+        counts: Counter[str] = Counter()
+        for channel, count in chunks.counts.items():
+            counts[self._topics[channel]] += count
         outcome = {
             "complete": complete,
-            "messages": self._counts.total(),
-            "counts": stated_counts(self._counts),
+            "messages": counts.total(),
+            "counts": stated_counts(counts),
             "content_sha256": self._content.hexdigest(),
         }
         chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, **outcome}))
+
+    def _find_channel(self, asked: _Asked) -> int:
+        """Return the number of the channel that a message asks for; raises as `write` does."""
+        topic, kind, producer, opaque, declared = asked
+        expected = type_of(topic)
+        found = "" if opaque or declared is not None else kind or expected
+        if found and expected and found != expected:
+            raise MessageError(f"{topic}: expected {expected}, found {found}")
+        channel = (topic, found, producer, declared)
+        if channel not in self._channels:
+            if len(self._channels) == MAX_CHANNELS:
+                raise MessageError(f"{topic}: a log holds no more than {MAX_CHANNELS} channels")
+            described = declared or (_opaque(topic) if opaque else _standard(topic, found))
+            self._file.change(lambda: self._open_channel(channel, described))
+        number = self._asked[asked] = self._channels[channel]
+        return number
 
     def _open_channel(self, channel: _Channel, declared: DeclaredChannel) -> None:
         topic, _, producer, _ = channel
@@ -232,12 +249,8 @@ class LogWriter:
             schema = known or self._file.chunks.register_schema(*declared.schema)
             self._schemas[declared.schema] = schema
         metadata = {**dict(declared.metadata), "sequence": "producer" if producer else "writer"}
-        self._channels[channel] = self._file.chunks.register_channel(topic, declared.encoding, schema, metadata)
-
-    def _add(self, channel: int, topic: str, sequence: int, log_time_ns: int, data: bytes) -> None:
-        self._file.chunks.add_message(channel, sequence, log_time_ns, data)
-        self._content.add(topic, sequence, log_time_ns, data)
-        self._counts[topic] += 1
+        number = self._file.chunks.register_channel(topic, declared.encoding, schema, metadata)
+        self._channels[channel], self._topics[number] = number, topic
 
 
 def _opaque(topic: str) -> DeclaredChannel:
