@@ -1,18 +1,21 @@
 """The verb replay."""
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
-from pipeline.cli.options import AsRecorded, Json, Logs, Renames, renames
+from pipeline.cli.options import AsRecorded, Json, Logs, StreamsRobot
 from pipeline.cli.sessions import ConnectingNode, Wait
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from recorders.containers.reader import Opened
     from replay.sources.playback import Playback
     from replay.transports.transport import Source
 
@@ -55,7 +58,7 @@ class ScheduleOptions:
 
 @dataclass(frozen=True)
 class PlayOptions:
-    """Part of the logs that is played once, and names of topics."""
+    """Part of the logs that is played once."""
 
     play: Annotated[bool, typer.Option("--play", help="Play every topic once, in place of a training schedule.")] = (
         False
@@ -73,7 +76,6 @@ class PlayOptions:
             help="With --play: pattern of topics to play, such as '/hand/*'; all if left out.", metavar="PATTERN"
         ),
     ] = None
-    map_: Renames = None
 
     @property
     def has_more(self) -> bool:
@@ -101,6 +103,8 @@ def replay(
         float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
     ] = None,
     playing: PlayOptions,
+    robot: StreamsRobot = None,
+    alignment: AlignmentOptions,
     compare_with: Annotated[
         Path | None,
         typer.Option(help="Recorded run to compare with; stops where they part.", metavar="LOG.mcap"),
@@ -123,7 +127,10 @@ def replay(
     from replay.transports.sender_config import SenderConfig
 
     check_metrics(node.prometheus)
-    source = _played(logs, schedule, playing) if playing.play else _presented(logs, schedule, playing)
+    if playing.play:
+        source: Source = _played(logs, schedule, playing, alignment)
+    else:
+        source = _presented(logs, schedule, playing, robot, alignment)
     channels = source.channels if isinstance(source, Playback) else ()
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
@@ -152,17 +159,19 @@ def replay(
     console.show(result, as_json=as_json)
 
 
-def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Playback":
+def _played(
+    logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions, alignment: AlignmentOptions
+) -> "Playback":
     from recorders.reading.parts import recordings
     from recorders.text.quantities import parse_seconds
     from replay.sources.playback import Playback, PlaybackConfig
 
-    names = renames(playing.map_)
+    alignment.refuse("--play")
     if any((schedule.as_recorded, schedule.epochs, schedule.rule, schedule.pairs)):
         raise ConfigError("--play: expected none of --as-recorded, --epochs, --rule and --pairs beside it")
     config = PlaybackConfig(
         frozenset(playing.topic or ()),
-        renames=names,
+        renames=alignment.renames,
         start_ns=0 if playing.start is None else parse_seconds(playing.start, "--start"),
         end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
         loops=playing.loop,
@@ -170,8 +179,15 @@ def _played(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -
     return Playback(recordings(logs), config)
 
 
-def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions) -> "Source":
+def _presented(
+    logs: list[Path],
+    schedule: ScheduleOptions,
+    playing: PlayOptions,
+    robot: str | None,
+    alignment: AlignmentOptions,
+) -> "Source":
     from pipeline.learner.registry import default_config
+    from pipeline.robot.config import load_robot
     from pipeline.robot.recorded import recorded_hands
     from pipeline.samples.pairing import find_pairing
     from pipeline.training.pairing_choice import pairing_for, pairing_of
@@ -179,18 +195,23 @@ def _presented(logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions
     from replay.sources.scheduled import Replay
     from replay.sources.session import RecordedSession
 
-    names = renames(playing.map_)
+    config = None if robot is None else load_robot(robot)
+    names: Mapping[str, str] = alignment.renames
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
+        alignment.refuse("--as-recorded")
         log = one_session(logs)
-        hands = recorded_hands(log, renames=names)
+        hands = recorded_hands(log, robot=config, renames=names)
         topics = None
         if schedule.pairs is not None:
             asked = find_pairing(schedule.pairs)
-            topics = pairing_for(asked, [log], renames=names, as_recorded=True).topics(hands)
+            topics = pairing_for(asked, [log], robot=config, renames=names, as_recorded=True).topics(hands)
         return RecordedSession(log, epochs=schedule.epochs, renames=names, topics=topics)
-    found, learner = recordings(logs), default_config(schedule.rule)
-    pairing = pairing_for(pairing_of(learner, schedule.pairs), found, renames=names)
-    topics = pairing.topics(recorded_hands(found[0], renames=names))
+    found: Sequence[Opened] = recordings(logs)
+    learner = default_config(schedule.rule)
+    asked = pairing_of(learner, schedule.pairs)
+    hands = recorded_hands(found[0], robot=config, renames=names)
+    found, names = alignment.align(found, robot=config, tick=asked.topics(hands))
+    topics = pairing_for(asked, found, robot=config, renames=names).topics(hands)
     return Replay(found, learner.schedule(schedule.epochs, topics), renames=names)
