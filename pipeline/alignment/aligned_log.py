@@ -3,6 +3,7 @@
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from functools import cached_property
 from itertools import islice
+from pathlib import Path
 from typing import Any
 
 from pipeline.alignment.config import AlignmentConfig
@@ -20,7 +21,8 @@ from recorders.errors import LogError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.reading.raw_messages import FOREVER_NS
-from replay.sources.episodes import ALIGNMENT
+from recorders.writing.writer import LogWriter
+from replay.sources.episodes import ALIGNMENT, episode_spans
 
 _BLOCK = 8192  # messages at a time; how many does not enter the result
 
@@ -145,6 +147,32 @@ class AlignedLog:
         if name not in self._attachments:
             raise LogError(f"{self.path}: no attachment {name!r}; there are: {', '.join(self._attachments)}")
         return self._attachments[name]
+
+
+def write_episodes(log: AlignedLog, folder: Path) -> list[Path]:
+    """Write the episodes of a log of ticks, each as a log of ours, and return where they are.
+
+    Parameters
+    ----------
+    log : AlignedLog
+        The log.
+    folder : Path
+        A folder to make, in which they go.
+
+    Raises
+    ------
+    LogError
+        If one cannot be written.
+    """
+    folder.mkdir()
+    spans = episode_spans(log, tuple(log.topics))
+    paths = [folder / f"{log.path.stem}{f'_{number}' if number else ''}.mcap" for number in range(len(spans))]
+    attachments = {name: log.attachment(name) for name in log.attachments}
+    for path, (start_ns, end_ns) in zip(paths, spans, strict=True):
+        with LogWriter(path, manifest=log.manifest, attachments=attachments) as writer:
+            for record in log.records(start_ns=start_ns, end_ns=end_ns):
+                writer.copy(record)
+    return paths
 
 
 def own_frames(robot: RobotConfig) -> tuple[str, ...]:

@@ -1,6 +1,7 @@
 """Alignment of messages as they arrive: the ticks that a recording of them has, as soon as each is complete."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
 
 from pipeline.alignment.aligned_log import own_frames
 from pipeline.alignment.blocks import joints_kind, pose_kind
@@ -14,8 +15,11 @@ from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_STATES, is_target, type_of
+from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, is_target, type_of
 from recorders.text.wording import names_text
+from replay.sources.episodes import ALIGNMENT
+from replay.sources.live import LiveStream
+from replay.sources.scheduled import typed
 
 _MOST_WAITING = 512  # messages; they are aligned together, which changes nothing
 
@@ -71,6 +75,13 @@ class LiveAligner:
         self.begin()
 
     @property
+    def account(self) -> dict[str, Any]:
+        """Settings and topics, for JSON."""
+        topics = {source.topic: {"as": source.ours} for source in self._aligner.sources}
+        at = {"ticks_of": self._pivot} if self._period_ns is None else {"period_ns": self._period_ns}
+        return {**self._config.to_dict(), **at, "topics": topics}
+
+    @property
     def counts(self) -> dict[str, int]:
         """Ticks made and missed so far, and messages dropped."""
         dropped = sum(counts.dropped.total() for counts in self._aligner.counts)
@@ -113,6 +124,91 @@ class LiveAligner:
             except MessageError:
                 stamp = None
         return NEVER if stamp is None else stamp - self._config.latencies_ns.get(record.topic, 0)
+
+
+class LiveInputs:
+    """Messages as a learner or a controller takes them: renamed, and aligned if that is asked for.
+
+    Parameters
+    ----------
+    robot : RobotConfig
+        Whose joints and hands they are.
+    config : AlignmentConfig, optional
+        How they are aligned; if left out they are not.
+    renames : mapping of str to str
+        Our topic names for those that are published.
+    tick : sequence of str
+        Our names of the topics of a tick.
+
+    Attributes
+    ----------
+    topics : frozenset of str
+        Topics whose messages are wanted, by the names that they are published under.
+    """
+
+    def __init__(
+        self,
+        robot: RobotConfig,
+        config: AlignmentConfig | None,
+        *,
+        renames: Mapping[str, str],
+        tick: Sequence[str],
+    ) -> None:
+        self._renames = dict(renames)
+        self._aligner = None if config is None else LiveAligner(robot, config, renames=renames, tick=tick)
+        replaced = set(renames.values())
+        named = {*renames, *(topic for topic in tick if topic not in replaced)}
+        self.topics = frozenset({SESSION_PHASE, *(named if self._aligner is None else self._aligner.topics)})
+
+    @property
+    def account(self) -> list[dict[str, Any]]:
+        """How messages are aligned, as an offer and a controller have it; empty if they are not."""
+        if self._aligner is None:
+            return []
+        return [{"name": "live", ALIGNMENT: self._aligner.account}]
+
+    @property
+    def counts(self) -> dict[str, int]:
+        """Ticks made and missed by an alignment so far, and messages that it dropped; empty without one."""
+        return {} if self._aligner is None else self._aligner.counts
+
+    def feed(self, record: RecordedMessage, *, numbered: bool) -> Iterator[tuple[RecordedMessage, bool]]:
+        """Yield what comes of a message, each with whether its number is its producer's."""
+        if self._aligner is None or record.topic == SESSION_PHASE:
+            if self._aligner is not None:
+                self._aligner.begin()
+            topic = self._renames.get(record.topic, record.topic)
+            yield record if topic == record.topic else typed(record._replace(topic=topic)), numbered
+            return
+        for made in self._aligner.feed(record):
+            yield made, True
+
+
+class AlignedStream(LiveStream):
+    """A live stream of messages that are renamed and aligned before.
+
+    Parameters
+    ----------
+    inputs : LiveInputs
+        Renames and aligns them.
+    **settings
+        Those of a `LiveStream`.
+
+    Attributes
+    ----------
+    inputs : LiveInputs
+        The same.
+    """
+
+    def __init__(self, inputs: LiveInputs, **settings: Any) -> None:
+        super().__init__(**settings)
+        self.inputs = inputs
+
+    def feed(self, record: RecordedMessage, *, numbered: bool = True) -> tuple[RecordedMessage, ...]:
+        """Take in a message and return what of the stream goes on with it."""
+        feed = super().feed
+        taken = self.inputs.feed(record, numbered=numbered)
+        return tuple(out for made, known in taken for out in feed(made, numbered=known))
 
 
 def _pivot(sources: Sequence[Source], config: AlignmentConfig) -> int | None:

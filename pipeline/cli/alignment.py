@@ -76,8 +76,15 @@ class AlignmentOptions:
             frames=parse_frames(self.frame or ()),
         )
 
-    def refuse(self, beside: str) -> None:
-        """Raise ConfigError if ticks are asked for beside an option that takes a log as it is."""
+    def live_config(self) -> "AlignmentConfig | None":
+        """Return the settings for messages as they come, None if they are to be taken as they are."""
+        config = self.config()
+        return config if config.asks else None
+
+    def refuse(self, beside: str, *, renames: bool = False) -> None:
+        """Raise ConfigError if ticks, or new names, are asked for beside what takes messages as they are."""
+        if renames and self.map_:
+            raise ConfigError(f"{beside}: expected no --map beside it")
         if self.config().asks:
             raise ConfigError(
                 f"{beside}: expected none of --tick-rate, --ticks-of, --tolerance, --latency, --clock and --frame "

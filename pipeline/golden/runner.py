@@ -17,7 +17,7 @@ from pipeline.learner.rule import Settings
 from pipeline.learner.state import state_numbers
 from pipeline.robot.recorded import recorded_hands, require_recorded_robot
 from pipeline.robot.resolution import UNLIMITED
-from pipeline.samples.pairing import find_pairing
+from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from pipeline.samples.pairs import read_samples
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.run import CycleReport
@@ -145,6 +145,15 @@ def _until_checkpoint(messages: Iterator[RecordedMessage], path: Path) -> Iterat
 def _trial(controller: Controller, log: Path, pairs: str) -> HandErrors:
     """Try a controller on a log, after the washout that every test begins with."""
     return evaluate_samples(controller, read_samples(log, pairs=pairs), name=log.name).errors
+
+
+def asked_pairing(
+    config: Path | None, old: CaseSpec | None, *, rule: str | None = None, pairs: str | None = None
+) -> PairingRule:
+    """Return the pairing rule that a case is to follow; raises ConfigError as `recipe` does of its settings."""
+    if config is None and rule is None:
+        return find_pairing(pairs or (COMMANDED if old is None else pairs_of(old.learner)))
+    return find_pairing(pairs_of(read_settings(config, rule=rule, pairs=pairs)))
 
 
 def recipe(

@@ -3,9 +3,9 @@
 from collections.abc import Callable, Collection
 from typing import TypeAlias
 
+from pipeline.alignment.live import AlignedStream
 from recorders.messages.record import RecordedMessage
 from recorders.ticks.live import WAIT_TICKS
-from replay.sources.live import LiveStream
 
 Records: TypeAlias = tuple[RecordedMessage, ...]
 
@@ -21,7 +21,7 @@ class LiveChoice:
     Parameters
     ----------
     make : callable
-        Makes a `LiveStream` of ticks on some topics.
+        Makes an `AlignedStream` of ticks on some topics.
     tick : tuple of str
         Topics of a tick.
     otherwise : tuple of str
@@ -29,17 +29,17 @@ class LiveChoice:
 
     Attributes
     ----------
-    stream : LiveStream
+    stream : AlignedStream
         The stream that is chosen, or likely to be.
     tick : tuple of str
         Topics of its ticks.
     """
 
     def __init__(
-        self, make: Callable[[tuple[str, ...]], LiveStream], tick: tuple[str, ...], otherwise: tuple[str, ...]
+        self, make: Callable[[tuple[str, ...]], AlignedStream], tick: tuple[str, ...], otherwise: tuple[str, ...]
     ) -> None:
         self.stream, self.tick = make(tick), tick
-        self._other: LiveStream | None = None
+        self._other: AlignedStream | None = None
         if otherwise != tick:
             self._other, self._other_tick = make(otherwise), otherwise
             self._other.quiet = True

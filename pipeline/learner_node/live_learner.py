@@ -2,14 +2,16 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterator
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from pipeline.alignment.config import AlignmentConfig
+from pipeline.alignment.live import AlignedStream, LiveInputs
 from pipeline.arrays import Floats
 from pipeline.evaluation.errors import hand_errors
 from pipeline.learner_node.live_choice import LiveChoice
@@ -54,6 +56,10 @@ class LiveConfig:
         Log to write: what was learned from, with the phase markers that were followed.
     overwrite : bool
         Whether a log of this name may be replaced.
+    alignment : AlignmentConfig, optional
+        How topics with rates and stamps of their own are aligned; if left out, ticks are taken as they are published.
+    renames : mapping of str to str
+        Our topic names for those that are published.
 
     Raises
     ------
@@ -65,6 +71,8 @@ class LiveConfig:
     ticks: int | None = None
     record: Path | None = None
     overwrite: bool = False
+    alignment: AlignmentConfig | None = None
+    renames: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check the ranges."""
@@ -129,7 +137,8 @@ class LiveLearner:
         try:
             with self._receiver.reporting_failure():
                 run, tick = self._stream.run, self._choice.tick
-                self._trainer.hello(live_offer(run, epochs=self._config.epochs, robot=texts, tick=tick))
+                offer = live_offer(run, epochs=self._config.epochs, robot=texts, tick=tick)
+                self._trainer.hello(replace(offer, logs=self._stream.inputs.account))
                 self._trainer.take(chain(first, received))
                 self._trainer.check_learned(self._stream.losses)
         finally:
@@ -154,7 +163,7 @@ class LiveLearner:
         )
 
     @property
-    def _stream(self) -> LiveStream:
+    def _stream(self) -> AlignedStream:
         """The stream of the ticks that are learned."""
         return self._choice.stream
 
@@ -163,9 +172,12 @@ class LiveLearner:
         asked, hands = self._trainer.pairing, self._robot.hand_names
         phase, check = self._trainer.checkpoint_phase, range_check(self._robot)
 
-        def make(tick: tuple[str, ...]) -> LiveStream:
+        config = self._config
+
+        def make(tick: tuple[str, ...]) -> AlignedStream:
             """Return a stream of ticks on some topics."""
-            return LiveStream(epochs=self._config.epochs, check=check, tick=tick, poses=check.poses, phase=phase)
+            inputs = LiveInputs(self._robot, config.alignment, renames=config.renames, tick=tick)
+            return AlignedStream(inputs, epochs=config.epochs, check=check, tick=tick, poses=check.poses, phase=phase)
 
         other = find_pairing(asked.otherwise) if asked.otherwise else asked
         return LiveChoice(make, asked.topics(hands), other.topics(hands))
@@ -281,7 +293,8 @@ class LiveLearner:
         for reason, count in tuple(self._receiver.refused.items()):
             topic = next((topic for topic in self._stream.topics if reason.startswith(f"{topic}: ")), "elsewhere")
             refused[f"{topic}: unread"] += count
-        return {"refused": dict(refused), "dropped": self._stream.dropped, "gaps": self._stream.gaps}
+        counts = {"dropped": self._stream.dropped, "gaps": self._stream.gaps}
+        return {"refused": dict(refused), **counts, **self._stream.inputs.counts}
 
 
 def _topics_of(offer: Offer) -> tuple[str, ...] | None:

@@ -1,18 +1,24 @@
 """The verbs golden add and golden check."""
 
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from tempfile import TemporaryDirectory
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
-from pipeline.cli.options import Json, Pairs, Rule
+from pipeline.cli.options import Json, Pairs, Rule, StreamsRobot
 from pipeline.cli.usage import Verbs, help_without_verb
 from pipeline.resources import data_path
 from pipeline.terminal import console
 from recorders.errors import CheckFailed, ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.samples.pairing import PairingRule
+    from recorders.containers.reader import Opened
 
 app = Verbs(
     name="golden",
@@ -61,6 +67,8 @@ def add(
     ] = None,
     cases: Annotated[Path, typer.Option(help="Folder of the cases.", metavar="DIR")] = Path("golden"),
     case: CaseOptions,
+    robot: StreamsRobot = None,
+    alignment: AlignmentOptions,
     reason: Annotated[
         str | None, typer.Option(help="Why an existing case changes; stored in its history.", metavar="TEXT")
     ] = None,
@@ -68,9 +76,10 @@ def add(
 ) -> None:
     """Make a golden case of logs and a learner, or accept a change.
 
-    An existing case keeps whatever is not given anew: its logs, settings, epochs, tolerances and what is checked.
+    An existing case keeps whatever is not given anew: its logs, settings, epochs, tolerances and what is checked. Of
+    logs that are aligned it has the ticks, each episode as a log of its own.
     """
-    from pipeline.golden.runner import GoldenRunner, recipe
+    from pipeline.golden.runner import GoldenRunner, asked_pairing, recipe
     from replay.golden.add import add_case
     from replay.golden.case import check_name, load_case
     from replay.golden.folder import roll_back
@@ -82,7 +91,9 @@ def add(
     roll_back(folder)
     old = load_case(folder).recipe if folder.exists() else None
     with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
-        files = _as_files(logs or [], Path(temporary), session=bool(case.as_recorded))
+        pairs = asked_pairing(config, old, rule=case.rule, pairs=case.pairs)
+        found = _found(logs or [], robot, alignment, pairs, session=bool(case.as_recorded))
+        files = _as_files(found, Path(temporary), session=bool(case.as_recorded))
         case_spec = recipe(files, config, old=old, **asdict(case))
         added = add_case(folder, case_spec, GoldenRunner(), reason=reason, progress=advance)
     size = sum(path.stat().st_size for path in added.folder.iterdir())
@@ -90,20 +101,42 @@ def add(
     console.show({**shown, "errors_cm": added.expected["errors_cm"]}, as_json=as_json)
 
 
-def _as_files(logs: list[Path], folder: Path, *, session: bool) -> list[Path]:
+def _found(
+    logs: list[Path], robot: str | None, alignment: AlignmentOptions, pairing: "PairingRule", *, session: bool
+) -> "Sequence[Opened]":
+    """Return the recordings, as ticks where they are aligned."""
+    from pipeline.robot.config import load_robot
+    from pipeline.robot.recorded import recorded_hands
+    from recorders.reading.parts import one_session, recordings
+
+    config = None if robot is None else load_robot(robot)
+    found = [one_session(logs)] if session and logs else recordings(logs)
+    if session or not found:
+        alignment.refuse("--as-recorded" if session else "golden add without logs")
+        return found
+    hands = recorded_hands(found[0], robot=config, renames=alignment.renames)
+    aligned, names = alignment.align(found, robot=config, tick=pairing.topics(hands))
+    if names:
+        raise ConfigError("--map: expected logs that are to be aligned, found ticks; a case has our names alone")
+    return aligned
+
+
+def _as_files(found: "Sequence[Opened]", folder: Path, *, session: bool) -> list[Path]:
     """Return the recordings as one log each; sessions in parts are joined in a folder, as a case needs them."""
-    from recorders.reading.parts import Parts, one_session, recordings
+    from pipeline.alignment.aligned_log import AlignedLog, write_episodes
+    from recorders.reading.parts import Parts
     from replay.golden.log_tier import strip_topics
 
-    found = [one_session(logs)] if session and logs else recordings(logs)
     files: list[Path] = []
     for index, log in enumerate(found):
-        if isinstance(log, Parts):
+        if isinstance(log, AlignedLog):
+            files += write_episodes(log, folder / str(index))
+        elif isinstance(log, Parts):
             joined = folder / str(index) / log.name
             joined.parent.mkdir()
             strip_topics(log, joined, physics=True, file_order=session)
             files.append(joined)
-        else:
+        elif isinstance(log, Path):
             files.append(log)
     return files
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
 from pipeline.cli.options import Json, Overwrite, Pairs, Rule, Seed, StreamsRobot
@@ -73,11 +74,18 @@ class LiveOptions:
         if not self.live and (self.ticks is not None or self.epochs is not None or self.record is not None):
             raise ConfigError("--ticks, --epochs and --record: expected --live beside them")
 
-    def config(self, *, overwrite: bool) -> "LiveConfig":
+    def config(self, alignment: AlignmentOptions, *, overwrite: bool) -> "LiveConfig":
         """Return the settings of live learning."""
         from pipeline.learner_node.live_learner import LiveConfig
 
-        return LiveConfig(epochs=self.epochs or 1, ticks=self.ticks, record=self.record, overwrite=overwrite)
+        return LiveConfig(
+            epochs=self.epochs or 1,
+            ticks=self.ticks,
+            record=self.record,
+            overwrite=overwrite,
+            alignment=alignment.live_config(),
+            renames=alignment.renames,
+        )
 
 
 @grouped
@@ -91,6 +99,7 @@ def learn(
     pairs: Pairs = None,
     checkpoints: CheckpointOptions,
     live: LiveOptions,
+    alignment: AlignmentOptions,
     node: ListeningNode,
     overwrite: Overwrite = False,
     viewer: ViewOptions,
@@ -113,6 +122,8 @@ def learn(
     from recorders.wire.receiver import ReceiverConfig
 
     live.check()
+    if not live.live:
+        alignment.refuse("learn without --live, whose replay aligns", renames=True)
     check_metrics(node.prometheus)
     _check_files(out, checkpoints.checkpoint, live.record, overwrite=overwrite)
     learner = default_config(rule, seed=seed)
@@ -126,7 +137,8 @@ def learn(
         viewer.trainer(live=live.live) as make_trainer,
     ):
         trainer = make_trainer(learner, robot=config, pairs=pairs, checkpoint=checkpoints.config(), on_progress=show)
-        learn_from = partial(learn_live, robot=config, config=live.config(overwrite=overwrite)) if live.live else run
+        live_config = live.config(alignment, overwrite=overwrite)
+        learn_from = partial(learn_live, robot=config, config=live_config) if live.live else run
         result = learn_from(trainer, session=session, receiver=receiver, metrics_port=node.prometheus)
     trainer.check_learned()
     controller = trainer.controller()

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from more_hands import ONE, write_robot
+from processes import start, wait_for_line
 from sessions import write_foreign
 
 from pipeline.alignment.aligned_log import AlignedLog
@@ -21,6 +22,7 @@ from recorders.cdr.codec import encode
 from recorders.containers.opening import open_log
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
+from recorders.wire.loopback import free_endpoint
 from recorders.writing.writer import LogWriter
 
 MS = 10**6
@@ -108,18 +110,15 @@ def test_ticks_are_those_of_the_tracker(log: Path, trained: Any) -> None:
     assert (account["ticks"], account["episodes"], account["tolerance_ns"]) == (240, 1, 100 * MS)
 
 
-def test_what_is_aligned_may_be_written_and_trained(log: Path, robot: Path, trained: Any, tmp_path: Path) -> None:
+def test_what_is_aligned_may_be_written_and_trained(robot: Path, trained: Any, tmp_path: Path) -> None:
     """The ticks as a log of their own come to the same digests, with the cuts between episodes."""
-    whole = recording(robot)
-    holed = write_foreign(
-        tmp_path / "holed.mcap", [r for r in whole if not 3 * 10**9 < r.log_time_ns - START < 4 * 10**9]
-    )
+    log = holed(robot, tmp_path / "holed.mcap")
     options = (*MAPPED, "--tick-rate", 25, "--tolerance", "0.05")
-    result, noted, _ = trained(holed, *options)
+    result, noted, _ = trained(log, *options)
     assert "in 2 episodes; 26 not made" in noted
     config = AlignmentConfig(period_ns=40 * MS, tolerance_ns=50 * MS)
     ticks = AlignedLog(
-        open_log(holed),
+        open_log(log),
         load_robot(robot),
         config=config,
         renames={"/tracker": "/hand/tip/measured"},
@@ -176,6 +175,61 @@ def test_a_controller_is_tried_on_such_a_log(
     assert result["mean_cm"] < 0.5
     assert run("evaluate", tmp_path / "out.npz", "circles", "--tick-rate", 10) == 2
     assert "circles: expected none of --tick-rate" in capsys.readouterr().err
+
+
+def holed(robot: Path, path: Path) -> Path:
+    """Write a recording with a second in which nothing was recorded."""
+    return write_foreign(path, [r for r in recording(robot) if not 3 * 10**9 < r.log_time_ns - START < 4 * 10**9])
+
+
+def test_a_golden_case_has_the_ticks(
+    robot: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each episode as a log of its own, which come to the digest of training."""
+    log = holed(robot, tmp_path / "holed.mcap")
+    result, _, _ = trained(log, *MAPPED)
+    options = ("--robot", robot, "--rule", "forward-inverse", "--epochs", 1, *MAPPED, "--cases", tmp_path / "golden")
+    assert run("golden", "add", log, *options, "--name", "lab", "--json") == 0
+    assert json.loads(capsys.readouterr().out)["digest"] == result["digest"]
+    assert {path.name for path in (tmp_path / "golden" / "lab").glob("*.mcap")} == {"holed.mcap", "holed_1.mcap"}
+    assert run("golden", "check", tmp_path / "golden") == 0
+
+
+def test_a_replay_presents_the_ticks(robot: Path, trained: Any, tmp_path: Path) -> None:
+    """A learner that is fed them comes to the digests of training."""
+    log = holed(robot, tmp_path / "holed.mcap")
+    result, _, _ = trained(log, *MAPPED)
+    endpoint, out = free_endpoint(), tmp_path / "fed.npz"
+    arguments = ("--listen", endpoint, "--rule", "forward-inverse", "--out", out, "--json")
+    with start("learn", *arguments, cwd=tmp_path) as learner:
+        wait_for_line(learner, "waits for a replay")
+        options = ("--rule", "forward-inverse", "--epochs", 1, "--robot", robot, *MAPPED, "--connect", endpoint)
+        assert run("replay", log, *options, "--json") == 0
+        fed = json.loads(learner.communicate(timeout=120)[0])
+    assert {name: fed[name] for name in ("digest", "stream_digest", "ticks")} == {
+        name: result[name] for name in ("digest", "stream_digest", "ticks")
+    }
+    assert Controller.load(out).provenance["logs"][0]["alignment"]["episodes"] == 2
+
+
+def test_live_learning_aligns_as_training_does(
+    robot: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Messages of a lab as they come, by the lab's names: the digest of `train --as-live`."""
+    log = holed(robot, tmp_path / "holed.mcap")
+    options = (*MAPPED, "--tick-rate", 20)
+    result, _, _ = trained(log, *options, "--as-live")
+    endpoint, out = free_endpoint(), tmp_path / "live.npz"
+    arguments = ("--listen", endpoint, "--robot", robot, "--rule", "forward-inverse", "--out", out, "--json")
+    with start("learn", "--live", *arguments, *options, cwd=tmp_path) as learner:
+        wait_for_line(learner, "learns more")
+        assert run("replay", log, "--play", "--await", "learner", "--connect", endpoint) == 0
+        live = json.loads(learner.communicate(timeout=120)[0])
+    assert {name: live[name] for name in ("digest", "ticks")} == {name: result[name] for name in ("digest", "ticks")}
+    assert (live["gaps"], live["missed"], live["aligned"]) == (1, 21, result["ticks"])
+    assert Controller.load(out).provenance["logs"][0]["alignment"]["period_ns"] == 50 * MS
+    assert run("learn", "--map", "/a=/b", "--out", tmp_path / "x.npz") == 2
+    assert "learn without --live, whose replay aligns: expected no --map beside it" in capsys.readouterr().err
 
 
 def still(records: list[RecordedMessage]) -> list[RecordedMessage]:

@@ -68,15 +68,29 @@ def logs(draw):
     return messages
 
 
-@settings(max_examples=200, deadline=None)
-@given(
+CASES = given(
     logs(),
     st.sampled_from([0, 5, 20, 100, 1000]),
     st.sampled_from([None, 10, 33, 100]),
     st.sampled_from([0, 1]),
     st.sampled_from([1, 3, 7]),
 )
+
+
+@settings(max_examples=100, deadline=None)
+@CASES
 def test_ticks_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
+    check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
+
+
+@pytest.mark.campaign
+@settings(max_examples=1000, deadline=None)
+@CASES
+def test_ticks_of_a_thousand_logs_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
+    check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
+
+
+def check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     period, tolerance = None if period_ms is None else period_ms * MS, tolerance_ms * MS
     expected = align(messages, ["/tracker", "/joint_states"], tolerance=tolerance, period=period, pivot=pivot)
     records = [
