@@ -1,18 +1,20 @@
 """Choice of the ticks that a live learner takes: those of its pairs, or those of the pairs in their place."""
 
 from collections.abc import Callable, Collection
-from typing import TypeAlias
+from typing import Generic, TypeAlias, TypeVar
 
-from pipeline.alignment.live import AlignedStream
 from recorders.messages.record import RecordedMessage
 from recorders.ticks.live import WAIT_TICKS
+from replay.sources.live import LiveStream
+
+_Stream = TypeVar("_Stream", bound=LiveStream)
 
 Records: TypeAlias = tuple[RecordedMessage, ...]
 
 _MAX_HELD = 4096  # messages held back: markers without ticks must not fill the memory
 
 
-class LiveChoice:
+class LiveChoice(Generic[_Stream]):
     """A live stream of ticks on some topics, or on those in their place if no such tick comes.
 
     Until one of the former is complete, or `WAIT_TICKS` of the latter are, both streams are fed and nothing of either
@@ -21,7 +23,7 @@ class LiveChoice:
     Parameters
     ----------
     make : callable
-        Makes an `AlignedStream` of ticks on some topics.
+        Makes a `LiveStream` of ticks on some topics.
     tick : tuple of str
         Topics of a tick.
     otherwise : tuple of str
@@ -29,17 +31,17 @@ class LiveChoice:
 
     Attributes
     ----------
-    stream : AlignedStream
+    stream : LiveStream
         The stream that is chosen, or likely to be.
     tick : tuple of str
         Topics of its ticks.
     """
 
     def __init__(
-        self, make: Callable[[tuple[str, ...]], AlignedStream], tick: tuple[str, ...], otherwise: tuple[str, ...]
+        self, make: Callable[[tuple[str, ...]], _Stream], tick: tuple[str, ...], otherwise: tuple[str, ...]
     ) -> None:
         self.stream, self.tick = make(tick), tick
-        self._other: AlignedStream | None = None
+        self._other: _Stream | None = None
         if otherwise != tick:
             self._other, self._other_tick = make(otherwise), otherwise
             self._other.quiet = True

@@ -2,7 +2,7 @@
 
 import logging
 from collections import deque
-from collections.abc import Callable, Iterable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from itertools import chain, islice
 from pathlib import Path
@@ -30,7 +30,7 @@ from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
 from recorders.wire.stream import Offer
 from recorders.wire.subscription import LiveMessage
-from replay.sources.live import LiveStream, live_offer
+from replay.sources.live import live_offer
 from replay.sources.schedule import Schedule
 
 logger = logging.getLogger(__name__)
@@ -167,7 +167,7 @@ class LiveLearner:
         """The stream of the ticks that are learned."""
         return self._choice.stream
 
-    def _make_choice(self) -> LiveChoice:
+    def _make_choice(self) -> LiveChoice[AlignedStream]:
         """Return the choice between the ticks of the pairs that are asked for and of those in their place."""
         asked, hands = self._trainer.pairing, self._robot.hand_names
         phase, check = self._trainer.checkpoint_phase, range_check(self._robot)
