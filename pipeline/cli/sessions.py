@@ -56,6 +56,29 @@ class ListeningSession:
 
 
 @dataclass(frozen=True)
+class LookingSession:
+    """Session of a verb that looks on only if it is asked to."""
+
+    listen: Annotated[
+        list[str] | None, typer.Option(help="Endpoint to listen on; may be repeated.", metavar="ENDPOINT")
+    ] = None
+    connect: Annotated[
+        list[str] | None, typer.Option(help="Endpoint to connect to; may be repeated.", metavar="ENDPOINT")
+    ] = None
+    zenoh_config: ZenohConfig = None
+    namespace: Namespace = NAMESPACE
+
+    @property
+    def is_given(self) -> bool:
+        """Whether a session is asked for."""
+        return bool(self.listen or self.connect or self.zenoh_config)
+
+    def config(self) -> "SessionConfig":
+        """Return where the session listens and connects."""
+        return session_config(self.listen, self.connect, self.zenoh_config, listens=False)
+
+
+@dataclass(frozen=True)
 class ListeningNode(ListeningSession):
     """Session of a verb that listens and has a status."""
 

@@ -103,6 +103,26 @@ def find_decoding(channel: DeclaredChannel) -> Decoding | None:
     return Decoding(our_type, lambda data: convert(name, read(data)), as_it_is=False)
 
 
+def field_reader(channel: DeclaredChannel) -> ReadFields:
+    """Return what reads the fields of a channel's messages, of any type.
+
+    Raises
+    ------
+    MessageError
+        If its definition or encoding cannot be read. From what is returned: if the bytes are no message of the type.
+    MissingExtra
+        If its encoding needs a package that is not installed.
+    """
+    find = _READERS.get(channel.encoding or "cdr")
+    if find is None or not channel.type:
+        known = ", ".join(_READERS)
+        encoding = channel.encoding or "none"
+        raise MessageError(
+            f"expected a type, and one of the encodings {known}; found {channel.type or 'none'}, {encoding:.40}"
+        )
+    return find(channel, channel.type if channel.encoding in ("json", "protobuf") else ros_name(channel.type))
+
+
 def stamp_reader(channel: DeclaredChannel) -> Callable[[bytes], int | None]:
     """Return what reads the stamps of a channel's messages [ns], of any type that has some, and None where it has none.
 

@@ -1,0 +1,45 @@
+"""Messages under a namespace as they come, for whoever looks on: nobody waits for it, and it may miss some."""
+
+from collections.abc import Callable, Iterator
+
+import zenoh
+
+from recorders.messages.record import RecordedMessage
+from recorders.wire.bounded_queue import BoundedQueue
+from recorders.wire.frames import Frame
+from recorders.wire.subscription import Subscription, live_messages
+
+_WAITING_BYTES = 2**26
+_LOOK_S = 0.2  # how often it is seen whether it is over
+
+
+def watched(
+    session: zenoh.Session, namespace: str, *, stopped: Callable[[], bool], on_missed: Callable[[int], None]
+) -> Iterator[RecordedMessage]:
+    """Yield every message that is published, live or in a replay, until it is over.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    namespace : str
+        First part of every key.
+    stopped : callable
+        Whether it is over.
+    on_missed : callable
+        Takes how many messages were missed, as they came faster than they were taken.
+    """
+    waiting: BoundedQueue[tuple[str, zenoh.Sample, Frame | None]] = BoundedQueue(limit=_WAITING_BYTES)
+
+    def take(topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
+        """Queue a sample, on a thread of Zenoh's."""
+        waiting.put((topic, sample, frame), len(sample.payload))
+
+    with Subscription(session, namespace, hand_over=take, refuse=lambda topic, reason: None, live=True):
+        while not stopped():
+            found = waiting.get(_LOOK_S)
+            if missed := waiting.take_dropped():
+                on_missed(missed)
+            if found is not None:
+                for message in live_messages(*found):
+                    yield message.record
