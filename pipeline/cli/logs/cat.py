@@ -30,7 +30,7 @@ def cat(
     session: LookingSession,
     as_json: Annotated[bool, typer.Option("--json", help="Print each message as one JSON object in a line.")] = False,
 ) -> None:
-    """Print the messages of a recording, or those that are published now.
+    """Print messages of a recording, or as they are published.
 
     Messages of any type are printed by the definitions that the recording carries, in order of log time. With --connect
     or --listen it prints what comes over Zenoh, until Ctrl-C.
