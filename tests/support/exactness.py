@@ -42,8 +42,10 @@ def main() -> None:
     from pipeline.training.trainer import train
     from replay.sources.schedule import Schedule
 
-    configs = LearnerConfig(seed=0), ForwardInverseConfig(), ForwardInverseConfig(degree=2, forgetting=0.99)
-    results = [train([Path(sys.argv[1])], schedule=Schedule(epochs=2), config=config).result() for config in configs]
+    quadratic = ForwardInverseConfig(degree=2, forgetting=0.99)
+    runs = (LearnerConfig(seed=0), None), (ForwardInverseConfig(), None), (quadratic, None), (quadratic, "computed")
+    log, schedule = Path(sys.argv[1]), Schedule(epochs=2)
+    results = [train([log], schedule=schedule, config=config, pairs=pairs).result() for config, pairs in runs]
     digests = [result[name] for result in results for name in ("digest", "stream_digest")]
     print(json.dumps({"digests": digests, "controls": controls()}))
 
