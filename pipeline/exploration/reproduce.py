@@ -1,6 +1,6 @@
 """Reproduction of an exploration from its log: teacher and simulation of today follow the logged targets."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
@@ -17,6 +17,7 @@ from pipeline.robot.recorded import require_recorded_robot
 from pipeline.robot.resolution import UNLIMITED
 from pipeline.robot.telemetry import TopicMessage, hand_messages
 from pipeline.simulation.simulation import Simulation, SimulationConfig
+from pipeline.teacher.qp_config import SOLVER_SPREAD
 from recorders.cdr.codec import decode_as
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import PoseStamped
@@ -73,6 +74,11 @@ def simulate(log: Path, *, ticks: int) -> Iterator[TopicMessage]:
             yield topic, message
         if topic == SAMPLE_JOINTS:
             yield from hand_messages(backend)
+
+
+def leader_spread(manifest: Mapping[str, Any]) -> float:
+    """Return how far apart a log with this manifest, and the same made on another machine, may be [rad or m]."""
+    return SOLVER_SPREAD if "qp_teacher" in manifest else 0.0
 
 
 def changed_robot(log: Path) -> str:

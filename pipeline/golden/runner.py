@@ -82,9 +82,14 @@ class GoldenRunner:
 
         return changed_robot(log)
 
-    def has_resolution(self, log: Path) -> bool:
-        """Return whether the sensors of a log's robot had a resolution."""
-        return require_recorded_robot(LogReader(log)).resolution != UNLIMITED
+    def physics_tolerance(self, log: Path) -> float | None:
+        """Return 0 if the sensors of a log's robot had a resolution, more if a solver led it; None without either."""
+        from pipeline.exploration.reproduce import leader_spread  # noqa: PLC0415
+
+        reader = LogReader(log)
+        if spread := leader_spread(reader.manifest):
+            return spread
+        return None if require_recorded_robot(reader).resolution == UNLIMITED else 0.0
 
     def pack(self, states: Sequence[State]) -> bytes:
         """Return the states at the ends of the epochs as the bytes of an .npz."""

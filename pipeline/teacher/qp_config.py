@@ -8,6 +8,9 @@ from recorders.errors import ConfigError
 SLACK_M = 0.002
 """Distances may be this much below the clearance [m] before a step is shortened."""
 
+SOLVER_SPREAD = 5e-4
+"""Explorations of this teacher on two machines may be so far apart [rad or m]: OSQP iterates, and ends elsewhere."""
+
 
 @dataclass(frozen=True)
 class QpTeacherConfig:

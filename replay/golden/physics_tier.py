@@ -21,7 +21,7 @@ from replay.golden.recipe import PHYSICS_TICKS, Runner
 def check_physics(case: Case, runner: Runner) -> Finding | None:
     """Return the first message that teacher and simulation do not make as the logs have it.
 
-    Of a robot whose sensors have a resolution it must be exactly so; else within the case's tolerances.
+    Where the runner knows no tolerance, the case's hold: of a robot whose sensors have a resolution it is exactly so.
 
     Raises
     ------
@@ -37,8 +37,8 @@ def check_physics(case: Case, runner: Runner) -> Finding | None:
 def _check_log(path: Path, tolerances: Tolerances, runner: Runner) -> Finding | None:
     try:
         simulated = runner.simulate(path, ticks=PHYSICS_TICKS)
-        if runner.has_resolution(path):
-            tolerances = replace(tolerances, joints=0.0, hands_m=0.0)
+        if (tolerance := runner.physics_tolerance(path)) is not None:
+            tolerances = replace(tolerances, joints=tolerance, hands_m=tolerance)
         return first_beyond(path, simulated, tolerances, note=runner.changed_robot(path))
     except MissingExtra:
         raise

@@ -140,8 +140,11 @@ class Runner(Protocol):
     def changed_robot(self, log: Path) -> str:
         """Return how the robot that `simulate` moves differs from the log's; the empty string if it does not."""
 
-    def has_resolution(self, log: Path) -> bool:
-        """Return whether what the robot of a log measures is on a grid, so that `simulate` makes it again exactly."""
+    def physics_tolerance(self, log: Path) -> float | None:
+        """Return how far off `simulate` may be from a log [rad or m]; None: as far as the case has it.
+
+        That is 0 where what the robot measures is on a grid, unless whoever leads it is not exact on every machine.
+        """
 
     def pack(self, states: Sequence[State]) -> bytes:
         """Return the states at the ends of the epochs as the bytes of a file."""

@@ -56,8 +56,8 @@ class CountingRunner:
     def changed_robot(self, log: Path) -> str:
         return ""
 
-    def has_resolution(self, log: Path) -> bool:
-        return False
+    def physics_tolerance(self, log: Path) -> float | None:
+        return None
 
     def pack(self, states: Sequence[State]) -> bytes:
         return json.dumps([state["count"].tolist() for state in states]).encode()
@@ -443,8 +443,8 @@ class SimulatingRunner(CountingRunner):
                 message = replace(message, position=message.position + self._shift)
             yield record.topic, message
 
-    def has_resolution(self, log: Path) -> bool:
-        return self._resolution
+    def physics_tolerance(self, log: Path) -> float | None:
+        return 0.0 if self._resolution else None
 
 
 def test_physics_of_a_robot_with_a_resolution_is_exact(tmp_path: Path) -> None:
