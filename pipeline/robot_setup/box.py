@@ -9,15 +9,13 @@ from pipeline.collision.self_distance import CLEARANCE_M, SelfDistance
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.coordinates import POSITION_SIZE, hand_slices, row_size, to_rows
 from pipeline.robot.kinematics import Kinematics
-from pipeline.teacher.teacher import Teacher, approach
+from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach
 from recorders.errors import RobotError
-
-REACH_M = 0.002
-"""Distance from a corner at which a hand has reached it [m]."""
 
 LEAST_M = 0.02
 """Half extent below which a box is of no use [m]."""
 
+_REACH_M = 0.002  # distance from a corner at which a hand has reached it
 _SHARE = 0.2  # of the reach: wider boxes take longer to learn
 _LIMIT_MARGIN = 0.02  # of a joint's range, kept from its limits in every corner
 _MM = 1000.0
@@ -47,6 +45,7 @@ class BoxSearch:
         self._directions = _directions(len(robot.hands))
         self._turn_signs = (1.0,) if row_size(robot) == POSITION_SIZE else (1.0, -1.0)
         self._span = robot.upper - robot.lower
+        self._bound_m = reach_bound_m(robot)
 
     def largest(self, radius_m: float) -> Floats:
         """Return the half extents (3,) [m], in whole millimetres, for hands that reach as far as `radius_m`.
@@ -101,8 +100,8 @@ class BoxSearch:
 
     def _at(self, targets: Floats) -> str | None:
         """Return what keeps the hands from targets by row; None if nothing does."""
-        posture, short_m = approach(self._teacher, self._robot.comfort, targets, REACH_M)
-        if (worst := float(short_m.max())) > REACH_M:
+        posture, short_m = approach(self._teacher, self._robot.comfort, targets, self._bound_m)
+        if (worst := float(short_m.max())) > self._bound_m:
             hand = int(short_m.argmax())
             point = ", ".join(f"{value:.3f}" for value in targets[hand][:POSITION_SIZE])
             return f"hand {self._robot.hand_names[hand]} stays {100 * worst:.1f} cm short of ({point}) m"
@@ -119,6 +118,11 @@ class BoxSearch:
         if distance_m < CLEARANCE_M:
             return f"{first} and {second} come as near as {100 * distance_m:.1f} cm"
         return None
+
+
+def reach_bound_m(robot: RobotConfig) -> float:
+    """Return the distance from a target at which a hand has reached it [m]: if a turn counts, as in explorations."""
+    return _REACH_M if row_size(robot) == POSITION_SIZE else REACH_BOUND_M
 
 
 def _directions(hands: int) -> list[Floats]:

@@ -8,7 +8,7 @@ import numpy as np
 from pipeline.robot.config import TOML_FILE, RobotConfig, load_robot, robot_names
 from pipeline.robot.coordinates import centre_rows
 from pipeline.robot.kinematics import Kinematics
-from pipeline.robot_setup.box import REACH_M, BoxSearch
+from pipeline.robot_setup.box import BoxSearch, reach_bound_m
 from pipeline.robot_setup.statics import Statics
 from pipeline.teacher.teacher import Teacher, approach
 from recorders.errors import RobotError
@@ -49,10 +49,11 @@ def _loads(robot: RobotConfig) -> Iterator[str]:
 
 
 def _centres(robot: RobotConfig) -> Iterator[str]:
-    _, short_m = approach(Teacher(Kinematics(robot)), robot.comfort, centre_rows(robot), REACH_M)
+    bound_m = reach_bound_m(robot)
+    _, short_m = approach(Teacher(Kinematics(robot)), robot.comfort, centre_rows(robot), bound_m)
     at_rest = Kinematics(robot).hands(robot.comfort)
     for hand, short, rest in zip(robot.hands, short_m, at_rest, strict=True):
-        if short > REACH_M:
+        if short > bound_m:
             place = ", ".join(f"{value:.2f}" for value in rest)
             yield (
                 f"hand {hand.name}: expected its centre within reach, found it {100 * short:.1f} cm out of it; in the "

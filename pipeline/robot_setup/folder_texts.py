@@ -6,12 +6,15 @@ from collections.abc import Iterable, Mapping, Sequence
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.robot.hands import POSITION
+from pipeline.robot.hands import POSE, POSITION
 from pipeline.robot.importing.import_spec import JointLimits, RobotSource
 from pipeline.robot.resolution import Resolution
 
 STEPS = Resolution(positions=2.0**-20, velocities=2.0**-16, hands=2.0**-20, commands=2.0**-20, tf=2.0**-20)
 """Resolution of the robots that come with the program."""
+
+TURN_RAD = 0.3
+"""Half extent of the turns in which a hand whose pose is controlled is explored [rad]."""
 
 _SHARED_WEIGHT = 0.4  # of joints that move several hands: so that the trunk takes part
 
@@ -38,9 +41,13 @@ _HAND = """
 name = {name}  # part of the topics /hand/NAME/target and /hand/NAME/measured
 link = {link}  # its origin is the hand's position
 controls = "{controls}"
-centre = {centre}  # middle of its box and of what it draws: near where it is in the comfort posture
-box = {box}  # half extents in which targets are explored: within reach in every corner
+centre = {centre}  # {middle}
+box = {box}  # {extents}
 """
+_MIDDLE = "middle of its box and of what it draws: near where it is in the comfort posture"
+_EXTENTS = "half extents in which targets are explored: within reach in every corner"
+_TURNED = "; then its orientation there, a quaternion x, y, z, w"
+_TURNS = "; then of its turn [rad]"
 _IMPORT = """\
 # How the robot's URDF is made from {model}: joints that robot.toml does not name are rigid, at 0 unless [frozen]
 # names another posture; every joint gets a motor; meshes are dropped.
@@ -60,6 +67,7 @@ def robot_toml(
     centres: Floats,
     box: Floats,
     seed: int,
+    orientations: Floats | None = None,
 ) -> str:
     """Return the text of a `robot.toml`.
 
@@ -79,14 +87,17 @@ def robot_toml(
         Half extents of the boxes [m].
     seed : int
         Seed with which posture and box were found.
+    orientations : array, shape (hands, 4), optional
+        Orientations of the hands in the middle, x, y, z, w, where their pose is to be controlled.
     """
     rows = [
         _JOINT.format(name=_text(joint), weight=_SHARED_WEIGHT if moved > 1 else 1.0, comfort=_number(position))
         for (joint, moved), position in zip(joints, comfort.tolist(), strict=True)
     ]
+    turned = [None] * len(hands) if orientations is None else list(orientations)
     tables = [
-        _HAND.format(name=_text(hand), link=_text(link), controls=POSITION, centre=_vector(centre), box=_vector(box))
-        for (hand, link), centre in zip(hands.items(), centres, strict=True)
+        _hand_table(hand, link, centre, box, orientation)
+        for (hand, link), centre, orientation in zip(hands.items(), centres, turned, strict=True)
     ]
     return _ROBOT.format(
         joints=len(joints),
@@ -97,6 +108,20 @@ def robot_toml(
         rows="\n".join(rows),
         hand_tables="".join(tables),
         steps="\n".join(f"{key} = {value!r}" for key, value in vars(STEPS).items()),
+    )
+
+
+def _hand_table(hand: str, link: str, centre: Floats, box: Floats, orientation: Floats | None) -> str:
+    """Return the table of a hand; its pose is controlled if it has an orientation in the middle."""
+    posed = orientation is not None
+    return _HAND.format(
+        name=_text(hand),
+        link=_text(link),
+        controls=POSE if posed else POSITION,
+        centre=_vector([*centre, *(() if orientation is None else orientation)]),
+        box=_vector([*box, *((TURN_RAD,) * 3 if posed else ())]),
+        middle=_MIDDLE + _TURNED * posed,
+        extents=_EXTENTS + _TURNS * posed,
     )
 
 

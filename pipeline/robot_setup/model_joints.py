@@ -15,7 +15,6 @@ from recorders.text.wording import names_text
 SLIDING = "prismatic"
 
 _ASSUMED = {"revolute": {"velocity": 2.0, "effort": 100.0}, SLIDING: {"velocity": 0.5, "effort": 1000.0}}
-_LEAST_JOINTS = 3  # of a hand that goes anywhere in space
 _TURNING = ("revolute", "continuous")
 
 
@@ -52,6 +51,7 @@ def model_joints(
     *,
     limits: Sequence[tuple[str, JointLimits]] = (),
     rigid: Sequence[str] = (),
+    least: int = 3,
 ) -> tuple[ModelJoint, ...]:
     """Return the joints that move hands, from the ground outwards, hand by hand.
 
@@ -65,6 +65,8 @@ def model_joints(
         Limits by joint, or by a pattern such as `wrist_*`, in place of the model's; the last that matches counts.
     rigid : sequence of str
         Joints that are to be rigid.
+    least : int
+        Fewest joints that take a hand wherever it is asked to be.
 
     Raises
     ------
@@ -76,8 +78,8 @@ def model_joints(
     elements = named(urdf, "joint")
     chains = {hand: [name for name in chain_to(urdf, link) if name not in rigid] for hand, link in hands.items()}
     for hand, chain in chains.items():
-        if len(chain) < _LEAST_JOINTS:
-            expected = f"expected at least {_LEAST_JOINTS} joints that move link {hands[hand]}"
+        if len(chain) < least:
+            expected = f"expected at least {least} joints that move link {hands[hand]}"
             raise RobotError(f"hand {hand}: {expected}, found {names_text(chain) or 'none'}")
     names = list(dict.fromkeys(name for chain in chains.values() for name in chain))
     _check_patterns(names, [pattern for pattern, _ in limits])

@@ -10,6 +10,7 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import IMPORT_FILE, TOML_FILE, RobotConfig, load_robot, parse_robot
+from pipeline.robot.hand_kinematics import HandKinematics
 from pipeline.robot.importing.import_spec import (
     JointLimits,
     Pose,
@@ -25,6 +26,7 @@ from pipeline.robot_setup.comfort import Comfort
 from pipeline.robot_setup.folder_texts import import_toml, robot_toml
 from pipeline.robot_setup.model_joints import ModelJoint, model_joints, rigid_positions
 from pipeline.robot_setup.reach import Reach, manipulability_of, sample_reach
+from pipeline.rotations import quaternions_of_matrices
 from pipeline.urdf.description import parse_urdf
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
@@ -56,6 +58,8 @@ class RobotRequest:
         Joints that are left out with all that hangs on them.
     height_m : float
         Height of the model's root above the ground [m].
+    pose : bool
+        Whether the poses of the hands are controlled, not their positions alone.
     seed : int
         Seed of the samples.
     """
@@ -68,6 +72,7 @@ class RobotRequest:
     rigid: Mapping[str, float] = field(default_factory=dict)
     drop: tuple[str, ...] = ()
     height_m: float = 0.0
+    pose: bool = False
     seed: int = 0
 
     def __post_init__(self) -> None:
@@ -140,7 +145,9 @@ def make_robot(request: RobotRequest) -> NewRobot:
     source = _source(request)
     model_text = read_source(source, Path()) if request.package else read_text(Path(request.urdf))
     urdf = parse_urdf(model_text)
-    joints = model_joints(urdf, request.hands, limits=request.limits, rigid=list(request.rigid))
+    joints = model_joints(
+        urdf, request.hands, limits=request.limits, rigid=list(request.rigid), least=6 if request.pose else 3
+    )
     names = [joint.name for joint in joints]
     source = _completed(source, joints, rigid_positions(urdf, names, request.rigid, request.drop))
     urdf_text = import_urdf(
@@ -167,7 +174,7 @@ def _source(request: RobotRequest) -> RobotSource:
 def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) -> tuple[RobotConfig, Reach]:
     """Return the robot with the comfort posture, the centres and the box that are found, and its reach."""
 
-    def config(comfort: Floats, centres: Floats, box: Floats) -> RobotConfig:
+    def config(comfort: Floats, centres: Floats, box: Floats, orientations: Floats | None = None) -> RobotConfig:
         """Return the robot with these."""
         text = robot_toml(
             name=request.name,
@@ -178,6 +185,7 @@ def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) 
             centres=centres,
             box=box,
             seed=request.seed,
+            orientations=orientations,
         )
         return parse_robot(text, urdf_text, origin=f"robot '{request.name}'")
 
@@ -186,8 +194,17 @@ def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) 
     reach = sample_reach(kinematics, seed=request.seed)
     comfort = Comfort(kinematics, reach).find()
     centres = np.round(kinematics.hands(comfort), 2) + 0.0
-    box = BoxSearch(config(comfort, centres, _ANY_BOX)).largest(float(reach.radii.min()))
-    return config(comfort, centres, box), reach
+    orientations = _orientations(kinematics.robot, comfort) if request.pose else None
+    box = BoxSearch(config(comfort, centres, _ANY_BOX, orientations)).largest(float(reach.radii.min()))
+    return config(comfort, centres, box, orientations), reach
+
+
+def _orientations(robot: RobotConfig, posture: Floats) -> Floats:
+    """Return the orientations of the hands at a posture (n,), as quaternions x, y, z, w to six digits, (hands, 4)."""
+    _, rotations = HandKinematics(robot).poses(posture)
+    turned = quaternions_of_matrices(rotations)
+    orientations: Floats = np.round(turned / np.linalg.norm(turned, axis=1, keepdims=True), 6) + 0.0
+    return orientations
 
 
 def _completed(source: RobotSource, joints: Sequence[ModelJoint], rigid: Mapping[str, float]) -> RobotSource:

@@ -26,6 +26,7 @@ def summary(made: NewRobot) -> dict[str, Any]:
         {
             "hand": hand.name,
             "link": hand.link,
+            "controls": hand.controls,
             "centre": list(hand.centre),
             "box": list(hand.box),
             "reach": float(radius),

@@ -44,6 +44,9 @@ class ModelOptions:
         list[str] | None,
         typer.Option(help="A joint to leave out with all that hangs on it. May be repeated.", metavar="JOINT"),
     ] = None
+    pose: Annotated[
+        bool, typer.Option("--pose", help="Control how the hands are turned, too, not only where they are.")
+    ] = False
     height: Annotated[float, typer.Option(help="Height of the URDF's root above the ground [m].", metavar="METRES")] = (
         0.0
     )
@@ -62,6 +65,7 @@ class ModelOptions:
             rigid=parse_rigid(self.fix or []),
             drop=tuple(self.drop or ()),
             height_m=self.height,
+            pose=self.pose,
             seed=seed,
         )
 
@@ -137,7 +141,7 @@ def _show(shown: dict[str, Any]) -> None:
     from pipeline.terminal.robot_tables import robot_table
 
     console.table(robot_table(shown["joints"], ("joint", "type", "lower", "upper", "limits", "comfort", "hands")))
-    console.table(robot_table(shown["hands"], ("hand", "link", "centre", "box", "reach", "freedom")))
+    console.table(robot_table(shown["hands"], ("hand", "link", "controls", "centre", "box", "reach", "freedom")))
     rest = {name: value for name, value in shown.items() if name not in ("joints", "hands", "findings")}
     console.show(rest, as_json=False)
     for line in shown["findings"]:

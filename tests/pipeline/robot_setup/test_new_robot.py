@@ -8,11 +8,14 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 from scipy.optimize import least_squares
+from scipy.spatial.transform import Rotation
 from small_robot import MODEL
 
 from pipeline.cli import app as cli
 from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.hand_kinematics import HandKinematics
 from pipeline.robot.kinematics import Kinematics
+from pipeline.robot_setup.findings import findings
 from pipeline.robot_setup.model_joints import rigid_positions
 from pipeline.robot_setup.new_robot import NewRobot, RobotRequest, make_robot
 from pipeline.robot_setup.reach import evenness_of, manipulability_of, sample_reach
@@ -210,6 +213,7 @@ def test_the_command_shows_what_it_found(written: tuple[Path, dict], capsys: pyt
     assert shown["hands"][0] | {"reach": 0, "freedom": 0} == {
         "hand": "hand",
         "link": "l_wrist_link",
+        "controls": "position",
         "centre": robot.centres[0].tolist(),
         "box": robot.boxes[0].tolist(),
         "reach": 0,
@@ -285,6 +289,19 @@ def test_the_picture_is_of_this_robot(made: NewRobot, written: tuple[Path, dict]
     draw_reach(made.config, made.reach, tmp_path / "two.png")
     pictures = [path.read_bytes() for path in (tmp_path / "one.png", tmp_path / "two.png", written[0] / "reach.png")]
     assert pictures[0] == pictures[1] != pictures[2]
+
+
+def test_of_a_hand_the_pose_may_be_controlled(urdf: Path, tmp_path: Path) -> None:
+    path, links, _ = ARMS["ur5"]
+    made = make_robot(RobotRequest(path, parse_hands(links), "ur5", package="example-robot-data", pose=True))
+    robot = made.write(tmp_path / "posed")
+    (hand,) = robot.hands
+    assert (hand.controls, hand.turn) == ("pose", (0.3, 0.3, 0.3))
+    _, rotations = HandKinematics(robot).poses(robot.comfort)
+    np.testing.assert_allclose(Rotation.from_quat(hand.orientation).as_matrix(), rotations[0], atol=2e-6)
+    assert list(findings(robot)) == []
+    with pytest.raises(RobotError, match="hand left: expected at least 6 joints that move link l_wrist_link, found"):
+        make_robot(request(urdf, hands={"left": "l_wrist_link"}, pose=True))
 
 
 ARMS = {
