@@ -10,6 +10,7 @@ from pipeline.cli.interrupts import exit_line
 from pipeline.cli.learning import demo, evaluate, golden, paper, train
 from pipeline.cli.logs import cat, convert, diff, info, recover, view
 from pipeline.cli.network import learn, record, replay, serve, status
+from pipeline.cli.project_settings import find_settings
 from pipeline.cli.robot import demonstrate, explore, robot
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
@@ -19,14 +20,23 @@ from pipeline.terminal.signals import end_by_exceptions
 from recorders.errors import DISTRIBUTION, ReenactError
 from recorders.text.wording import escape_control, line_text
 
+_ARGUMENTS = "reenact.arguments"  # in click's own store
+
 
 class _Program(TyperGroup):
     """Group of the verbs that ends with a line where a signal cut one short: click prints none after Ctrl-C."""
 
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """Parse the options before the verb, and keep the whole command line for `invoke`."""
+        ctx.meta[_ARGUMENTS] = list(args)
+        return super().parse_args(ctx, args)
+
     def invoke(self, ctx: Any) -> Any:
-        """Run the verb, and print what is logged meanwhile."""
+        """Run the verb with the project's settings, and print what is logged meanwhile."""
         try:
             with logging_to_terminal():
+                if (settings := find_settings()) is not None:
+                    ctx.default_map = settings.default_map(self, ctx.meta[_ARGUMENTS])
                 return super().invoke(ctx)
         except (KeyboardInterrupt, SystemExit) as stop:
             _fail(*exit_line(stop))
