@@ -9,6 +9,7 @@ from pipeline.robot.recorded import recorded_robot
 from recorders.cdr.codec import stamp_ns
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened, Reader
+from recorders.containers.translated import as_poses
 from recorders.errors import ConfigError, MessageError, ReenactError
 from recorders.messages.topics import SAMPLE_JOINTS, is_measured
 from recorders.text.wording import names_text
@@ -49,7 +50,7 @@ def align_logs(
     LogError
         If one cannot be read or aligned, or no log has a topic that is to be renamed.
     """
-    readers = [open_log(log) for log in logs]
+    readers = [as_poses(open_log(log), renames) for log in logs]
     if not config.asks and all(carries_ticks(reader, renames, tick) for reader in readers):
         return list(logs), renames
     named = {topic for reader in readers for topic in reader.topics}

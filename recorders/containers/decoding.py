@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterable, Mapping
-from typing import Any, NamedTuple, TypeAlias
+from typing import Any, NamedTuple, TypeAlias, cast
 
 from recorders.cdr.codec import decode, stamp_ns
 from recorders.cdr.message_format import FORMATS
@@ -12,7 +12,7 @@ from recorders.containers.definitions import channel_definitions, is_standard, r
 from recorders.containers.ros_values import RosReader, ros1_stamp_ns
 from recorders.errors import MessageError, MissingExtra, ReenactError
 from recorders.mcap_format.channels import DeclaredChannel
-from recorders.messages.message_types import Message
+from recorders.messages.message_types import Message, PoseStamped, TransformStamped
 from recorders.messages.record import RecordedMessage
 
 ReadFields: TypeAlias = Callable[[bytes], Mapping[str, Any]]
@@ -101,6 +101,25 @@ def find_decoding(channel: DeclaredChannel) -> Decoding | None:
     our_type = CONVERSIONS[name][0]
     read = _READERS[channel.encoding](channel, name)
     return Decoding(our_type, lambda data: convert(name, read(data)), as_it_is=False)
+
+
+def pose_decoding(channel: DeclaredChannel) -> Decoding | None:
+    """Return how messages of a channel become poses: those of odometry, transforms, poses and points of other types.
+
+    Poses without a stamp have the stamp 0. None for poses already, and for whatever is none; raises as `find_decoding`.
+    """
+    found = find_decoding(channel)
+    if found is not None and found.type == TransformStamped.TYPE:
+        decode_transform = found.decode
+        return Decoding(PoseStamped.TYPE, lambda data: _pose_of(decode_transform(data)), as_it_is=False)
+    return None if found is None or found.as_it_is or found.type != PoseStamped.TYPE else found
+
+
+def _pose_of(message: Message) -> PoseStamped:
+    transform = cast(TransformStamped, message)
+    return PoseStamped(
+        transform.stamp_ns, transform.translation, orientation=transform.rotation, frame_id=transform.frame_id
+    )
 
 
 def field_reader(channel: DeclaredChannel) -> ReadFields:

@@ -1,13 +1,13 @@
 """Messages of others' encodings and definitions as ours: the same log, with joints, poses and transforms in CDR."""
 
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
 from recorders.cdr.codec import encode
 from recorders.cdr.message_format import FORMATS
 from recorders.cdr.rosbags_types import schema_text
-from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding
+from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding, pose_decoding
 from recorders.containers.definitions import is_standard
 from recorders.containers.reader import Reader
 from recorders.errors import MessageError, ReenactError
@@ -30,6 +30,15 @@ def translated(reader: Reader) -> Reader:
         return reader  # who reads it meets the damage where it is
 
 
+def as_poses(reader: Reader, topics: Collection[str]) -> Reader:
+    """Return a reader of the same log in which these topics are poses, where they can be: of odometry, transforms..."""
+    try:
+        poses = [channel.topic for channel in reader.channels if channel.topic in topics and pose_decoding(channel)]
+    except DamagedLog:
+        return reader
+    return TranslatedReader(reader, poses=poses) if poses else reader
+
+
 class TranslatedReader:
     """Reads another reader's log and translates what can be; everything else is as it is.
 
@@ -37,10 +46,12 @@ class TranslatedReader:
     ----------
     reader : Reader
         The other one.
+    poses : collection of str
+        Topics that are to be poses, whatever else they can be.
     """
 
-    def __init__(self, reader: Reader) -> None:
-        self._reader = reader
+    def __init__(self, reader: Reader, *, poses: Collection[str] = ()) -> None:
+        self._reader, self._poses = reader, frozenset(poses)
 
     @property
     def path(self) -> Log:
@@ -51,15 +62,18 @@ class TranslatedReader:
     def _decodings(self) -> dict[str, Decoding | ReenactError]:
         """How topics are translated that are, or why they cannot be."""
         found: dict[str, Decoding | ReenactError] = {}
-        for channel in filter(is_foreign, self._reader.channels):
+        for channel in filter(self._is_translated, self._reader.channels):
             try:
-                decoding = find_decoding(channel)
+                decoding = (pose_decoding if channel.topic in self._poses else find_decoding)(channel)
             except ReenactError as error:
                 found[channel.topic] = error
                 continue
             if decoding is not None:
                 found[channel.topic] = decoding
         return found
+
+    def _is_translated(self, channel: DeclaredChannel) -> bool:
+        return channel.topic in self._poses or is_foreign(channel)
 
     def records(
         self,
@@ -104,7 +118,7 @@ class TranslatedReader:
 
     def _declared(self, channel: DeclaredChannel) -> DeclaredChannel:
         decoding = self._decodings.get(channel.topic)
-        if not isinstance(decoding, Decoding) or not is_foreign(channel):
+        if not isinstance(decoding, Decoding) or not self._is_translated(channel):
             return channel
         schema = decoding.type, "ros2msg", schema_text(decoding.type).encode()
         return DeclaredChannel(channel.topic, "cdr", channel.metadata, schema)

@@ -3,12 +3,15 @@
 import importlib.util
 
 import bags
+import numpy as np
 import pytest
 
 from recorders.cdr.codec import decode_as, encode
 from recorders.containers.decoding import MessageDecoder
 from recorders.containers.opening import open_as_it_is, open_log
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.containers.translated import as_poses
+from recorders.messages.message_types import JointState, PoseStamped, TransformStamped
+from recorders.writing.writer import LogWriter
 
 NEEDS_PROTOBUF = pytest.mark.skipif(
     importlib.util.find_spec("mcap_protobuf") is None, reason="needs the extra foxglove"
@@ -81,3 +84,23 @@ def test_poses_of_other_types_come_out_as_poses(tmp_path):
     decoder = MessageDecoder(reader.channels)
     assert reader.topics[bags.ODOMETRY] == "nav_msgs/msg/Odometry"  # CDR stays what it is
     assert decoder.types[bags.ODOMETRY] == PoseStamped.TYPE
+
+
+@pytest.mark.parametrize("form", ["db3 folder", "ros1 bag", "foxglove json"])
+def test_topics_are_poses_where_poses_are_asked_for(tmp_path, form):
+    reader = as_poses(open_log(bags.CONTAINERS[form](tmp_path)), [bags.ODOMETRY, bags.POSE, bags.JOINTS, "/nobody"])
+    assert reader.topics[bags.ODOMETRY] == reader.topics[bags.POSE] == PoseStamped.TYPE
+    assert reader.topics[bags.JOINTS] == JointState.TYPE
+    found = [(record.topic, record.data) for record in reader.records(topics=[bags.POSE, bags.ODOMETRY])]
+    assert found == [(topic, data) for topic, data, _ in EXPECTED if topic in (bags.POSE, bags.ODOMETRY)]
+
+
+def test_a_tracker_of_transforms_is_one_of_poses(tmp_path):
+    transform = TransformStamped(7, "odom", "tool", np.array([1.0, 2, 3]), np.array([0, 0, 0.6, 0.8]))
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        log.write("/tracker", transform, log_time_ns=8)
+    (record,) = as_poses(open_log(tmp_path / "log.mcap"), ["/tracker"])
+    pose = decode_as(PoseStamped, record.data)
+    assert record.type == PoseStamped.TYPE
+    assert (pose.stamp_ns, pose.frame_id) == (7, "odom")
+    assert pose.position.tolist() + pose.orientation.tolist() == [1, 2, 3, 0, 0, 0.6, 0.8]
