@@ -9,7 +9,7 @@ from pydrake.multibody.tree import BodyIndex
 from pydrake.planning import RobotDiagramBuilder, SceneGraphCollisionChecker
 
 from pipeline.arrays import Floats
-from pipeline.collision.self_distance import SelfDistance
+from pipeline.collision.self_distance import NEIGHBOURS_M, SelfDistance
 from pipeline.robot.config import RobotConfig
 from pipeline.urdf.description import WORLD, canonical, root_link
 from pipeline.urdf.model_names import for_libraries, joint_name, link_name
@@ -19,6 +19,8 @@ _EDGE_STEP = 0.1  # of motions that are checked at once; none are
 
 class PartDistances:
     """Distances of the pairs of links that `SelfDistance` compares, between what is seen of them in the URDF.
+
+    Links of which any shapes are nearer than `NEIGHBOURS_M` in the comfort posture are built so, and left out.
 
     Parameters
     ----------
@@ -41,17 +43,29 @@ class PartDistances:
         self._idx_q = np.array([joint.position_start() for joint in joints])
         self._q = np.zeros(plant.num_positions())
         self._leave_out_all_but(SelfDistance(robot).link_pairs)
+        self._leave_out_neighbours(robot.comfort)
 
     def near(self, q: Floats, *, within_m: float) -> tuple[Floats, Floats]:
         """Return the distances [m] (pairs,) of the shapes that are within a distance, and their slopes (pairs, n)."""
-        self._q[self._idx_q] = q
-        found = self._checker.CalcRobotClearance(self._q, within_m)
+        found = self._clearance(q, within_m)
         slopes: Floats = found.jacobians()[:, self._idx_q]
         return found.distances(), slopes
 
     def least(self, q: Floats, *, within_m: float) -> float:
-        """Return the smallest of the distances [m], or `within_m` if none is below it."""
+        """Return the smallest of the distances [m], or `within_m`, which is 0 at least, if none is below it."""
         return float(min(self.near(q, within_m=within_m)[0], default=within_m))
+
+    def _clearance(self, q: Floats, within_m: float) -> Any:
+        self._q[self._idx_q] = q
+        return self._checker.CalcRobotClearance(self._q, within_m)
+
+    def _leave_out_neighbours(self, comfort: Floats) -> None:
+        found = self._clearance(comfort, NEIGHBOURS_M)
+        matrix = self._checker.GetFilteredCollisionMatrix().copy()
+        for distance_m, one, other in zip(found.distances(), found.robot_indices(), found.other_indices(), strict=True):
+            if distance_m < NEIGHBOURS_M:
+                matrix[int(one), int(other)] = matrix[int(other), int(one)] = 1
+        self._checker.SetCollisionFilterMatrix(matrix)
 
     def _leave_out_all_but(self, pairs: set[frozenset[str]]) -> None:
         plant = self._checker.plant()

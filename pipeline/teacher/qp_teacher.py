@@ -91,7 +91,7 @@ class QpTeacher:
         floor_m = min(floor_m, self._distances.least(q, within_m=floor_m))
         for part in _PARTS:
             posture: Floats = np.clip(q + part * step, self._lower, self._upper)
-            if self._distances.least(posture, within_m=floor_m) >= floor_m:
+            if self._distances.least(posture, within_m=max(floor_m, 0.0)) >= floor_m:
                 return posture
         return q
 

@@ -86,3 +86,13 @@ def test_a_box_of_turns_is_looked_at(robot: RobotConfig) -> None:
     wide = replace(robot, hands=(*robot.hands[:2], replace(robot.hands[2], turn=(1.1, 1.1, 1.1))))
     (line,) = findings(wide)
     assert line.startswith("boxes of the hands: expected every corner within reach")
+
+
+@pytest.mark.parametrize("name", ["panda", "ur5"])
+def test_parts_that_are_built_into_each_other_stop_no_step(name: str) -> None:
+    arm = load_robot(name)
+    guide, q = QpTeacher(arm), arm.comfort
+    target = to_rows(arm, arm.input_centre + 0.02)
+    for _ in range(300):
+        q = guide.step(q, target)
+    assert misses_m(arm, Kinematics(arm).hands(q), target).max() < 2e-3
