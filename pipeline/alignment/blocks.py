@@ -168,11 +168,9 @@ class BlockReader:
         """Return stamps and values of messages, in order of arrival; what is no sample is noted."""
         count = len(payloads)
         block = Block(np.full(count, -1, np.int64), np.zeros((count, self._kind.size)), np.zeros(count, np.int8), {})
-        by_size: dict[int, list[int]] = {}
-        for index, data in enumerate(payloads):
-            by_size.setdefault(len(data), []).append(index)
-        for size, indices in by_size.items():
-            self._read_alike(payloads, size, np.array(indices, np.intp), block)
+        sizes = np.fromiter(map(len, payloads), np.intp, count)
+        for size in np.unique(sizes).tolist():
+            self._read_alike(payloads, size, np.flatnonzero(sizes == size), block)
         self._check(block)
         return block
 
@@ -180,7 +178,8 @@ class BlockReader:
         """Read messages of one size; those that are not of the layout known for it one by one."""
         layout = self._layouts.get(size) or self._learn(payloads[indices[0]])
         if layout is not None and size >= _STAMP.stop:
-            rows = np.frombuffer(b"".join(payloads[i] for i in indices), np.uint8).reshape(len(indices), size)
+            chosen = payloads if len(indices) == len(payloads) else [payloads[index] for index in indices.tolist()]
+            rows = np.frombuffer(b"".join(chosen), np.uint8).reshape(len(indices), size)
             alike = np.ones(len(indices), np.bool_)
             for where, constant in layout.constants:
                 alike &= (rows[:, where] == constant).all(axis=1)

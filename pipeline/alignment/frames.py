@@ -43,8 +43,6 @@ class StaticFrames:
         Whether there will be messages on `/tf_static`.
     """
 
-    topics = frozenset({TF_STATIC})
-
     def __init__(self, own: Collection[str], *, expected: bool = False) -> None:
         self._own = frozenset(own)
         self._known = expected

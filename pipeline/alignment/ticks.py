@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from pipeline.alignment.blocks import Block, BlockReader, Dropped, Kind, Times
 from pipeline.alignment.config import AlignmentConfig, Transform
-from pipeline.alignment.frames import StaticFrames, placed
+from pipeline.alignment.frames import TF_STATIC, StaticFrames, placed
 from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
 from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
@@ -128,7 +128,7 @@ class Aligner:
     @property
     def topics(self) -> frozenset[str]:
         """Topics whose messages are wanted."""
-        return frozenset((*self._ranks, *self._frames.topics))
+        return frozenset((*self._ranks, TF_STATIC))
 
     def begin(self) -> None:
         """Begin a cycle: stamps start anew, and what waits is forgotten."""
@@ -149,21 +149,21 @@ class Aligner:
 
     def feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
         """Take in messages, in order of arrival, and return the ticks that they complete; others are passed over."""
-        found, start = list[Ticks](), 0
-        for place, record in enumerate(records):
-            if record.topic in self._frames.topics:  # from here on it is known
-                found += self._feed(records[start:place])
-                self._frames.learn(record)
-                start = place + 1
-        return found + self._feed(records[start:] if start else records)
+        found, start, topics = list[Ticks](), 0, [record.topic for record in records]
+        if TF_STATIC in topics:
+            for place, topic in enumerate(topics):
+                if topic == TF_STATIC:  # from here on it is known
+                    found += self._feed(records[start:place], topics[start:place])
+                    self._frames.learn(records[place])
+                    start = place + 1
+        return found + self._feed(records[start:], topics[start:])
 
-    def _feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
+    def _feed(self, records: Sequence[RecordedMessage], topics: Sequence[str]) -> list[Ticks]:
         arrivals: list[list[int]] = [[] for _ in self.sources]
         ranks = self._ranks
-        for place, record in enumerate(records):
-            rank = ranks.get(record.topic)
-            if rank is not None:
-                arrivals[rank].append(place)
+        for place, topic in enumerate(topics):
+            if topic in ranks:
+                arrivals[ranks[topic]].append(place)
         latest = np.full(len(records) + 1, NEVER, np.int64)
         latest[0] = self._ahead_ns
         samples = [self._samples(rank, records, places) for rank, places in enumerate(arrivals)]

@@ -19,6 +19,7 @@ from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_contro
 from pipeline.robot_node.protocol import robot_digest
 from pipeline.serving.background_writer import UNNUMBERED, BackgroundWriter
 from pipeline.serving.deviation_publisher import DeviationPublisher
+from pipeline.serving.input.served_inputs import ServedInputs
 from pipeline.serving.low_latency import low_latency
 from pipeline.serving.node_config import ServeConfig
 from pipeline.serving.rejections import Rejection
@@ -30,10 +31,7 @@ from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.frames import (
-    live_attachment,
-    message_key,
-)
+from recorders.wire.frames import live_attachment, message_key
 from recorders.wire.session import SessionConfig, open_session, publishing
 from recorders.writing.writer import LogWriter
 
@@ -151,8 +149,9 @@ class Node:
         self._commands = 0
         self._sent_as = config.serving.commands.topic, config.serving.commands.type_name
         self.serves = False
-        self._first, self._second = served.pair or ("", "")
-        self._readers = {topic: TopicReader(topic) for topic in (*served.topics, SESSION_PHASE)}
+        self._inputs = ServedInputs(controller, config, served.topics)
+        self._first, self._second = (served.pair if self._inputs.plain else None) or ("", "")
+        self._readers = {topic: TopicReader(topic) for topic in (*self._inputs.topics, SESSION_PHASE)}
         self._digests = {
             "controller": controller.digest,
             "robot": robot_digest(controller.robot_toml, controller.robot_urdf),
@@ -248,6 +247,7 @@ class Node:
             "name": self._config.name,
             "topics": list(self._readers),
             **status(),
+            **self._inputs.counts,
             "commands": commands,
             "rate_hz": sum(now - arrival <= _RATE_OVER_NS for arrival, _ in recent) * 1e9 / _RATE_OVER_NS,
             "latency_us": _percentiles([latency for _, latency in recent]) | {"commands": len(recent)},
@@ -268,7 +268,7 @@ class Node:
         held unread, so that both are read at once.
         """
         lock, served = self._lock, self._served
-        holds = len(served.topics) > 1
+        holds = len(served.topics) > 1 and self._inputs.plain
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival_ns = time.perf_counter_ns()
@@ -311,10 +311,10 @@ class Node:
 
     def _answer(self, arrived: Arrival, arrival_ns: int) -> None:
         record = self._read(*arrived)
-        command = None if record is None else self._served.take(record)
-        if command is not None:
-            self._publish(command.stamp_ns, command.data, arrival_ns)
-            self._pass_on(command.data, command.answered)
+        for taken in () if record is None else self._inputs.taken(record):
+            if (command := self._served.take(taken)) is not None:
+                self._publish(command.stamp_ns, command.data, arrival_ns)
+                self._pass_on(command.data, command.answered)
 
     def _take_held(self) -> None:
         """Take what is held although nothing follows it."""

@@ -1,8 +1,10 @@
 """Settings of the node `serve`."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from pipeline.alignment.config import AlignmentConfig
 from pipeline.serving.config import ServingConfig
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_name, check_namespace
 
@@ -27,6 +29,10 @@ class ServeConfig:
         Whether to serve in a namespace in which others of other names serve: all of them then send commands.
     metrics_port : int, optional
         Port on 127.0.0.1 for Prometheus.
+    alignment : AlignmentConfig, optional
+        How topics with rates and stamps of their own are aligned; if left out, ticks are taken as they are published.
+    renames : mapping of str to str
+        Our topic names for those that are published.
 
     Raises
     ------
@@ -41,6 +47,8 @@ class ServeConfig:
     overwrite: bool = False
     allow_multiple: bool = False
     metrics_port: int | None = None
+    alignment: AlignmentConfig | None = None
+    renames: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         check_name(self.name)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
+from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import exit_line
 from pipeline.cli.options import Controller, Json, Overwrite
@@ -61,7 +62,7 @@ class ServeOptions:
         bool, typer.Option("--allow-multiple", help="Serve although another controller does, in the same namespace.")
     ] = False
 
-    def config(self, node: ListeningNode, *, overwrite: bool) -> "ServeConfig":
+    def config(self, node: ListeningNode, alignment: AlignmentOptions, *, overwrite: bool) -> "ServeConfig":
         """Return the settings of the node."""
         from pipeline.serving.config import ServingConfig
         from pipeline.serving.node_config import ServeConfig
@@ -80,6 +81,8 @@ class ServeOptions:
             overwrite=overwrite,
             allow_multiple=self.allow_multiple,
             metrics_port=node.prometheus,
+            alignment=alignment.live_config(),
+            renames=alignment.renames,
         )
 
 
@@ -88,6 +91,7 @@ def serve(
     controller: Controller,
     *,
     options: ServeOptions,
+    alignment: AlignmentOptions,
     node: ListeningNode,
     overwrite: Overwrite = False,
     viewer: ViewOptions,
@@ -115,7 +119,7 @@ def serve(
     check_metrics(node.prometheus)
     if options.out is not None:
         check_writable(options.out, overwrite=overwrite)
-    config = options.config(node, overwrite=overwrite)
+    config = options.config(node, alignment, overwrite=overwrite)
     session = node.config()
     if not session.listen:
         use_single_network_thread()

@@ -18,6 +18,10 @@ from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig, load_robot
 from pipeline.robot.kinematics import Kinematics
+from pipeline.serving.config import ServingConfig
+from pipeline.serving.input.served_inputs import ServedInputs
+from pipeline.serving.node_config import ServeConfig
+from pipeline.serving.served_controller import ServedController
 from recorders.cdr.codec import encode
 from recorders.containers.opening import open_log
 from recorders.messages.message_types import JointState, PoseStamped
@@ -230,6 +234,27 @@ def test_live_learning_aligns_as_training_does(
     assert Controller.load(out).provenance["logs"][0]["alignment"]["period_ns"] == 50 * MS
     assert run("learn", "--map", "/a=/b", "--out", tmp_path / "x.npz") == 2
     assert "learn without --live, whose replay aligns: expected no --map beside it" in capsys.readouterr().err
+
+
+def test_a_served_controller_takes_a_labs_topics(log: Path, robot: Path, trained: Any) -> None:
+    """Targets by another name are answered at once, and what is learned meanwhile is aligned apart from them."""
+    _, _, controller = trained(log, *MAPPED)
+    renames = {"/tracker": "/hand/tip/measured", "/teleop": "/hand/tip/target"}
+    config = ServeConfig(serving=ServingConfig(learn=True), alignment=AlignmentConfig(), renames=renames)
+    served = ServedController(controller, config=config.serving)
+    inputs = ServedInputs(controller, config, served.topics)
+    assert set(inputs.topics) >= {"/teleop", "/tracker", "/joint_states"}
+    recorded = recording(robot)[:300]
+    targets = [r._replace(topic="/teleop", log_time_ns=r.log_time_ns + 1) for r in recorded if r.topic == "/tracker"]
+    answered = 0
+    for record in sorted([*recorded, *targets], key=lambda record: record.log_time_ns):
+        commands = [command for taken in inputs.taken(record) if (command := served.take(taken)) is not None]
+        assert len(commands) == (record.topic == "/teleop")
+        answered += len(commands)
+    assert answered == len(targets) > 60
+    counts = served.counts()
+    assert len(targets) - 2 <= counts["learned_steps"] <= len(targets)
+    assert counts["refused"] == inputs.counts["unaligned"] == 0
 
 
 def still(records: list[RecordedMessage]) -> list[RecordedMessage]:

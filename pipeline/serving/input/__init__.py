@@ -1,0 +1,1 @@
+"""From what is published to the ticks that a served controller takes."""
