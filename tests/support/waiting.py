@@ -33,6 +33,6 @@ def wait_for_subscriber(session: zenoh.Session, *, namespace: str = "reenact") -
 
 
 def wait_for_arrival(session: zenoh.Session, consumer: str, *, namespace: str = "reenact") -> None:
-    """Wait until a consumer answers: what this session put before has come there before the question."""
+    """Wait until a consumer answers: what this session put or passed on before has come there before the question."""
     replies = session.get(control_key(namespace, consumer, "status"), timeout=_DEADLINE_S)
     assert [reply for reply in replies if reply.ok is not None]

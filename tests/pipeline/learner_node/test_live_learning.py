@@ -20,7 +20,7 @@ from live import robot as robot_node
 from live import spawn
 from processes import complaint, reenact, start, wait_for_line
 from unfinished import so_far
-from waiting import wait_until
+from waiting import wait_for_arrival, wait_until
 
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -72,10 +72,11 @@ def ticks(log: Path) -> list[list[RecordedMessage]]:
 
 
 @contextmanager
-def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
-    """Start a learner that learns live; yields its endpoint and its process."""
-    endpoint = free_endpoint()
-    arguments = ("learn", "--live", "--listen", endpoint, "--out", "c.npz", "--seed", SEED, "--json", *options)
+def learner(folder: Path, *options: object, router: str = "") -> Iterator[tuple[str, Popen[str]]]:
+    """Start a learner that learns live, and listens if there is no router; yields its endpoint and its process."""
+    endpoint = router or free_endpoint()
+    there = ("--connect" if router else "--listen", endpoint)
+    arguments = ("learn", "--live", *there, "--out", "c.npz", "--seed", SEED, "--json", *options)
     with start(*arguments, "--robot", "asimo", cwd=folder) as process:
         wait_for_line(process, "learns asimo from reenact/**")
         yield endpoint, process
@@ -165,13 +166,20 @@ def altered(record: RecordedMessage, **changes: object) -> RecordedMessage:
 
 def test_a_paced_replay_live_and_both_recordings_of_it_are_one_state(log: Path, tmp_path: Path) -> None:
     recording = ("record", "--out", "beside.mcap", "--include", "/hand/*", "--include", "/sample/*", "--json")
-    with learner(tmp_path, "--ticks", TICKS, "--record", "kept.mcap") as (endpoint, process):
+    endpoint, learning = free_endpoint(), ("--ticks", TICKS, "--record", "kept.mcap")
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        learner(tmp_path, *learning, router=endpoint) as (_, process),
+    ):
         with start(*recording, "--connect", endpoint, cwd=tmp_path) as recorder:
             wait_for_line(recorder, "records reenact/**")
+            for name in ("learner", "recorder"):
+                wait_for_arrival(session, name)
             played = reenact("replay", log, "--play", "--rate", 40, "--connect", endpoint, cwd=tmp_path)
             assert played.returncode == 0, played.stderr
             assert "nobody listens" not in played.stderr
             live, said = ended(process)
+            wait_for_arrival(session, "recorder")
             recorder.send_signal(signal.SIGINT)
             assert json.loads(recorder.communicate(timeout=120)[0])["gaps"] == {}
     assert said == []

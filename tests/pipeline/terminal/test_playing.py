@@ -17,6 +17,7 @@ import pytest
 import zenoh
 from episodes import write_episode
 from processes import command
+from waiting import wait_until
 
 from pipeline.terminal.replay_controls import VerifiedSource
 from recorders.errors import CheckFailed
@@ -65,11 +66,8 @@ class Seated:
         return len(self._heard)
 
     def wait_for(self, done: Callable[[int], bool]) -> None:
-        deadline = time.monotonic() + DEADLINE_S
-        while not done(self.count()):
-            assert self.process.poll() is None
-            assert time.monotonic() < deadline
-            time.sleep(0.01)
+        wait_until(lambda: done(self.count()) or self.process.poll() is not None)
+        assert done(self.count())
 
     def settled(self) -> int:
         """Return how many were heard once every key is read and no more come; fails if they never cease."""
@@ -146,6 +144,7 @@ def test_ctrl_c_ends_a_replay_that_stands_still(log: Path) -> None:
 def test_the_terminal_is_as_before_after_the_end_and_after_sigterm(log: Path) -> None:
     with seated(log, "--rate", 10) as replay:
         assert replay.status() == 0
+        wait_until(lambda: replay.count() >= SAMPLES + 1)  # the last ones are on their way
         assert replay.count() == SAMPLES + 1
     with seated(log, "--rate", 1, "--loop", 0) as replay:
         replay.wait_for(lambda count: count > 0)
@@ -157,6 +156,7 @@ def test_in_the_background_it_plays_on_and_lets_the_terminal_be(log: Path) -> No
     with seated(log, "--rate", 10, launcher=BACKGROUND) as replay:
         replay.press(" ")
         assert replay.status() == 0
+        wait_until(lambda: replay.count() >= SAMPLES + 1)  # the last ones are on their way
         assert replay.count() == SAMPLES + 1
 
 
