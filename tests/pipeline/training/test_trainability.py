@@ -1,0 +1,83 @@
+"""Training as info states it is what train does: so many samples of which pairs, or the line that it would end with."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from episodes import write_episode
+from typer.testing import CliRunner
+
+from pipeline.alignment.config import AlignmentConfig
+from pipeline.cli.app import app
+from pipeline.learner.rules.reservoir.config import LearnerConfig
+from pipeline.robot.config import load_robot
+from pipeline.training.trainability import trainability
+from pipeline.training.trainer import Trainer, train_on
+from recorders.errors import ReenactError
+from recorders.messages.message_types import JointState
+from recorders.messages.phase import LEARN
+from recorders.messages.topics import JOINT_STATES
+from recorders.writing.writer import LogWriter
+from replay.sources.schedule import Schedule
+from replay.sources.scheduled import Replay
+
+AS_IT_IS = AlignmentConfig()
+
+
+@pytest.fixture(scope="module")
+def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return write_episode(tmp_path_factory.mktemp("info") / "log.mcap", samples=12)
+
+
+def write_joints(path: Path, names: tuple[str, ...]) -> Path:
+    with LogWriter(path, manifest={}) as log:
+        for step in range(200):
+            state = JointState(step * 10_000_000, names, np.full(len(names), 1e-5 * step))
+            log.write(JOINT_STATES, state, log_time_ns=step * 10_000_000)
+    return path
+
+
+@pytest.mark.parametrize("rule", ["reservoir", None])
+def test_a_log_of_ours_has_as_many_samples_as_train_learns_from(log: Path, rule: str | None) -> None:
+    found = trainability(log, rule=rule, alignment=AS_IT_IS)
+    assert (found.possible, found.samples, found.pairs, found.alignment) == (True, 12, "commanded", ())
+    trainer = Trainer(LearnerConfig())
+    train_on(Replay([log], Schedule(epochs=1, phases=((LEARN, 1),))), trainer)
+    assert trainer.result()["steps"] == found.samples
+
+
+def test_a_log_of_others_is_aligned_for_its_robot(tmp_path: Path) -> None:
+    robot = load_robot("asimo")
+    path = write_joints(tmp_path / "joints.mcap", (*robot.joints, "gripper"))
+    found = trainability(path, rule="forward-inverse", robot=robot, alignment=AS_IT_IS)
+    assert (found.reason, found.pairs) == ("", "computed")
+    assert found.alignment[0].startswith("joints.mcap: aligned to ")
+
+
+@pytest.mark.parametrize(
+    ("names", "robot", "expected"),
+    [(("other",), "asimo", "no, because "), (("other",), None, "not looked at: the log carries no robot")],
+)
+def test_what_stands_in_the_way_is_named(
+    tmp_path: Path, names: tuple[str, ...], robot: str | None, expected: str
+) -> None:
+    path = write_joints(tmp_path / "joints.mcap", names)
+    config = None if robot is None else load_robot(robot)
+    found = trainability(path, rule="forward-inverse", robot=config, alignment=AS_IT_IS)
+    assert not found.possible
+    assert found.text().startswith(expected)
+
+
+def test_info_shows_it(log: Path) -> None:
+    result = CliRunner().invoke(app, ["info", str(log)])
+    assert result.exit_code == 0
+    assert "can be trained: yes, with 12 samples, pairs commanded" in result.stdout
+    shown = json.loads(CliRunner().invoke(app, ["info", str(log), "--json"]).stdout)
+    assert shown["training"]["possible"] is True
+    assert shown["training"]["samples"] == 12
+
+
+def test_a_rule_that_is_none_is_an_error(log: Path) -> None:
+    with pytest.raises(ReenactError, match="expected"):
+        trainability(log, rule="none", alignment=AS_IT_IS)
