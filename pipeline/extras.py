@@ -11,6 +11,7 @@ EXTRAS = {
     "prometheus_client": "metrics",
     "google": "foxglove",
     "mcap_protobuf": "foxglove",
+    "pyarrow": "parquet",
 }
 
 

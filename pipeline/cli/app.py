@@ -8,7 +8,7 @@ from typer.core import TyperGroup
 
 from pipeline.cli.interrupts import exit_line
 from pipeline.cli.learning import demo, evaluate, golden, paper, train
-from pipeline.cli.logs import cat, convert, diff, info, recover, view
+from pipeline.cli.logs import cat, convert, diff, export, info, recover, view
 from pipeline.cli.network import learn, record, replay, serve, status
 from pipeline.cli.project_settings import find_settings
 from pipeline.cli.robot import demonstrate, explore, robot
@@ -85,6 +85,7 @@ app.command(epilog="Example: reenact diff recorded.mcap replayed.mcap")(diff.dif
 app.command(epilog="Example: reenact info session.mcap")(info.info)
 app.command(epilog="Example: reenact cat session.mcap --topic '/hand/*' -n 10")(cat.cat)
 app.command(epilog="Example: reenact convert my_bag/ --out my_bag.mcap")(convert.convert)
+app.command(epilog="Example: reenact export session.mcap --out tables --format parquet")(export.export)
 app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(recover.recover)
 app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
 app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(view.view)

@@ -134,11 +134,8 @@ def field_reader(channel: DeclaredChannel) -> ReadFields:
     """
     find = _READERS.get(channel.encoding or "cdr")
     if find is None or not channel.type:
-        known = ", ".join(_READERS)
-        encoding = channel.encoding or "none"
-        raise MessageError(
-            f"expected a type, and one of the encodings {known}; found {channel.type or 'none'}, {encoding:.40}"
-        )
+        found = f"{channel.type or 'none'} in {channel.encoding or 'none'}"
+        raise MessageError(f"expected a type in one of the encodings {', '.join(_READERS)}, found {found:.200}")
     return find(channel, channel.type if channel.encoding in ("json", "protobuf") else ros_name(channel.type))
 
 

@@ -103,6 +103,7 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
         "pipeline.training": "dask",
         "pipeline.views": "view",
         "recorders.containers": "foxglove",
+        "recorders.export": "parquet",
         "recorders.rerun_scene": "view",
     }
     assert [module for module in lacking if module.startswith("pipeline.training")] == ["pipeline.training.dask"]

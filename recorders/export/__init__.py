@@ -1,0 +1,1 @@
+"""Recordings as tables, a file for each topic: CSV, Parquet."""
