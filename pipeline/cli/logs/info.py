@@ -24,9 +24,9 @@ def info(
     alignment: AlignmentOptions,
     as_json: Json = False,
 ) -> None:
-    """Show what is in a log, whether it is whole, and whether it can be trained.
+    """Show what is in a log, and whether it is whole.
 
-    Exit status 1 if it is damaged or cut off.
+    Exit status 1 if it is damaged or cut off. Of one that is whole, show also whether it can be trained.
     """
     from pipeline.robot.config import load_robot
     from pipeline.terminal.log_tables import damage_lines, overview, topic_lines
