@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from pipeline.learner.rule import Settings
     from pipeline.robot.config import RobotConfig
     from pipeline.samples.pairing import PairingRule
+    from pipeline.training.trainer import Trainer
     from recorders.containers.reader import Opened
     from replay.transports.transport import Source
 
@@ -49,6 +50,13 @@ def train(
     as_live: AsLive = False,
     robot: StreamsRobot = None,
     alignment: AlignmentOptions,
+    hold_out: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Leave the last share of each log aside, such as 0.2, or whole logs, and report the error on them.",
+            metavar="SHARE|LOG",
+        ),
+    ] = None,
     overwrite: Overwrite = False,
     as_json: Json = False,
 ) -> None:
@@ -56,12 +64,12 @@ def train(
 
     The digest is that of the same logs replayed over Zenoh.
     """
+    from pipeline.evaluation.hold_out import held_out_error
     from pipeline.learner.controller import check_writable
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
     from pipeline.robot.recorded import recorded_hands
     from pipeline.training.pairing_choice import pairing_for, pairing_of
-    from pipeline.training.trainer import Trainer, train_on
     from recorders.reading.parts import one_session, recordings
 
     check_writable(out, overwrite=overwrite)
@@ -76,27 +84,64 @@ def train(
         alignment.refuse("--as-recorded")
     else:
         tick = asked.topics(recorded_hands(found[0], robot=config, renames=names))
-        found, names = alignment.align(found, robot=config, tick=tick)
+        whole = [Path(text) for text in hold_out or () if not _is_number(text)]
+        found, names = alignment.align([*found, *recordings(whole)], robot=config, tick=tick)
+    found, aside = _left_aside(found, hold_out or [], names, takes_parts=not (as_recorded or as_live))
     pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     if as_live:
         source = _as_live(found[0], config, epochs or 1, names, pairing)
     else:
         source = _from_logs(found, config, learner, epochs, names, pairing, as_recorded=as_recorded)
+    trainer = _trained(learner, config, pairing, source)
+    controller = trainer.controller()
+    controller.save(out)
+    for line in controller.config.notes():
+        console.notice(line)
+    shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
+    if aside:
+        left = held_out_error(controller, aside, robot=config, pairs=pairing.name, renames=names)
+        shown |= {"held_out": left} if as_json else {f"held_out_{name}": value for name, value in left.items()}
+    console.show(trainer.result() | shown, as_json=as_json)
+
+
+def _trained(learner: "Settings", robot: "RobotConfig | None", pairing: "PairingRule", source: "Source") -> "Trainer":
+    """Return a learner that has learned all of a source."""
+    from pipeline.training.trainer import Trainer, train_on
+
     with note_on_interrupt(lambda: "no controller was written"), console.progress("train") as advance:
         trainer = Trainer(
             learner,
-            robot=config,
+            robot=robot,
             pairs=pairing.name,
             on_cycle=lambda cycle: advance((cycle.epoch + 1) / trainer.epochs),
         )
         train_on(source, trainer)
     trainer.check_learned()
-    controller = trainer.controller()
-    controller.save(out)
-    for line in controller.config.notes():
-        console.notice(line)
-    shown = {"pairs": controller.pairs, "controller": str(out)}
-    console.show(trainer.result() | shown, as_json=as_json)
+    return trainer
+
+
+def _left_aside(
+    logs: "Sequence[Opened]", hold_out: list[str], names: "Mapping[str, str]", *, takes_parts: bool
+) -> "tuple[Sequence[Opened], list[Opened]]":
+    """Return what is learned and what is left aside: logs at the end of the list, or the ends of all logs."""
+    from pipeline.evaluation.hold_out import parse_share, split_log
+
+    if not hold_out:
+        return logs, []
+    if not takes_parts:
+        raise ConfigError("--hold-out: expected neither --as-recorded nor --as-live beside it")
+    shares = [text for text in hold_out if _is_number(text)]
+    whole = len(hold_out) - len(shares)
+    if len(shares) > 1 or (shares and whole):
+        raise ConfigError("--hold-out: expected one share, or logs, found both or several shares")
+    if whole:
+        return logs[:-whole], list(logs[-whole:])
+    learned, aside = zip(*(split_log(log, parse_share(shares[0]), names) for log in logs), strict=True)
+    return learned, list(aside)
+
+
+def _is_number(text: str) -> bool:
+    return text.replace(".", "", 1).isdecimal()
 
 
 def _as_live(

@@ -257,6 +257,28 @@ def test_a_served_controller_takes_a_labs_topics(log: Path, robot: Path, trained
     assert counts["refused"] == inputs.counts["unaligned"] == 0
 
 
+def test_what_is_left_aside_is_reported(
+    log: Path, robot: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The last fifth of the ticks is not learned; nor are whole logs that are named."""
+    result, _, _ = trained(log, *MAPPED, "--hold-out", "0.2")
+    assert (result["ticks"], result["held_out"]["samples"]) == (2 * 192, 48)
+    assert 0.0 < result["held_out"]["tip_cm"] == result["held_out"]["mean_cm"] <= result["held_out"]["max_cm"]
+    assert list(result["held_out"]["joints"]) == list(load_robot(robot).joints)
+    assert all(0.0 <= found["mean"] <= found["max"] for found in result["held_out"]["joints"].values())
+    part = write_foreign(tmp_path / "part.mcap", [r for r in recording(robot) if r.log_time_ns < START + 6 * 10**9])
+    whole, _, _ = trained(part, *MAPPED, "--hold-out", log)
+    without, _, _ = trained(part, *MAPPED)
+    assert whole["digest"] == without["digest"] != result["digest"]
+    assert whole["held_out"]["samples"] == 240
+    for wrong in ("1.5", "0"):
+        arguments = ("--robot", robot, "--rule", "forward-inverse", *MAPPED, "--out", tmp_path / "x.npz")
+        assert run("train", log, *arguments, "--hold-out", wrong) == 2
+        assert f"--hold-out: expected a share between 0 and 1, such as 0.2, or a log, found '{wrong}'" in (
+            capsys.readouterr().err
+        )
+
+
 def still(records: list[RecordedMessage]) -> list[RecordedMessage]:
     return changed(records, "/tracker", lambda pose, stamp: PoseStamped(stamp, np.array((0.5, 0.0, 0.75))))
 
