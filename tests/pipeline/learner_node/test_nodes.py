@@ -74,7 +74,7 @@ def test_over_zenoh_and_from_the_file_are_one_state(
         learned, complaints = process.communicate(timeout=120)
     assert process.returncode == 0, complaints
     assert json.loads(replayed.stdout)["consumers"]["learner"] == expected
-    assert json.loads(learned) == expected | {"controller": "controller.npz"}
+    assert json.loads(learned) == expected | {"controller": "controller.npz", "pairs": "commanded"}
     assert [entry.name for entry in empty.iterdir()] == ["controller.npz"]
     assert Controller.load(empty / "controller.npz").digest == expected["digest"]
 
@@ -211,7 +211,7 @@ def test_a_learner_that_is_killed_twice_goes_on_from_its_checkpoint(log: Path, e
     assert beginnings[0] == 0
     assert 0 < beginnings[1] < kept(empty / "k.npz")
     assert json.loads(replayed)["consumers"]["learner"] == expected
-    assert json.loads(last.stdout) == expected | {"controller": "c.npz"}
+    assert json.loads(last.stdout) == expected | {"controller": "c.npz", "pairs": "commanded"}
 
 
 def kept(checkpoint: Path) -> int:

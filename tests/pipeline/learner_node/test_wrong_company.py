@@ -76,7 +76,7 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
         learned, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
     assert replayed == expected
-    assert json.loads(learned) == expected | {"controller": "c.npz"}
+    assert json.loads(learned) == expected | {"controller": "c.npz", "pairs": "commanded"}
     for topic in (SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)):
         assert f"refused a message on {topic}: not of the stream that is under way\n" in said
     assert f"refused a message on {SAMPLE_JOINTS}: {HUGE} bytes, expected at most {MAX_PAYLOAD}\n" in said

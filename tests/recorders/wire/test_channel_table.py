@@ -30,7 +30,7 @@ CHANNELS = (
     ),
     DeclaredChannel("/proto", "protobuf", (), ("foo.Bar", "protobuf", b"\x0a\x07foo.Bar\x00\xff")),
     DeclaredChannel("/json", "json", (), ("Thing", "jsonschema", b'{"type": "object"}')),
-    DeclaredChannel("/ros1", "ros1", (), ("std_msgs/String", "ros1msg", b"string data")),
+    DeclaredChannel("/ros1", "ros1", (), ("my/Gauge", "ros1msg", b"float64 value")),
     DeclaredChannel("/text", "cdr", (), ("std_msgs/msg/String", "ros2msg", b"# another text of it\nstring data\n")),
     DeclaredChannel(
         "/robot_description", "cdr", (), ("std_msgs/msg/String", "ros2msg", b"# another text of it\nstring data\n")
