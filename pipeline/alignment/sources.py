@@ -77,10 +77,11 @@ class TopicChoice:
         Raises
         ------
         LogError
-            If no topic has the joints of the robot, a topic is of another type or of two, or the topic of the ticks is
-            not there.
+            If targets are wanted and not there, no topic has the joints of the robot, a topic is of another type or of
+            two, or the topic of the ticks is not there.
         """
         found = {ours: self._named(ours) for ours in wanted if ours != SAMPLE_JOINTS}
+        self._check_targets([ours for ours, topic in found.items() if topic is None])
         hands = [] if None in found.values() else [(topic or "", ours) for ours, topic in found.items()]
         sources = [Source(topic, ours, pose_kind()) for topic, ours in hands]
         joints = self._topic_of_joints()
@@ -96,6 +97,16 @@ class TopicChoice:
         used = {source.topic for source in sources}
         left_out = {topic: self._reader.counts[topic] for topic in self._there if topic not in used}
         return Choice(tuple(sources), period_ns, pivot, left_out)
+
+    def _check_targets(self, missing: Sequence[str]) -> None:
+        """Check that no target is missing: nothing else can take its place."""
+        if targets := [ours for ours in missing if is_target(ours)]:
+            poses = sorted(topic for topic, kind in self._there.items() if kind == PoseStamped.TYPE)
+            choice = f"rename one of {names_text(poses)} with --map" if poses else "it has no pose to rename"
+            raise LogError(
+                f"{self._reader.path}: expected messages on {names_text(targets)}, found none; {choice}, or learn from "
+                "hands as measured with --pairs reached"
+            )
 
     def _named(self, ours: str) -> str | None:
         """Return the topic that is renamed to one of ours, or is called so."""

@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from mcap.writer import Writer
 from more_hands import ONE, write_robot
 from processes import start, wait_for_line
 from sessions import write_foreign
@@ -23,8 +24,9 @@ from pipeline.serving.input.served_inputs import ServedInputs
 from pipeline.serving.node_config import ServeConfig
 from pipeline.serving.served_controller import ServedController
 from recorders.cdr.codec import encode
+from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
 from recorders.writing.writer import LogWriter
@@ -331,6 +333,29 @@ def test_what_cannot_be_aligned_is_one_line(
     assert line in shown
     assert shown.count("\n") == 1
     assert not (tmp_path / "x.npz").exists()
+
+
+def test_a_topic_of_two_types_and_targets_that_are_not_there_are_one_line(
+    log: Path, robot: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    mixed = tmp_path / "mixed.mcap"
+    with mixed.open("wb") as file:
+        writer = Writer(file)
+        writer.start()
+        mixture = [(message.TYPE, encode(message)) for message in (PoseStamped(START, np.zeros(3)), String(""))]
+        tracked = [RecordedMessage("/tracker", kind, data, 0, START) for kind, data in mixture]
+        for record in (*tracked, *recording(robot, tracked=False)[:9]):
+            schema = writer.register_schema(record.type, "ros2msg", schema_text(record.type).encode())
+            channel = writer.register_channel(record.topic, "cdr", schema)
+            writer.add_message(channel, record.log_time_ns, record.data, record.log_time_ns)
+        writer.finish()
+    arguments = ("--robot", robot, "--out", tmp_path / "x.npz")
+    assert run("train", mixed, *arguments, *MAPPED, "--rule", "forward-inverse") == 2
+    line = f"/tracker: expected messages of one type, found {PoseStamped.TYPE}, {String.TYPE}"
+    assert line in capsys.readouterr().err
+    assert run("train", log, *arguments) == 2
+    line = "expected messages on /hand/tip/target, found none; rename one of /tracker with --map, or learn from hands"
+    assert line in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(
