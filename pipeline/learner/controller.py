@@ -136,6 +136,14 @@ class Controller:
         learner.load_state(self.state)
         return learner
 
+    def adaptive(self) -> Self:
+        """Return the controller that goes on learning as it serves: its rule may have parts that nothing taught yet."""
+        config = self.config.adaptive()
+        if config == self.config:
+            return self
+        learner = make_learner(config, input_centre=self.input_centre, output_centre=self.output_centre)
+        return dataclasses.replace(self, config=config, state={**learner.state(), **self.state})
+
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the file, whole or not at all; equal controllers give equal bytes.
 

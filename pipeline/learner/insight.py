@@ -17,8 +17,8 @@ class KnowsDeviation(Protocol):
         It is infinite before anything was learned. The state stays as it is.
         """
 
-    def least_deviations(self) -> Floats:
-        """Return the deviation [m] of each hand, shape (hands,), where there is nothing left to learn."""
+    def usual_deviations(self) -> Floats:
+        """Return the deviation [m] of each hand, shape (hands,), as usual among what it has learned from."""
 
 
 @runtime_checkable

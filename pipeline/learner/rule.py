@@ -115,6 +115,10 @@ class Settings:
         """Return the same for a robot; by default it knows how many inputs and outputs there are."""
         return self.fitted(inputs=body.inputs, outputs=body.inputs + len(body.joints))
 
+    def adaptive(self) -> Self:
+        """Return the configuration with which a taught learner goes on learning as it serves; by default the same."""
+        return self
+
     def check_size(self) -> None:
         """Check that a state is small enough for a file, which may come from anyone.
 

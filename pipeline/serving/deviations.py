@@ -12,7 +12,7 @@ from pipeline.serving.rejections import Rejection
 from recorders.ticks.stamp_joiner import RejectionError
 
 BEYOND = 3.0
-"""A target is beyond what was explored where its deviation is so many times that of a model with nothing to learn."""
+"""A target is beyond what was explored where its deviation is so many times what is usual among what was learned."""
 
 _CM_PER_M = 100.0
 
@@ -20,8 +20,8 @@ _CM_PER_M = 100.0
 class Deviations:
     """Keeps account of the deviations that a learner expects of its commands.
 
-    A deviation is s sqrt(1 + f' P f): s is what the model errs where it knows all that it can, f' P f grows with the
-    distance from what it has learned from. `BEYOND` times s are f' P f = 8. While nothing was learned, all is beyond.
+    A deviation grows with the distance from what the learner has learned from. While nothing was learned, all is
+    beyond.
 
     Parameters
     ----------
@@ -102,7 +102,7 @@ class Deviations:
 
     def _is_beyond(self, deviations: Floats) -> bool:
         if self._bounds is None:
-            self._bounds = BEYOND * self._learner.least_deviations()
+            self._bounds = BEYOND * self._learner.usual_deviations()
         return not ((deviations <= self._bounds) & np.isfinite(self._bounds)).all()
 
     def _line(self, deviations: Floats) -> str:

@@ -101,7 +101,8 @@ class ServedController:
         self._report = report
         self._config = config or ServingConfig()
         self._robot = robot = robot_of(controller)
-        self._learner = learner = controller.learner()
+        adapts = self._config.learn and controller.pairs != COMMANDED
+        self._learner = learner = (controller.adaptive() if adapts else controller).learner()
         self._config.check_offers(learner, pairs=controller.pairs)
         check, self._centres = range_check(robot), robot.centres.tolist()
         self._joints = JointsReader(check)

@@ -24,6 +24,9 @@ OPERATORS: dict[type, type] = {
 }
 
 
+_DEVIATIONS = ("expect", "fit_errors")
+
+
 class Mutant(NamedTuple):
     """A change: where, what it was, and what it is."""
 
@@ -56,7 +59,7 @@ def plain_kernels() -> ModuleType:
 def _nodes(tree: ast.Module) -> Iterator[ast.AST]:
     """All that is computed in compiled functions, but for deviations, which enter neither outputs nor state."""
     for function in tree.body:
-        if isinstance(function, ast.FunctionDef) and function.decorator_list and function.name != "expect":
+        if isinstance(function, ast.FunctionDef) and function.decorator_list and function.name not in _DEVIATIONS:
             for statement in function.body:
                 yield from ast.walk(statement)
 

@@ -23,7 +23,7 @@ Fit: TypeAlias = Callable[[Floats, Floats, int], Answer]
 """Fits scaled targets (T, v) and joints (T, n), with a seed of whatever is drawn."""
 
 RIDGE = 1e-4
-"""As the prior of the rule forward-inverse."""
+"""Of the polynomials, in units of the noise's variance."""
 
 _KERNEL_RIDGE, _KERNEL_GAMMA = 1e-4, 0.05  # the least leave-one-out error on an exploration
 _LAYERS = (100, 100)

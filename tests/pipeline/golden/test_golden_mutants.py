@@ -23,8 +23,9 @@ MUTANTS = draw_mutants(60, seed=13)
 def results() -> tuple[str, ...]:
     """What a learner comes to on other data than the case's: far targets, and joints at their limits."""
     generator, found = np.random.default_rng(0), []
-    for forgetting in (1.0, 0.9):
-        config = ForwardInverseConfig(inputs=3, outputs=7, degree=2, forgetting=forgetting)
+    for forgetting, residual in ((1.0, 0), (0.9, 2)):
+        degrees = {"degree": 2, "residual_degree": residual}
+        config = ForwardInverseConfig(inputs=3, outputs=7, forgetting=forgetting, **degrees)
         learner = ForwardInverseLearner(config, input_centre=np.zeros(3), output_centre=np.zeros(7))
         u, q = generator.uniform(-0.5, 0.5, (40, 3)), generator.uniform(-3.0, 3.0, (40, 4))
         outputs = learner.step(u, np.concatenate([u, q], axis=1), learning=True)

@@ -361,7 +361,7 @@ def test_what_was_reached_is_learned_over_zenoh_and_its_log_trains_to_the_same_s
     assert stamps == [2 * k for k in range(12)]
     assert all(value > 0.0 for value in summary["deviation_cm"].values())
     learned, recorded = Controller.load(tmp_path / "learned.npz"), read_samples(tmp_path / "s.mcap", pairs="reached")
-    learner = before.learner()
+    learner = before.adaptive().learner()
     learner.step(recorded.targets, np.concatenate([recorded.targets, recorded.joints], axis=1), learning=True)
     assert len(recorded.targets) == 12
     assert summary["digest"] == learned.digest == state_digest(learner.state(), np.empty(0)) != before.digest

@@ -18,6 +18,10 @@ from recorders.messages.phase import EVALUATE, LEARN
 from recorders.text.wording import value_text
 
 MAX_DEGREE = 5
+_SUMS = ("sum of weights", "leverage", "leverage^2", "samples")
+RESIDUAL = "residual"
+RESIDUAL_DEGREE = 2
+"""Of the residual of a controller that goes on learning while it serves: 28 features for two hands."""
 
 
 class ModelSize(NamedTuple):
@@ -32,7 +36,7 @@ class ModelSize(NamedTuple):
 
 @dataclasses.dataclass(frozen=True, kw_only=True)
 class ForwardInverseConfig(Settings):
-    """Settings of the inverse estimate g and of the forward models F, all learned by recursive least squares.
+    """Settings of the inverse estimate g, of the forward models F and of their residual, by recursive least squares.
 
     Parameters
     ----------
@@ -45,9 +49,16 @@ class ForwardInverseConfig(Settings):
     degree : int
         Highest total degree of the features; a model with more than `MAX_FEATURES` of them has a lower one.
     prior : float
-        Ridge on the weights of scaled features, in units of the noise's variance.
+        Ridge on the weights of a forward model, in units of the variance of what it cannot explain.
+    inverse_prior : float
+        The same of the inverse estimate; the hands leave open where the joints are, so that this is much larger.
     forgetting : float
         Weight of the past with every sample; 1 forgets nothing.
+    residual_degree : int
+        Highest total degree of the features of the residual, a function of the target that learns fast what the
+        forward models of a learner that was taught have wrong by now; 0 is none.
+    residual_prior, residual_forgetting : float
+        Ridge and forgetting of the residual.
     damping : float
         mu of the Newton step, in parts of the mean diagonal of J J'.
     body : Body, optional
@@ -67,16 +78,23 @@ class ForwardInverseConfig(Settings):
     epochs: int = 1
     seed: int = 0
     degree: int = 3
-    prior: float = 1e-4
+    prior: float = 1e-5
+    inverse_prior: float = 0.1
     forgetting: float = 1.0
+    residual_degree: int = 0
+    residual_prior: float = 0.1
+    residual_forgetting: float = 0.999
     damping: float = 1e-6
     body: Body | None = None
 
     def __post_init__(self) -> None:
         super().__post_init__()
         _check_whole("degree", self.degree, 1, MAX_DEGREE)
-        _check_number("prior", self.prior, 1e-12, 1e3)
-        _check_number("forgetting", self.forgetting, 0.9, 1.0)
+        _check_whole("residual_degree", self.residual_degree, 0, MAX_DEGREE)
+        for name in ("prior", "inverse_prior", "residual_prior"):
+            _check_number(name, getattr(self, name), 1e-12, 1e3)
+        for name in ("forgetting", "residual_forgetting"):
+            _check_number(name, getattr(self, name), 0.9, 1.0)
         _check_number("damping", self.damping, 1e-12, 1.0)
         known = self.known_body
         if (known.inputs, known.inputs + len(known.joints)) != (self.inputs, self.outputs):
@@ -95,23 +113,32 @@ class ForwardInverseConfig(Settings):
 
     @property
     def models(self) -> tuple[ModelSize, ...]:
-        """The inverse estimate, then the forward model of each hand."""
-        body = self.known_body
-        inverse = self._model("inverse", tuple(range(self.inputs)), len(body.joints))
+        """The inverse estimate, then the forward model of each hand, then the residual, if there is one."""
+        body, inputs = self.known_body, tuple(range(self.inputs))
+        inverse = _model("inverse", inputs, self.degree, len(body.joints))
         hands = zip(body.hands, body.moves, body.hand_axes, strict=True)
-        return inverse, *(self._model(f"forward_{hand}", places, len(axes)) for hand, places, axes in hands)
+        residual = [_model(RESIDUAL, inputs, self.residual_degree, self.inputs)] if self.residual_degree else []
+        forward = [_model(f"forward_{hand}", places, self.degree, len(axes)) for hand, places, axes in hands]
+        return inverse, *forward, *residual
+
+    @property
+    def forward_models(self) -> tuple[ModelSize, ...]:
+        """The forward model of each hand."""
+        return self.models[1 : 1 + len(self.known_body.hands)]
 
     def state_shapes(self) -> dict[str, tuple[int, ...]]:
         """Names and shapes of the state, in the order in which it is digested.
 
         Of every model the weights; the covariance from its diagonal on, row after row; the squared errors of its
-        outputs from before each update, weighted, with the sum of these weights at their end.
+        outputs from before each update, weighted, with the sum of these weights at their end; and the sums of a line of
+        squared errors over leverage, as `kernels.learn_errors` has them.
         """
         shapes: dict[str, tuple[int, ...]] = {}
         for model in self.models:
             shapes[f"{model.name}_weights"] = (model.features, model.outputs)
             shapes[f"{model.name}_covariance"] = (model.features * (model.features + 1) // 2,)
             shapes[f"{model.name}_errors"] = (model.outputs + 1,)
+            shapes[f"{model.name}_leverage"] = (2 * model.outputs + 4,)
         return shapes
 
     def shown(self) -> Shown:
@@ -120,21 +147,25 @@ class ForwardInverseConfig(Settings):
 
     def notes(self) -> tuple[str, ...]:
         """Return a line on every model that has a lower degree than was asked for."""
+        wanted = {RESIDUAL: self.residual_degree}
         return tuple(
-            f"{model.name.replace('_', ' ')}: degree {model.degree} in place of {self.degree}, which would take "
-            f"{count_features(len(model.variables), self.degree)} features; {MAX_FEATURES} are the most"
+            f"{model.name.replace('_', ' ')}: degree {model.degree} in place of {degree}, which would take "
+            f"{count_features(len(model.variables), degree)} features; {MAX_FEATURES} are the most"
             for model in self.models
-            if model.degree < self.degree
+            if model.degree < (degree := wanted.get(model.name, self.degree))
         )
 
     def element_name(self, array: str, index: tuple[int, ...]) -> str:
         """Name an element of the state by feature and output, such as `forward_right_weights[elbow*wrist, x]`."""
         body = self.known_body
         for model in self.models:
-            inverse = model.name == "inverse"
-            outputs = body.joints if inverse else (AXES + TURNS)[: model.outputs]
+            known = {"inverse": body.joints, RESIDUAL: body.input_names}
+            outputs = known.get(model.name, (AXES + TURNS)[: model.outputs])
             if array == f"{model.name}_errors":
                 return f"{array}[{(*outputs, 'sum of weights')[index[0]]}]"
+            if array == f"{model.name}_leverage":
+                slopes = (f"{output}*leverage" for output in outputs)
+                return f"{array}[{(*outputs, *slopes, *_SUMS)[index[0]]}]"
             features = self._feature_names(model)
             if array == f"{model.name}_weights":
                 return f"{array}[{features[index[0]]}, {outputs[index[1]]}]"
@@ -142,6 +173,10 @@ class ForwardInverseConfig(Settings):
                 row, column = _place_in_triangle(index[0], model.features)
                 return f"{array}[{features[row]}, {features[column]}]"
         return super().element_name(array, index)
+
+    def adaptive(self) -> Self:
+        """Return the same with a residual."""
+        return self if self.residual_degree else dataclasses.replace(self, residual_degree=RESIDUAL_DEGREE)
 
     def with_body(self, body: Body) -> Self:
         """Return the same with the body of a robot."""
@@ -165,14 +200,16 @@ class ForwardInverseConfig(Settings):
         body = {"body": Body.from_dict(values["body"])} if values.get("body") is not None else {}
         return super().from_dict({**values, **body})
 
-    def _model(self, name: str, variables: tuple[int, ...], outputs: int) -> ModelSize:
-        degree = largest_degree(len(variables), self.degree)
-        return ModelSize(name, variables, degree, count_features(len(variables), degree), outputs)
-
     def _feature_names(self, model: ModelSize) -> list[str]:
         body = self.known_body
-        names = [(body.input_names if model.name == "inverse" else body.joints)[place] for place in model.variables]
+        known = body.input_names if model.name in ("inverse", RESIDUAL) else body.joints
+        names = [known[place] for place in model.variables]
         return [product_name(product, names) for product in make_features(len(names), model.degree).products]
+
+
+def _model(name: str, variables: tuple[int, ...], wanted: int, outputs: int) -> ModelSize:
+    degree = largest_degree(len(variables), wanted)
+    return ModelSize(name, variables, degree, count_features(len(variables), degree), outputs)
 
 
 def _place_in_triangle(index: int, size: int) -> tuple[int, int]:

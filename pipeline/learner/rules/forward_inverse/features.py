@@ -1,4 +1,4 @@
-"""Features of a model: products of powers of its variables up to a total degree, and how each follows from others."""
+"""Features of a model: products of polynomials of its variables up to a total degree, how one follows from others."""
 
 import math
 from collections.abc import Sequence
@@ -23,15 +23,14 @@ class Features(NamedTuple):
         For each feature its variables, each as often as its power says.
     parents, places : ndarray, shape (n,)
         The earlier feature that each is a multiple of, and of which power: variable * (degree + 1) + power.
-    raised, counts : ndarray, shape (v, lower)
-        The feature that each of lower degree makes with each variable, and the power of that variable in it.
+    raised : ndarray, shape (v, lower)
+        The feature that each of lower degree makes with each variable.
     """
 
     products: tuple[tuple[int, ...], ...]
     parents: _Indices
     places: _Indices
     raised: _Indices
-    counts: _Indices
 
 
 def count_features(variables: int, degree: int) -> int:
@@ -61,14 +60,11 @@ def make_features(variables: int, degree: int) -> Features:
         places.append(last * (degree + 1) + power)
     lower = [product for product in products if len(product) < degree]
     raised = [[index[tuple(sorted((*product, v)))] for product in lower] for v in range(variables)]
-    counts = [[product.count(v) + 1 for product in lower] for v in range(variables)]
-    shape = variables, len(lower)
     return Features(
         tuple(products),
         np.array(parents, dtype=np.int64),
         np.array(places, dtype=np.int64),
-        np.array(raised, dtype=np.int64).reshape(shape),
-        np.array(counts, dtype=np.int64).reshape(shape),
+        np.array(raised, dtype=np.int64).reshape(variables, len(lower)),
     )
 
 

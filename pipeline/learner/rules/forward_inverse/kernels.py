@@ -45,10 +45,10 @@ class Model(NamedTuple):
     parents: IndexArray  # (n,), the feature that is multiplied
     places: IndexArray  # (n,), by which of `powers`
     raised: IndexArray  # (v, lower), each lower feature times each variable; empty for the inverse estimate
-    counts: IndexArray  # (v, lower), the power of that variable in it
     weights: Floats  # (n, m)
     covariance: Floats  # (n, n)
     errors: Floats  # (m + 1,), squared errors from before each update, weighted, and the sum of their weights
+    leverage: Floats  # (2 m + 4,), sums of the line of squared errors over leverage, as `learn_errors` has them
     powers: Floats  # (v, degree + 1), scratch
     features: Floats  # (n,), scratch
     gain: Floats  # (n,), scratch: P f
@@ -66,6 +66,7 @@ class Common(NamedTuple):
     lower: Floats  # (j,), limits [rad or m]
     upper: Floats  # (j,)
     target: Floats  # (i,), scratch: scaled inputs
+    aim: Floats  # (i,), scratch: the target, less what the residual expects there
     posture: Floats  # (j,), scratch: scaled joints
     estimate: Floats  # (j,), scratch: the posture before the Newton step
     hands: Floats  # (i,), scratch: scaled hands as the forward models have them
@@ -75,53 +76,60 @@ class Common(NamedTuple):
 
 
 class Constants(NamedTuple):
-    """The settings that kernels take."""
+    """The settings that kernels take: priors and forgetting of the models, and mu of the Newton step."""
 
     prior: float
+    inverse_prior: float
+    residual_prior: float
     forgetting: float
+    residual_forgetting: float
     damping: float
 
 
 MODEL_SIZES = 7
-"""Numbers of `sizes` for each model: variables, degree, features, lower, outputs, where its tables and memory begin."""
+"""Numbers of `sizes` for each model: variables, degree, features, lower, outputs, where its tables and memory begin.
+
+Before them stand inputs, joints, hands, and how many residuals there are: 0 or 1.
+"""
 
 
 def table_size(variables: int, features: int, raised: int) -> int:
     """Whole numbers that one model takes of the tables; `raised` is the size of `Model.raised`."""
-    return variables + 2 * features + 2 * raised
+    return variables + 2 * features + raised
 
 
 def model_size(variables: int, degree: int, features: int, outputs: int) -> int:
     """Float64 numbers that one model takes of the memory."""
-    return features * outputs + features * features + 2 * outputs + 1 + variables * (degree + 1) + 3 * features
+    return features * outputs + features * features + 4 * outputs + 5 + variables * (degree + 1) + 3 * features
 
 
 def common_size(inputs: int, joints: int) -> int:
     """Float64 numbers that the constants and the scratch of all models take of the memory."""
-    return 5 * inputs + 6 * joints + inputs * joints + inputs * inputs
+    return 6 * inputs + 6 * joints + inputs * joints + inputs * inputs
 
 
 @_compiled
 def model_views(sizes: IndexArray, tables: IndexArray, memory: Floats, place: int) -> Model:
-    """Return the views of a model: 0 is the inverse estimate, the others are the forward models, hand by hand."""
-    first = 3 + place * 7
+    """Return the views of a model: 0 is the inverse estimate; then the forward models, hand by hand; the residual."""
+    first = 4 + place * 7
     v, degree, n, lower, m, t, at = sizes[first : first + 7]
     raised = v * lower
     weights = at + n * m
     covariance = weights + n * n
     errors = covariance + m + 1
-    powers = errors + v * (degree + 1)
+    leverage = errors + 2 * m + 4
+    powers = leverage + v * (degree + 1)
     return Model(
         degree,
         tables[t : t + v],
         tables[t + v : t + v + n],
         tables[t + v + n : t + v + 2 * n],
         tables[t + v + 2 * n : t + v + 2 * n + raised].reshape(v, lower),
-        tables[t + v + 2 * n + raised : t + v + 2 * n + 2 * raised].reshape(v, lower),
         memory[at:weights].reshape(n, m),
         memory[weights:covariance].reshape(n, n),
         memory[covariance:errors],
-        memory[errors:powers].reshape(v, degree + 1),
+        memory[errors:leverage],
+        memory[leverage:powers].reshape(v, degree + 1),
         memory[powers : powers + n],
         memory[powers + n : powers + 2 * n],
         memory[powers + 2 * n : powers + 3 * n],
@@ -135,7 +143,8 @@ def common_views(sizes: IndexArray, memory: Floats) -> Common:
     i, j = sizes[0], sizes[1]
     joints = 2 * i
     target = joints + 4 * j
-    hands = target + i + 2 * j
+    aim = target + i
+    hands = aim + i + 2 * j
     jacobian = hands + i
     square = jacobian + i * j
     solution = square + i * i
@@ -146,9 +155,10 @@ def common_views(sizes: IndexArray, memory: Floats) -> Common:
         memory[joints + j : joints + 2 * j],
         memory[joints + 2 * j : joints + 3 * j],
         memory[joints + 3 * j : target],
-        memory[target : target + i],
-        memory[target + i : target + i + j],
-        memory[target + i + j : hands],
+        memory[target:aim],
+        memory[aim : aim + i],
+        memory[aim + i : aim + i + j],
+        memory[aim + i + j : hands],
         memory[hands:jacobian],
         memory[jacobian:square].reshape(i, j),
         memory[square:solution].reshape(i, i),
@@ -167,21 +177,40 @@ def all_finite(values: Floats) -> bool:
 
 
 @_compiled
-def fill_features(part: Model, scaled: Floats, legendre: bool) -> None:
-    """Fill the features of scaled variables: products of Legendre polynomials of each, or of its powers.
+def fill_targets_features(part: Model, scaled: Floats) -> None:
+    """Fill the features of a scaled target: products of P_k(x) / k!, P_k the Legendre polynomials.
 
-    (k + 1) P_{k+1}(x) = (2 k + 1) x P_k(x) - k P_{k-1}(x), Bonnet's recursion.
+    Bonnet's recursion (k + 1) P_{k+1}(x) = (2 k + 1) x P_k(x) - k P_{k-1}(x), divided by (k + 1) (k + 1)!.
     """
-    powers, features = part.powers, part.features
+    powers = part.powers
     for v in range(part.variables.size):
         x = scaled[part.variables[v]]
+        powers[v, 0], powers[v, 1] = 1.0, x
+        for k in range(1, part.degree):
+            powers[v, k + 1] = ((2.0 * k + 1.0) * (x * powers[v, k]) - powers[v, k - 1]) / ((k + 1.0) * (k + 1.0))
+    fill_products(part)
+
+
+@_compiled
+def fill_joints_features(part: Model, scaled: Floats, half: Floats) -> None:
+    """Fill the features of scaled joints: products of x^k / k!, x the joint's distance from its centre [rad or m].
+
+    A hand's position is a sum of products of sines and cosines of the joints: as functions of these features, its
+    weights are all of one size, that of its derivatives, and one prior is right for them.
+    """
+    powers = part.powers
+    for v in range(part.variables.size):
+        x = scaled[part.variables[v]] * half[part.variables[v]]
         powers[v, 0] = 1.0
         for k in range(part.degree):
-            if legendre and k > 0:
-                powers[v, k + 1] = ((2.0 * k + 1.0) * (x * powers[v, k]) - k * powers[v, k - 1]) / (k + 1.0)
-            else:
-                powers[v, k + 1] = x * powers[v, k]
-    flat = powers.reshape(-1)
+            powers[v, k + 1] = x * powers[v, k] / (k + 1.0)
+    fill_products(part)
+
+
+@_compiled
+def fill_products(part: Model) -> None:
+    """Fill the features, products of the polynomials of each variable."""
+    features, flat = part.features, part.powers.reshape(-1)
     features[0] = 1.0
     for f in range(1, features.size):
         features[f] = features[part.parents[f]] * flat[part.places[f]]
@@ -213,22 +242,22 @@ def fill_hand(part: Model, hand: Floats) -> None:
 
 
 @_compiled
-def fill_jacobian(part: Model, jacobian: Floats) -> None:
+def fill_jacobian(part: Model, half: Floats, jacobian: Floats) -> None:
     """Fill the rows of a hand in J = dF/dq, in scaled units, where the features are filled."""
-    features, weights, raised, counts = part.features, part.weights, part.raised, part.counts
+    features, weights, raised = part.features, part.weights, part.raised
     for row in range(jacobian.shape[0]):
         for column in range(jacobian.shape[1]):
             jacobian[row, column] = 0.0
     for v in range(part.variables.size):
         column = part.variables[v]
+        unit = half[column]
         for row in range(0, jacobian.shape[0], 3):
             x = y = z = 0.0
             for f in range(raised.shape[1]):
-                slope = counts[v, f] * features[f]
-                x += weights[raised[v, f], row] * slope
-                y += weights[raised[v, f], row + 1] * slope
-                z += weights[raised[v, f], row + 2] * slope
-            jacobian[row, column], jacobian[row + 1, column], jacobian[row + 2, column] = x, y, z
+                x += weights[raised[v, f], row] * features[f]
+                y += weights[raised[v, f], row + 1] * features[f]
+                z += weights[raised[v, f], row + 2] * features[f]
+            jacobian[row, column], jacobian[row + 1, column], jacobian[row + 2, column] = x * unit, y * unit, z * unit
 
 
 @_compiled
@@ -264,10 +293,10 @@ def shrink(part: Model, factor: float) -> None:
 
 
 @_compiled
-def forget(part: Model, constants: Constants) -> None:
+def forget(part: Model, prior: float, forgetting: float) -> None:
     """Let P grow by 1 / forgetting, each feature no further than to its prior: what is not seen winds nothing up."""
     covariance, spare = part.covariance, part.spare
-    most, limit = np.sqrt(1.0 / constants.forgetting), 1.0 / constants.prior
+    most, limit = np.sqrt(1.0 / forgetting), 1.0 / prior
     for i in range(spare.size):
         spare[i] = most
         if covariance[i, i] * (most * most) > limit:
@@ -279,7 +308,79 @@ def forget(part: Model, constants: Constants) -> None:
 
 
 @_compiled
-def learn(part: Model, desired: Floats, constants: Constants) -> None:
+def learn_errors(part: Model, variance: float, forgetting: float) -> None:
+    """Learn how far the model errs from the errors of one sample, which `found` holds, from before its update.
+
+    Squared errors are a line a + b x of the leverage x = f' P f (1 + N / n), n features after N samples: f' P f (b)
+    for weights that are uncertain, and for what no weights explain, which grows from the middle of the samples to
+    their edge as leverage does; on average over them, N f' P f is n. Of the line these are the sums of w e^2 of every
+    output, of w x e^2, of w, w x and w x^2, and N.
+
+    Parameters
+    ----------
+    part : Model
+        The model.
+    variance : float
+        f' P f.
+    forgetting : float
+        Weight of the past.
+
+    Notes
+    -----
+    w falls with the square of 1 + x, as a line's weighted least squares want; and by the cube of 1 + f' P f, since a
+    model that knew little then says little about what it errs by now.
+    """
+    errors, sums, last = part.errors, part.leverage, part.found.size
+    share = 1.0 / (1.0 + variance)
+    weight = share * (share * share)
+    x = variance * (1.0 + sums[2 * last + 3] / part.features.size)
+    w = weight / ((1.0 + x) * (1.0 + x))
+    for m in range(last):
+        square = part.found[m] * part.found[m]
+        errors[m] = errors[m] * forgetting + square * (share * weight)
+        sums[m] = sums[m] * forgetting + square * w
+        sums[last + m] = sums[last + m] * forgetting + square * (w * x)
+    errors[last] = errors[last] * forgetting + weight
+    sums[2 * last] = sums[2 * last] * forgetting + w
+    sums[2 * last + 1] = sums[2 * last + 1] * forgetting + w * x
+    sums[2 * last + 2] = sums[2 * last + 2] * forgetting + w * (x * x)
+    sums[2 * last + 3] = sums[2 * last + 3] * forgetting + 1.0
+
+
+@_compiled
+def fit_errors(part: Model, units: Floats) -> tuple[float, float]:
+    """Return a and b, not below 0, of the line of squared errors over leverage, as `learn_errors` has it.
+
+    Parameters
+    ----------
+    part : Model
+        The model; it has learned.
+    units : ndarray, shape (m,)
+        Unit of each output [m], of which x, y and z count.
+
+    Returns
+    -------
+    (float, float)
+        Of the sum over x, y and z [m^2].
+    """
+    sums, last = part.leverage, units.size
+    constant = slope = 0.0
+    for m in range(3):
+        constant += sums[m] * (units[m] * units[m])
+        slope += sums[last + m] * (units[m] * units[m])
+    w, x, square = sums[2 * last], sums[2 * last + 1], sums[2 * last + 2]
+    spread = w * square - x * x
+    if spread > 1e-9 * (w * square):
+        a, b = (square * constant - x * slope) / spread, (w * slope - x * constant) / spread
+        if a >= 0.0 and b >= 0.0:
+            return a, b
+        if a < 0.0:
+            return 0.0, slope / square
+    return constant / w, 0.0
+
+
+@_compiled
+def learn(part: Model, desired: Floats, prior: float, forgetting: float) -> None:
     """Recursive least squares on one sample whose features are filled.
 
     Where forgetting is below 1, a sample that brings nothing new is passed over.
@@ -290,34 +391,31 @@ def learn(part: Model, desired: Floats, constants: Constants) -> None:
         The model.
     desired : ndarray, shape (m,)
         What its outputs should have been, scaled.
-    constants : Constants
-        Prior and forgetting.
+    prior, forgetting : float
+        Settings of the model.
 
     Notes
     -----
     L. Ljung and T. Söderström, "Theory and Practice of Recursive Identification", MIT Press 1983, section 2.2. A target
     that is held brings f' P f towards 1 - forgetting, one that varies to as many times this as there are features.
     """
-    weights, errors, last = part.weights, part.errors, desired.size
+    weights, last = part.weights, desired.size
     variance = fill_gain(part)
-    forgetting = constants.forgetting
     if not variance > 0.0 or variance < _HELD * (1.0 - forgetting):
         return
-    share = 1.0 / (1.0 + variance)
-    weight = share * (share * share)  # a model that knew little then says little about what it errs by now
     fill_outputs(part, part.found)
     for m in range(last):
-        error = desired[m] - part.found[m]
-        errors[m] = errors[m] * forgetting + (error * error) * (share * weight)
-        part.found[m] = error / (forgetting + variance)
+        part.found[m] = desired[m] - part.found[m]
+    learn_errors(part, variance, forgetting)
+    for m in range(last):
+        part.found[m] = part.found[m] / (forgetting + variance)
     for f in range(part.gain.size):
         gain = part.gain[f]
         for m in range(last):
             weights[f, m] += gain * part.found[m]
-    errors[last] = errors[last] * forgetting + weight
     shrink(part, 1.0 / (forgetting + variance))
     if forgetting < 1.0:
-        forget(part, constants)
+        forget(part, prior, forgetting)
 
 
 @_compiled
@@ -363,7 +461,7 @@ def keep_within(common: Common, posture: Floats) -> None:
 
 @_compiled
 def move_towards_target(common: Common, damping: float) -> None:
-    """One Newton step on the forward models, posture = estimate + J' (J J' + mu I)^-1 (target - hands); all scaled.
+    """One Newton step on the forward models, posture = estimate + J' (J J' + mu I)^-1 (aim - hands); all scaled.
 
     mu is `damping` times the mean of the diagonal of J J'. Where J says nothing, the estimate stays.
     """
@@ -377,7 +475,7 @@ def move_towards_target(common: Common, damping: float) -> None:
                 total += jacobian[a, j] * jacobian[b, j]
             square[a, b] = total
         trace += square[a, a]
-        solution[a] = common.target[a] - common.hands[a]
+        solution[a] = common.aim[a] - common.hands[a]
     for a in range(inputs):
         square[a, a] += damping * (trace / inputs)
     for j in range(joints):
@@ -395,22 +493,47 @@ def move_towards_target(common: Common, damping: float) -> None:
 
 
 @_compiled
+def take_aim(common: Common, sizes: IndexArray, tables: IndexArray, memory: Floats) -> None:
+    """Fill the aim, the target less what the residual expects the hands to be off there, if there is a residual."""
+    for i in range(common.aim.size):
+        common.aim[i] = common.target[i]
+    if sizes[3] > 0:
+        residual = model_views(sizes, tables, memory, 1 + sizes[2])
+        fill_targets_features(residual, common.target)
+        fill_outputs(residual, residual.found)
+        for i in range(common.aim.size):
+            common.aim[i] -= residual.found[i]
+
+
+@_compiled
+def expect_hands(common: Common, posture: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats) -> None:
+    """Fill the hands where the forward models expect them at a posture; all scaled."""
+    first = 0
+    for hand in range(sizes[2]):
+        forward = model_views(sizes, tables, memory, 1 + hand)
+        last = first + forward.weights.shape[1]
+        fill_joints_features(forward, posture, common.half)
+        fill_hand(forward, common.hands[first:last])
+        first = last
+
+
+@_compiled
 def command_posture(u: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats, damping: float) -> None:
     """Fill estimate and posture for one target [m], and the hands that are expected there, to first order."""
     common = common_views(sizes, memory)
     for i in range(u.size):
         common.target[i] = (u[i] - common.centre[i]) / common.reach[i]
+    take_aim(common, sizes, tables, memory)
     inverse = model_views(sizes, tables, memory, 0)
-    fill_features(inverse, common.target, True)
+    fill_targets_features(inverse, common.aim)
     fill_outputs(inverse, common.estimate)
     keep_within(common, common.estimate)
+    expect_hands(common, common.estimate, sizes, tables, memory)
     first = 0
     for hand in range(sizes[2]):
         forward = model_views(sizes, tables, memory, 1 + hand)
         last = first + forward.weights.shape[1]
-        fill_features(forward, common.estimate, False)
-        fill_hand(forward, common.hands[first:last])
-        fill_jacobian(forward, common.jacobian[first:last])
+        fill_jacobian(forward, common.half, common.jacobian[first:last])
         first = last
     move_towards_target(common, damping)
 
@@ -420,7 +543,7 @@ def write_outputs(common: Common, outputs: Floats) -> None:
     """Write the hands that are expected [m], then joints [rad or m] within their limits."""
     inputs = common.hands.size
     for i in range(inputs):
-        outputs[i] = common.centre[i] + common.reach[i] * common.hands[i]
+        outputs[i] = common.centre[i] + common.reach[i] * (common.hands[i] + (common.target[i] - common.aim[i]))
     for j in range(common.posture.size):
         value = common.comfort[j] + common.half[j] * common.posture[j]
         outputs[inputs + j] = min(max(value, common.lower[j]), common.upper[j])
@@ -428,28 +551,40 @@ def write_outputs(common: Common, outputs: Floats) -> None:
 
 @_compiled
 def learn_sample(d: Floats, sizes: IndexArray, tables: IndexArray, memory: Floats, constants: Constants) -> None:
-    """Learn from the target that `command_posture` had, and from the joints in d, all of them measured."""
+    """Learn from the target that `command_posture` had, and from the joints in d, all of them measured.
+
+    The residual first: the other models learn from the hands less what it explains by then, the aim.
+    """
     common = common_views(sizes, memory)
     for j in range(common.posture.size):
         common.posture[j] = (d[common.hands.size + j] - common.comfort[j]) / common.half[j]
-    first = last = 0
-    for place in range(1 + sizes[2]):
-        part = model_views(sizes, tables, memory, place)
-        desired = common.posture
-        if place > 0:
-            first, last = last, last + part.weights.shape[1]
-            desired = common.target[first:last]
-            fill_features(part, common.posture, False)
-        learn(part, desired, constants)
+    if sizes[3] > 0:
+        expect_hands(common, common.posture, sizes, tables, memory)
+        for i in range(common.hands.size):
+            common.hands[i] = common.target[i] - common.hands[i]
+        residual = model_views(sizes, tables, memory, 1 + sizes[2])
+        learn(residual, common.hands, constants.residual_prior, constants.residual_forgetting)
+        take_aim(common, sizes, tables, memory)
+    inverse = model_views(sizes, tables, memory, 0)
+    fill_targets_features(inverse, common.aim)
+    learn(inverse, common.posture, constants.inverse_prior, constants.forgetting)
+    first = 0
+    for hand in range(sizes[2]):
+        forward = model_views(sizes, tables, memory, 1 + hand)
+        last = first + forward.weights.shape[1]
+        fill_joints_features(forward, common.posture, common.half)
+        learn(forward, common.aim[first:last], constants.prior, constants.forgetting)
+        first = last
 
 
 @_compiled
 def is_finite(sizes: IndexArray, tables: IndexArray, memory: Floats) -> bool:
     """Return whether weights and variances are free of NaN and infinity; no covariance is larger than two variances."""
     finite = True
-    for place in range(1 + sizes[2]):
+    for place in range(1 + sizes[2] + sizes[3]):
         part = model_views(sizes, tables, memory, place)
         finite = finite and all_finite(part.weights) and all_finite(part.errors)
+        finite = finite and all_finite(part.leverage)
         for i in range(part.gain.size):
             finite = finite and part.covariance[i, i] - part.covariance[i, i] == 0.0
     return finite
@@ -480,7 +615,7 @@ def run(
         Sizes and indices, as `model_views` reads them.
     memory : ndarray
         Constants, models and scratch.
-    settings : ndarray, shape (3,)
+    settings : ndarray, shape (6,)
         The values of `Constants`.
     predicted : ndarray, shape (steps, inputs + joints)
         Filled with the outputs of each step, before its update.
@@ -494,7 +629,7 @@ def run(
         return BAD_INPUT
     if not all_finite(d):
         return BAD_TARGET
-    constants = Constants(settings[0], settings[1], settings[2])
+    constants = Constants(settings[0], settings[1], settings[2], settings[3], settings[4], settings[5])
     common = common_views(sizes, memory)
     for k in range(u.shape[0]):
         command_posture(u[k], sizes, tables, memory, constants.damping)
@@ -517,9 +652,8 @@ def expect(
 ) -> None:
     """Fill where the forward models expect the hands, and how far from there they may be.
 
-    A deviation is s sqrt(1 + f' P f), s^2 the sum over a hand's x, y and z of the mean of e^2 / (1 + f' P f), e the
-    error from before each update; a sample's weight is the cube of 1 / (1 + f' P f). It is infinite before anything was
-    learned.
+    A deviation is the root of the squared error that goes with the leverage there, as `learn_errors` has it. It is
+    infinite before anything was learned.
 
     Parameters
     ----------
@@ -538,18 +672,17 @@ def expect(
         forward = model_views(sizes, tables, memory, 1 + hand)
         size = forward.weights.shape[1]
         first, last = last, last + size
-        weight, squares = forward.errors[size], 0.0
-        for m in range(3):
-            squares += forward.errors[m] * (common.reach[first + m] * common.reach[first + m])
+        samples = forward.leverage[2 * size + 3]
+        a, b = fit_errors(forward, common.reach[first:last]) if samples > 0.0 else (np.inf, 0.0)
         for k in range(joints.shape[0]):
             for j in range(joints.shape[1]):
                 common.posture[j] = (joints[k, j] - common.comfort[j]) / common.half[j]
-            fill_features(forward, common.posture, False)
+            fill_joints_features(forward, common.posture, common.half)
             fill_hand(forward, common.hands[first:last])
             for m in range(first, last):
                 hands[k, m] = common.centre[m] + common.reach[m] * common.hands[m]
-            variance = max(fill_gain(forward), 0.0)
-            deviations[k, hand] = np.sqrt(squares / weight * (1.0 + variance)) if weight > 0.0 else np.inf
+            x = max(fill_gain(forward), 0.0) * (1.0 + samples / forward.features.size)
+            deviations[k, hand] = np.sqrt(a + b * x)
 
 
 @_compiled
@@ -572,13 +705,12 @@ def linearise(
     common = common_views(sizes, memory)
     for j in range(joints.size):
         common.posture[j] = (joints[j] - common.comfort[j]) / common.half[j]
+    expect_hands(common, common.posture, sizes, tables, memory)
     first = last = 0
     for hand in range(sizes[2]):
         forward = model_views(sizes, tables, memory, 1 + hand)
         first, last = last, last + forward.weights.shape[1]
-        fill_features(forward, common.posture, False)
-        fill_hand(forward, common.hands[first:last])
-        fill_jacobian(forward, common.jacobian[first:last])
+        fill_jacobian(forward, common.half, common.jacobian[first:last])
     for i in range(hands.size):
         hands[i] = common.centre[i] + common.reach[i] * common.hands[i]
         for j in range(joints.size):

@@ -4,6 +4,7 @@ Both are polynomials that learn by recursive least squares, one sample at a time
 measured at one instant.
 """
 
+import math
 from collections.abc import Callable, Iterable, Mapping
 from functools import partial
 from typing import NamedTuple
@@ -15,7 +16,7 @@ from pipeline.arrays import Floats
 from pipeline.learner.body import AXES
 from pipeline.learner.rows import centre_of, finite_rows, not_finite, pairs_of, rows_of
 from pipeline.learner.rules.forward_inverse import kernels
-from pipeline.learner.rules.forward_inverse.config import ForwardInverseConfig
+from pipeline.learner.rules.forward_inverse.config import RESIDUAL, ForwardInverseConfig
 from pipeline.learner.rules.forward_inverse.features import Features, make_features
 from pipeline.learner.rules.forward_inverse.kernels import Constants, IndexArray, Model
 from pipeline.learner.state import check_state, state_digest
@@ -79,7 +80,7 @@ class ForwardInverseLearner:
         self.input_centre = centre_of("input_centre", input_centre, config.inputs)
         self.output_centre = centre_of("output_centre", output_centre, config.outputs)
         self._sizes, self._tables, self._memory = _lay_out(config)
-        self._settings = np.array(Constants(config.prior, config.forgetting, config.damping), dtype=np.float64)
+        self._settings = np.array([getattr(config, name) for name in Constants._fields])
         self._common = kernels.common_views(self._sizes, self._memory)
         self._models = {
             model.name: kernels.model_views(self._sizes, self._tables, self._memory, place)
@@ -91,8 +92,9 @@ class ForwardInverseLearner:
         }
         self._no_sample = np.empty((0, config.outputs))
         self._set_constants()
-        for model in self._models.values():
-            np.fill_diagonal(model.covariance, 1.0 / config.prior)
+        priors = {"inverse": config.inverse_prior, RESIDUAL: config.residual_prior}
+        for name, model in self._models.items():
+            np.fill_diagonal(model.covariance, 1.0 / priors.get(name, config.prior))
 
     def begin_epoch(self, epoch: int) -> None:
         """Go on as before: nothing depends on the epoch.
@@ -168,8 +170,8 @@ class ForwardInverseLearner:
     def deviations(self, u: ArrayLike) -> Floats:
         """Return the standard deviation [m] of where each hand will be after the command to a target.
 
-        It is s sqrt(1 + f' P f) of the forward model at the command, s from the errors before each update; infinite
-        before anything was learned.
+        It follows from the errors of the forward model before each update, and from the leverage of the command among
+        its samples, as `kernels.learn_errors` has it; it is infinite before anything was learned.
 
         Parameters
         ----------
@@ -187,11 +189,16 @@ class ForwardInverseLearner:
         """
         return self._expect(self.predict(u)[:, self.config.inputs :])[1]
 
-    def least_deviations(self) -> Floats:
-        """Return s [m] of each hand, shape (hands,): the deviation where f' P f is 0; infinite before learning."""
-        errors = self.model_errors()
-        hands = (errors[model.name][: len(AXES)] for model in self.config.models[1:])
-        return np.array([float(np.sqrt((error**2).sum())) for error in hands])
+    def usual_deviations(self) -> Floats:
+        """Return the deviation [m] of each hand, shape (hands,), at the mean leverage of what it has learned from."""
+        models, deviations = self.config.forward_models, []
+        units = np.split(self._common.reach, np.cumsum([model.outputs for model in models])[:-1])
+        for size, unit in zip(models, units, strict=True):
+            model = self._models[size.name]
+            samples = model.leverage[-1]
+            a, b = kernels.fit_errors(model, unit) if samples > 0.0 else (math.inf, 0.0)
+            deviations.append(math.sqrt(a + b * (1.0 + size.features / max(samples, 1.0))))
+        return np.array(deviations)
 
     def explain(self, u: ArrayLike) -> Explained:
         """Return how the commands to targets u (n, inputs) [m] come about.
@@ -207,11 +214,13 @@ class ForwardInverseLearner:
             self.output_centre[self.config.inputs :],
         )
         joints = self.predict(rows)[:, self.config.inputs :]
-        estimate = np.empty(joints.shape)
+        estimate, residual = np.empty(joints.shape), np.empty(rows.shape)
         for row, target in enumerate(rows):
             self.predict(target[np.newaxis])
             estimate[row] = centre + common.half * common.estimate
-        return Explained(estimate, joints, *self._expect(joints))
+            residual[row] = common.reach * (common.target - common.aim)
+        hands, deviations = self._expect(joints)
+        return Explained(estimate, joints, hands + residual, deviations)
 
     def linearise(self, joints: ArrayLike) -> tuple[Floats, Floats]:
         """Return the hands that are expected at a posture, and how they move with it.
@@ -232,16 +241,16 @@ class ForwardInverseLearner:
         return hands, jacobian
 
     def model_errors(self) -> dict[str, Floats]:
-        """Return the deviation of every model's outputs from what was measured, from before each update.
+        """Return the deviation of the models' outputs from what was measured, from before each update.
 
         By the model's name: joints [rad or m] of the inverse estimate, x, y and z [m] and turns [rad] of the forward
         models; infinite before anything was learned.
         """
-        ends = np.cumsum([model.outputs for model in self.config.models[1:]])
+        ends = np.cumsum([model.outputs for model in self.config.forward_models])
         scales = [self._common.half, *np.split(self._common.reach, ends[:-1])]
         return {
             name: _root_mean(model.errors) * scale
-            for (name, model), scale in zip(self._models.items(), scales, strict=True)
+            for (name, model), scale in zip(self._models.items(), scales, strict=False)
         }
 
     def curves(self, u: ArrayLike) -> dict[str, Floats]:
@@ -252,7 +261,7 @@ class ForwardInverseLearner:
         """
         explained, hands = self.explain(u), self.config.known_body.hands
         steps = (explained.joints - explained.estimate) / self._common.half
-        ends = np.cumsum([model.outputs for model in self.config.models[1:]])
+        ends = np.cumsum([model.outputs for model in self.config.forward_models])
         left = np.split(explained.hands - np.asarray(u, dtype=np.float64), ends[:-1], axis=1)
         curves = {"Newton step [% of half the range]": 100.0 * np.sqrt((steps * steps).mean(axis=1))}
         for place, hand in enumerate(hands):
@@ -266,7 +275,7 @@ class ForwardInverseLearner:
         return tuple(
             f"{size.name.replace('_', ' ')}: degree {size.degree}, {size.features} features, "
             f"errs by {_root_mean_text(errors[size.name], forward=place > 0)}"
-            for place, size in enumerate(self.config.models)
+            for place, size in enumerate(self.config.models[: len(errors)])
         )
 
     def washout(self, u0: ArrayLike, *, steps: int) -> None:
@@ -286,6 +295,7 @@ class ForwardInverseLearner:
             state[f"{name}_weights"] = model.weights.copy()
             state[f"{name}_covariance"] = model.covariance.reshape(-1)[self._triangles[name]]
             state[f"{name}_errors"] = model.errors.copy()
+            state[f"{name}_leverage"] = model.leverage.copy()
         return state
 
     def load_state(self, state: Mapping[str, Floats]) -> None:
@@ -305,6 +315,7 @@ class ForwardInverseLearner:
             model.covariance[rows, columns] = state[f"{name}_covariance"]
             model.covariance[columns, rows] = state[f"{name}_covariance"]
             model.errors[:] = state[f"{name}_errors"]
+            model.leverage[:] = state[f"{name}_leverage"]
 
     def connections_digest(self) -> str:
         """SHA-256 of nothing: no part of this learner is drawn."""
@@ -318,7 +329,10 @@ class ForwardInverseLearner:
 
     def _expect(self, joints: Floats) -> tuple[Floats, Floats]:
         """Return the hands [m] that are expected at joints (n, joints), and their deviations [m]."""
-        hands, deviations = np.empty((len(joints), self.config.inputs)), np.empty((len(joints), len(self._models) - 1))
+        hands, deviations = (
+            np.empty((len(joints), self.config.inputs)),
+            np.empty((len(joints), len(self.config.forward_models))),
+        )
         kernels.expect(np.ascontiguousarray(joints), self._sizes, self._tables, self._memory, hands, deviations)
         return hands, deviations
 
@@ -335,11 +349,12 @@ class ForwardInverseLearner:
 def _lay_out(config: ForwardInverseConfig) -> tuple[IndexArray, IndexArray, Floats]:
     """Return sizes, tables and memory of a learner, as kernels take them."""
     joints = config.outputs - config.inputs
-    sizes, tables = [config.inputs, joints, len(config.models) - 1], list[IndexArray]()
+    hands = len(config.forward_models)
+    sizes, tables = [config.inputs, joints, hands, len(config.models) - 1 - hands], list[IndexArray]()
     at, filled = kernels.common_size(config.inputs, joints), 0
     for model in config.models:
         features = make_features(len(model.variables), model.degree)
-        parts = _tables_of(model.variables, features, forward=model is not config.models[0])
+        parts = _tables_of(model.variables, features, forward=model.name not in ("inverse", RESIDUAL))
         lower = parts[3].size // len(model.variables)
         sizes += [len(model.variables), model.degree, model.features, lower, model.outputs, filled, at]
         at += kernels.model_size(len(model.variables), model.degree, model.features, model.outputs)
@@ -349,16 +364,17 @@ def _lay_out(config: ForwardInverseConfig) -> tuple[IndexArray, IndexArray, Floa
 
 
 def _tables_of(variables: Iterable[int], features: Features, *, forward: bool) -> list[IndexArray]:
-    raised = [features.raised, features.counts] if forward else [np.empty(0, dtype=np.int64)] * 2
+    raised = features.raised if forward else np.empty(0, dtype=np.int64)
     first = np.array(list(variables), dtype=np.int64)
-    return [first, features.parents, features.places, *(part.reshape(-1) for part in raised)]
+    return [first, features.parents, features.places, raised.reshape(-1)]
 
 
 def _check_signs(name: str, model: Model, state: Mapping[str, Floats]) -> None:
     """Check that what is a variance or a sum of squares is not below zero."""
     size = len(model.covariance)
     firsts = np.concatenate([[0], np.cumsum(np.arange(size, 1, -1))])
-    for array, values in (("covariance", state[f"{name}_covariance"][firsts]), ("errors", state[f"{name}_errors"])):
+    sums = {array: state[f"{name}_{array}"] for array in ("errors", "leverage")}
+    for array, values in {"covariance": state[f"{name}_covariance"][firsts], **sums}.items():
         if (values < 0.0).any():
             raise ControllerError(f"expected variances of at least 0 in state {name}_{array}, found {values.min():g}")
 

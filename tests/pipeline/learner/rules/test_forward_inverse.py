@@ -43,6 +43,11 @@ class TestForgetting(LearningRuleContract):
     settings: ClassVar[dict[str, int | float]] = {"degree": 1, "forgetting": 0.999}
 
 
+class TestResidual(LearningRuleContract):
+    rule = forward_inverse.RULE
+    settings: ClassVar[dict[str, int | float]] = {"degree": 1, "residual_degree": 1}
+
+
 def learner_of(**settings: int | float) -> ForwardInverseLearner:
     config = ForwardInverseConfig(**settings).with_body(BODY)
     return ForwardInverseLearner(config, input_centre=ROBOT.input_centre, output_centre=CENTRE)
@@ -146,6 +151,38 @@ def test_it_knows_where_it_has_been(taught: ForwardInverseLearner) -> None:
     assert 0.2 < np.median(errors_cm(taught, near)) / (np.median(deviations) * 100.0) < 5.0
 
 
+def test_what_it_expects_to_err_is_what_it_errs(taught: ForwardInverseLearner) -> None:
+    """On postures drawn as those that it was taught, and more so on the outermost of them."""
+    joints = postures(300, seed=12)
+    hands, deviations = taught._expect(joints)  # of the postures themselves: no command comes in between
+    errors = np.linalg.norm((hands - samples(joints)[0]).reshape(-1, 2, 3), axis=2)
+    assert 0.5 < (errors <= deviations).mean() < 0.8
+    assert 0.6 < np.sqrt((deviations**2).mean() / (errors**2).mean()) < 1.5
+    outer = deviations > np.quantile(deviations, 0.8)
+    assert errors[outer].mean() > 1.5 * errors[~outer].mean()
+    middle, usual = taught._expect(ROBOT.comfort[np.newaxis])[1][0], taught.usual_deviations()
+    assert (middle < usual).all()
+    assert np.isinf(learner_of().usual_deviations()).all()
+
+
+def test_a_residual_explains_what_changed_before_the_models_do(taught: ForwardInverseLearner) -> None:
+    """Hands that are all 2 cm elsewhere: ten samples are enough, and the models stay nearly what they were."""
+    config = taught.config.adaptive()
+    learner = ForwardInverseLearner(config, input_centre=ROBOT.input_centre, output_centre=CENTRE)
+    learner.load_state({**learner.state(), **taught.state()})
+    targets, _ = samples(postures(50, seed=13, spread=0.06))
+    assert np.array_equal(learner.predict(targets), taught.predict(targets))
+    joints = postures(10, seed=14, spread=0.06)
+    hands = samples(joints)[0] + 0.02
+    learner.step(hands, np.concatenate([hands, joints], axis=1), learning=True)
+    reached = samples(learner.predict(targets)[:, 6:])[0] + 0.02
+    assert np.linalg.norm((reached - targets).reshape(-1, 2, 3), axis=2).mean() < 0.005
+    explained = learner.explain(targets)
+    np.testing.assert_allclose(explained.hands, targets, atol=0.002)
+    moved = np.abs(learner.linearise(ROBOT.comfort)[0] - taught.linearise(ROBOT.comfort)[0])
+    assert moved.max() < 0.005
+
+
 def test_errors_of_the_models_are_from_before_each_update() -> None:
     learner, (u, d) = learner_of(degree=1), samples(postures(1, seed=6))
     learner.step(u, d, learning=True)
@@ -171,6 +208,10 @@ def test_elements_are_named_by_feature_and_output() -> None:
     assert config.element_name("inverse_weights", (7, 14)) == "inverse_weights[left_x^2, head_pan]"
     assert config.element_name("inverse_covariance", (84,)) == "inverse_covariance[left_x, left_x]"
     assert config.element_name("inverse_errors", (15,)) == "inverse_errors[sum of weights]"
+    assert config.element_name("forward_left_leverage", (4,)) == "forward_left_leverage[y*leverage]"
+    assert config.element_name("forward_left_leverage", (9,)) == "forward_left_leverage[samples]"
+    residual = config.adaptive()
+    assert residual.element_name("residual_weights", (7, 5)) == "residual_weights[left_x^2, right_z]"
 
 
 def test_diff_names_the_element_and_the_part_of_the_body() -> None:
@@ -233,6 +274,9 @@ def test_a_body_that_is_none_is_one_line(changes: dict[str, object], message: st
         {"degree": 2.0},
         {"prior": 0.0},
         {"forgetting": 1.1},
+        {"residual_degree": 6},
+        {"residual_forgetting": 0.5},
+        {"inverse_prior": 0.0},
         {"forgetting": 0.5},
         {"damping": float("nan")},
         {"inputs": 7},

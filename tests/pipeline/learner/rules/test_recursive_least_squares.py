@@ -3,6 +3,7 @@
 The exact solution is worked out beside them from accumulated normal equations, by numpy's own polynomials.
 """
 
+import math
 from itertools import combinations_with_replacement
 
 import numpy as np
@@ -33,7 +34,8 @@ MODELS = ("inverse", "forward_left")
 
 
 def learner_of(forgetting: float) -> ForwardInverseLearner:
-    config = ForwardInverseConfig(degree=DEGREE, prior=PRIOR, forgetting=forgetting).with_body(BODY)
+    priors = {"prior": PRIOR, "inverse_prior": PRIOR}
+    config = ForwardInverseConfig(degree=DEGREE, forgetting=forgetting, **priors).with_body(BODY)
     return ForwardInverseLearner(config, input_centre=np.zeros(3), output_centre=np.zeros(3 + JOINTS))
 
 
@@ -45,9 +47,10 @@ def varied(count: int, generator: np.random.Generator) -> tuple[np.ndarray, np.n
 
 
 def features(x: np.ndarray, model: str) -> np.ndarray:
-    """All products of powers, or of Legendre polynomials, of three variables up to a total degree of three."""
+    """All products of x^k / k!, or of Legendre polynomials over k!, of three variables up to a degree of three."""
     legendre = [legval(x, np.eye(DEGREE + 1)[k]) for k in range(DEGREE + 1)]
-    powers = legendre if model == "inverse" else [x**k for k in range(DEGREE + 1)]
+    plain = legendre if model == "inverse" else [x**k for k in range(DEGREE + 1)]
+    powers = [power / math.factorial(k) for k, power in enumerate(plain)]
     columns = [np.prod([powers[p.count(v)][:, v] for v in range(JOINTS)], axis=0) for p in PRODUCTS]
     return np.stack(columns, axis=1)
 
