@@ -291,7 +291,8 @@ def test_the_picture_is_of_this_robot(made: NewRobot, written: tuple[Path, dict]
     assert pictures[0] == pictures[1] != pictures[2]
 
 
-def test_of_a_hand_the_pose_may_be_controlled(urdf: Path, tmp_path: Path) -> None:
+@pytest.mark.campaign
+def test_of_a_hand_the_pose_may_be_controlled(tmp_path: Path) -> None:
     path, links, _ = ARMS["ur5"]
     made = make_robot(RobotRequest(path, parse_hands(links), "ur5", package="example-robot-data", pose=True))
     robot = made.write(tmp_path / "posed")
@@ -300,6 +301,9 @@ def test_of_a_hand_the_pose_may_be_controlled(urdf: Path, tmp_path: Path) -> Non
     _, rotations = HandKinematics(robot).poses(robot.comfort)
     np.testing.assert_allclose(Rotation.from_quat(hand.orientation).as_matrix(), rotations[0], atol=2e-6)
     assert list(findings(robot)) == []
+
+
+def test_a_pose_takes_six_joints(urdf: Path) -> None:
     with pytest.raises(RobotError, match="hand left: expected at least 6 joints that move link l_wrist_link, found"):
         make_robot(request(urdf, hands={"left": "l_wrist_link"}, pose=True))
 
