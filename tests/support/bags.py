@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Callable, Iterator, Sequence
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -116,6 +117,12 @@ def _with_tf(store: Typestore) -> Typestore:
     return store
 
 
+@cache
+def definition(kind: str) -> dict[str, Any]:
+    """Return text and hash of a type, which take rosbags a while."""
+    return {"msgdef": ROS2.generate_msgdef(kind, ros_version=2)[0], "rihs01": ROS2.hash_rihs01(kind)}
+
+
 def bag_folder(
     path: Path,
     *,
@@ -130,7 +137,7 @@ def bag_folder(
         channels = {}
         for topic, kind, data, time_ns in raw(count):
             if topic not in channels:
-                channels[topic] = writer.add_connection(topic, kind, typestore=ROS2)
+                channels[topic] = writer.add_connection(topic, kind, **definition(kind))
             writer.write(channels[topic], time_ns, data)
     return path
 
