@@ -1,6 +1,7 @@
 """Messages of others' encodings and definitions as ours: the same log, with joints, poses and transforms in CDR."""
 
-from collections.abc import Collection, Iterable, Iterator
+from collections import Counter
+from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
@@ -10,6 +11,7 @@ from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding, pose_decoding
 from recorders.containers.definitions import is_standard
 from recorders.containers.reader import Reader
+from recorders.containers.ros1_to_cdr import transcoder
 from recorders.errors import MessageError, ReenactError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.errors import DamagedLog
@@ -72,6 +74,14 @@ class TranslatedReader:
                 found[channel.topic] = decoding
         return found
 
+    @cached_property
+    def _transcoders(self) -> dict[str, Callable[[bytes], bytes | None]]:
+        """What makes CDR of topics of ROS 1 without decoding them; of each only if it has one channel."""
+        channels = [channel for channel in self._reader.channels if channel.topic not in self._poses]
+        found = {channel.topic: transcoder(channel) for channel in channels}
+        several = Counter(channel.topic for channel in channels)
+        return {topic: fast for topic, fast in found.items() if fast is not None and several[topic] == 1}
+
     def _is_translated(self, channel: DeclaredChannel) -> bool:
         return channel.topic in self._poses or is_foreign(channel)
 
@@ -109,7 +119,15 @@ class TranslatedReader:
         decoding = self._decodings.get(record.topic)
         if not isinstance(decoding, Decoding):
             return record
-        return record._replace(type=decoding.type, data=encode(decoding.decode(record.data)))
+        fast = self._transcoders.get(record.topic)
+        data = None if fast is None else fast(record.data)
+        return RecordedMessage(
+            record.topic,
+            decoding.type,
+            encode(decoding.decode(record.data)) if data is None else data,
+            record.sequence,
+            record.log_time_ns,
+        )
 
     @property
     def channels(self) -> tuple[DeclaredChannel, ...]:

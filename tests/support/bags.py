@@ -46,7 +46,7 @@ def messages(count: int = COUNT) -> list[tuple[str, Message, int]]:
     return found
 
 
-def _ros(store: Typestore, topic: str, message: Message) -> tuple[str, Any]:
+def ros_value(store: Typestore, topic: str, message: Message) -> tuple[str, Any]:
     """Return the type and the message of rosbags that stands for one of ours in a store."""
 
     def new(kind: str, *values: Any, **fields: Any) -> Any:
@@ -104,7 +104,7 @@ def raw(count: int = COUNT, *, ros: int = 2) -> Iterator[tuple[str, str, bytes, 
     """Yield topic, type, bytes and log time of the session as ROS 1 or 2 would have recorded them."""
     store = _with_tf(ROS1) if ros == 1 else ROS2
     for topic, message, time_ns in messages(count):
-        kind, value = _ros(store, topic, message)
+        kind, value = ros_value(store, topic, message)
         write = store.serialize_ros1 if ros == 1 else store.serialize_cdr
         yield topic, kind, bytes(write(value, kind)), time_ns
 
@@ -169,7 +169,7 @@ def as_bag(log: Path, path: Path) -> Path:
             if topic not in channels:
                 channels[topic] = writer.add_connection(topic, kind, typestore=store)
             if ros1:
-                data = bytes(store.serialize_ros1(_ros(store, topic, decode(kind, data))[1], kind))
+                data = bytes(store.serialize_ros1(ros_value(store, topic, decode(kind, data))[1], kind))
             writer.write(channels[topic], time_ns, data)
     return path
 
