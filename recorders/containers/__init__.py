@@ -1,1 +1,1 @@
-"""Logs in any container, told by content, behind one `open_log`."""
+"""Logs in any container, recognised by content, behind one `open_log`."""

@@ -1,4 +1,4 @@
-"""The recordings of a conversion: opened as they are, with the channels that are kept of them, and their digests."""
+"""The recordings of a conversion: opened as they are, with the channels that remain of them, and their digests."""
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
@@ -34,7 +34,7 @@ class Sources:
     logs : sequence of Path, Parts or Reader
         One or more; a reader's messages may be others than those in its files, such as ticks of them.
     config : ConvertConfig
-        What is kept.
+        What is taken of them.
 
     Attributes
     ----------
@@ -74,13 +74,13 @@ class Sources:
         return next((profile for encoding, profile in _PROFILES.items() if encodings == {encoding}), "")
 
     def count(self) -> int | None:
-        """Return how many messages are kept; None where a slice leaves that open."""
+        """Return how many messages are taken; None where a slice leaves that open."""
         if self._config.sliced:
             return None
         return sum(count for reader in self.readers for topic, count in reader.counts.items() if topic in self._topics)
 
     def records(self) -> Iterator[RecordedMessage]:
-        """Yield what is kept, by log time; each recording keeps the order that its reader gives it."""
+        """Yield what is taken, by log time; each recording keeps the order that its reader gives it."""
         config = self._config
         start_ns, end_ns = 0, FOREVER_NS
         if config.sliced:

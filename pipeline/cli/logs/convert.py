@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)
-class Kept:
-    """What is kept of the recordings."""
+class Chosen:
+    """Topics and times that are taken of the recordings."""
 
     topic: Annotated[
         list[str] | None,
@@ -54,7 +54,7 @@ def convert(
     ],
     *,
     out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
-    kept: Kept,
+    chosen: Chosen,
     written: Written,
     alignment: AlignmentOptions,
     robot: Annotated[
@@ -77,7 +77,7 @@ def convert(
     from recorders.conversion.convert import convert as run
     from recorders.reading.parts import recordings as find_recordings
 
-    config = _config(kept, written, alignment)
+    config = _config(chosen, written, alignment)
     found: Sequence[Opened] = find_recordings(recordings)
     if alignment.config().asks:
         found, config = _ticks(found, alignment, robot, rule, pairs), replace(config, renames={})
@@ -116,17 +116,17 @@ def _ticks(
     return alignment.align(found, robot=config, tick=tick)[0]
 
 
-def _config(kept: Kept, written: Written, alignment: AlignmentOptions) -> "ConvertConfig":
+def _config(chosen: Chosen, written: Written, alignment: AlignmentOptions) -> "ConvertConfig":
     from recorders.conversion.config import ConvertConfig
     from recorders.text.quantities import parse_seconds, parse_size_or_time
 
     split_bytes, split_ns = (None, None) if written.split is None else parse_size_or_time(written.split, "--split")
     return ConvertConfig(
-        topics=frozenset(kept.topic or ()),
+        topics=frozenset(chosen.topic or ()),
         renames=alignment.renames,
-        start_ns=0 if kept.start is None else parse_seconds(kept.start, "--start"),
-        end_ns=None if kept.end is None else parse_seconds(kept.end, "--end"),
-        sort=kept.sort,
+        start_ns=0 if chosen.start is None else parse_seconds(chosen.start, "--start"),
+        end_ns=None if chosen.end is None else parse_seconds(chosen.end, "--end"),
+        sort=chosen.sort,
         compression=written.compression,
         split_bytes=split_bytes,
         split_ns=split_ns,
