@@ -82,7 +82,7 @@ def test_it_is_saved_and_answers_as_it_predicts(robot: RobotConfig, controller: 
 
 def test_it_learns_on_from_poses_as_measured(robot: RobotConfig, controller: Controller) -> None:
     served = ServedController(controller, config=ServingConfig(learn=True))
-    alone = controller.learner()
+    alone = controller.adaptive().learner()
     u, joints = samples(robot, 10, seed=3)
     rows = to_rows(robot, u)
     for index, (row, posture) in enumerate(zip(rows, joints, strict=True), 1):
