@@ -61,7 +61,7 @@ def test_poses_are_learned_in_two_minutes(leader: tuple[str, ...], folder: Path,
         ("train", "log.mcap", "--rule", "forward-inverse", "--out", "arm.npz"),
         ("evaluate", "arm.npz", motion, "--json"),
     ):
-        run = reenact(*command, cwd=tmp_path)
+        run = reenact(*command, cwd=tmp_path, timeout_s=1200.0)
         assert run.returncode == 0, run.stderr
     found = json.loads(run.stdout)
     assert (found["hand_cm"] <= BOUND_CM, found["hand_deg"] <= BOUND_DEG) == (True, True), found
