@@ -73,7 +73,7 @@ $(CORE)/locked: requirements-core.lock
 	touch $@
 
 # For maintainers: the lock files anew from pyproject.toml. Needs `uv` on the path.
-lock: COMPILE = uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header
+lock: COMPILE = uv pip compile -q --universal --python-version 3.11 --generate-hashes --no-emit-index-url --no-header --no-strip-extras
 lock:
 	$(COMPILE) --extra sim --extra view --group build pyproject.toml -o requirements.lock
 	$(COMPILE) --extra sim --extra view --group build --group dev -c requirements.lock pyproject.toml -o requirements-dev.lock
