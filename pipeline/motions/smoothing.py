@@ -59,7 +59,7 @@ def peak_jerk(points: Floats, period_s: float) -> float:
 
     Examples
     --------
-    >>> peak_jerk(np.array([[0.0], [0.0], [0.0], [0.001]]), 0.1)
+    >>> peak_jerk(np.array([[0.0], [0.0], [0.0], [0.125]]), 0.5)
     1.0
     """
     if len(points) <= _DEGREE:
