@@ -1,4 +1,4 @@
-"""Settings of a project, said once: options of the verbs in `reenact.toml`, or in `[tool.reenact]` of pyproject.toml.
+"""Settings of a project: options of the verbs in `reenact.toml`, or in `[tool.reenact]` of pyproject.toml.
 
 The file is looked for in the working folder and in those above it; the nearest counts. A key is an option without its
 dashes. At the top it holds for every verb that has such an option, in a table `[VERB]` for that one alone. The command

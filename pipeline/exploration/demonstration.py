@@ -204,14 +204,13 @@ def demonstrate(
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
     treated = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
-    notes = {"demonstration": {**shown.source, **config.manifest_entry(), **treated}}
     explored = explore(
         robot,
         motion,
         seed=seed,
         out=out,
         guidance=Guidance(must_reach=False),
-        notes=notes,
+        notes={"demonstration": {**shown.source, **config.manifest_entry(), **treated}},
         overwrite=overwrite,
         progress=progress,
     )

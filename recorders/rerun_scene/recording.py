@@ -146,14 +146,8 @@ def record_motion(
         reached=reached,
         orientations=orientations,
     )
-    send_motion(
-        Destination(path),
-        track,
-        RobotModel.load(urdf_text, joint_names),
-        plane=plane,
-        recording_id=track.recording_id(urdf_text, *joint_names, title),
-        title=title,
-    )
+    model, recording_id = RobotModel.load(urdf_text, joint_names), track.recording_id(urdf_text, *joint_names, title)
+    send_motion(Destination(path), track, model, plane=plane, recording_id=recording_id, title=title)
 
 
 def send_motion(

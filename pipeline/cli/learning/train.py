@@ -24,6 +24,7 @@ from pipeline.terminal import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from pipeline.learner.controller import Controller
     from pipeline.learner.rule import Settings
     from pipeline.robot.config import RobotConfig
     from pipeline.samples.pairing import PairingRule
@@ -64,11 +65,9 @@ def train(
 
     The digest is that of the same logs replayed over Zenoh.
     """
-    from pipeline.evaluation.hold_out import held_out_error
     from pipeline.learner.controller import check_writable
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
-    from pipeline.robot.recorded import recorded_hands
     from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
 
@@ -83,25 +82,63 @@ def train(
     if as_recorded:
         alignment.refuse("--as-recorded")
     else:
-        tick = asked.topics(recorded_hands(found[0], robot=config, renames=names))
-        whole = [Path(text) for text in hold_out or () if not _is_number(text)]
-        found, names = alignment.align([*found, *recordings(whole)], robot=config, tick=tick)
+        found, names = _aligned([*found, *_whole_logs(hold_out)], alignment, config, asked)
     found, aside = _left_aside(found, hold_out or [], names, takes_parts=not (as_recorded or as_live))
     pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
-    if as_live:
-        source = _as_live(found[0], config, epochs or 1, names, pairing)
-    else:
-        source = _from_logs(found, config, learner, epochs, names, pairing, as_recorded=as_recorded)
+    source = (
+        _as_live(found[0], config, epochs or 1, names, pairing)
+        if as_live
+        else _from_logs(found, config, learner, epochs, names, pairing, as_recorded=as_recorded)
+    )
     trainer = _trained(learner, config, pairing, source)
+    controller = _saved(trainer, out)
+    left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
+    shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
+    console.show(trainer.result() | shown | left, as_json=as_json)
+
+
+def _saved(trainer: "Trainer", out: Path) -> "Controller":
+    """Save what was learned, print the notes on it, and return it."""
     controller = trainer.controller()
     controller.save(out)
     for line in controller.config.notes():
         console.notice(line)
-    shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
-    if aside:
-        left = held_out_error(controller, aside, robot=config, pairs=pairing.name, renames=names)
-        shown |= {"held_out": left} if as_json else {f"held_out_{name}": value for name, value in left.items()}
-    console.show(trainer.result() | shown, as_json=as_json)
+    return controller
+
+
+def _whole_logs(hold_out: list[str] | None) -> "Sequence[Opened]":
+    """Return the logs that are left aside whole."""
+    from recorders.reading.parts import recordings
+
+    return recordings([Path(text) for text in hold_out or () if not _is_number(text)])
+
+
+def _aligned(
+    logs: "Sequence[Opened]", alignment: AlignmentOptions, robot: "RobotConfig | None", pairing: "PairingRule"
+) -> "tuple[Sequence[Opened], Mapping[str, str]]":
+    """Return logs of ticks of what is learned, and the renames that are left to make."""
+    from pipeline.robot.recorded import recorded_hands
+
+    tick = pairing.topics(recorded_hands(logs[0], robot=robot, renames=alignment.renames))
+    return alignment.align(logs, robot=robot, tick=tick)
+
+
+def _held_out(
+    controller: "Controller",
+    aside: "list[Opened]",
+    robot: "RobotConfig | None",
+    pairing: "PairingRule",
+    names: "Mapping[str, str]",
+    *,
+    as_json: bool,
+) -> dict[str, object]:
+    """Return the error on what was left aside, as it is shown; nothing if nothing was."""
+    from pipeline.evaluation.hold_out import held_out_error
+
+    if not aside:
+        return {}
+    left = held_out_error(controller, aside, robot=robot, pairs=pairing.name, renames=names)
+    return {"held_out": left} if as_json else {f"held_out_{name}": value for name, value in left.items()}
 
 
 def _trained(learner: "Settings", robot: "RobotConfig | None", pairing: "PairingRule", source: "Source") -> "Trainer":

@@ -17,6 +17,7 @@ from recorders.errors import ConfigError
 if TYPE_CHECKING:
     from recorders.containers.reader import Opened
     from replay.sources.playback import Playback
+    from replay.transports.sender_config import SenderConfig
     from replay.transports.transport import Source
 
 
@@ -92,6 +93,13 @@ class SendOptions:
         int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
     ] = None
 
+    def config(self, consumers: tuple[str, ...], *, namespace: str, paced: bool, wait_s: float) -> "SenderConfig":
+        """Return the settings of the sender."""
+        from replay.transports.sender_config import SenderConfig
+
+        batch_size = self.batch_size or min(64 if consumers and not paced else 1, self.window)
+        return SenderConfig(consumers, namespace=namespace, window=self.window, batch_size=batch_size, wait_s=wait_s)
+
 
 @grouped
 def replay(
@@ -124,26 +132,22 @@ def replay(
     from recorders.nodes.metrics import check_metrics
     from replay.sources.playback import Playback
     from replay.transports.clock import Paced, Pausable, Unpaced
-    from replay.transports.sender_config import SenderConfig
 
     check_metrics(node.prometheus)
-    if playing.play:
-        source: Source = _played(logs, schedule, playing, alignment)
-    else:
-        source = _presented(logs, schedule, playing, robot, alignment)
+    source = (
+        _played(logs, schedule, playing, alignment)
+        if playing.play
+        else _presented(logs, schedule, playing, robot, alignment)
+    )
     channels = source.channels if isinstance(source, Playback) else ()
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    batch_size = sending.batch_size or min(64 if rate is None and consumers else 1, sending.window)
-    sender = SenderConfig(
-        consumers, namespace=node.namespace, window=sending.window, batch_size=batch_size, wait_s=wait
-    )
+    sender = sending.config(consumers, namespace=node.namespace, paced=rate is not None, wait_s=wait)
     pace = Unpaced() if rate is None else Paced(rate)
-    session = node.config(wait_s=wait)
     if not consumers:
         console.notice(_SPECTATORS)
-    clock = Pausable(pace)
+    session, clock = node.config(wait_s=wait), Pausable(pace)
     with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None):
         result = run(
             source,
