@@ -199,8 +199,7 @@ def demonstrate(
     MotionError, ConfigError, RobotError, LogError
         If the paths do not make a motion or leave the robot's reach; and as `explore` does.
     """
-    in_place, smoothing = _prepared(robot, shown, config)
-    placed = oriented(in_place, robot)
+    placed, smoothing = _prepared(robot, shown, config)
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
     treated = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
@@ -254,7 +253,7 @@ def _prepared(robot: RobotConfig, shown: DemonstratedPaths, config: Demonstratio
     """Return the motion of demonstrated paths, and how they were smoothed.
 
     Windows grow, and then the motion slows, until the jerk of no hand is beyond the largest of an exploration of the
-    robot's boxes.
+    robot's boxes. Where the pose is controlled, the orientation is that in the middle.
     """
     limit = _jerk_limit(robot)
     window_s, slowed = config.smooth_s, 1.0
@@ -262,7 +261,7 @@ def _prepared(robot: RobotConfig, shown: DemonstratedPaths, config: Demonstratio
         motion, windows_s = _motion(robot, shown, config, window_s, slowed)
         jerk = peak_jerk(motion.targets, 1.0 / config.hz)
         if not config.smooth_s or jerk <= limit:
-            return motion, Smoothing(windows_s, slowed, jerk, limit)
+            return oriented(motion, robot), Smoothing(windows_s, slowed, jerk, limit)
         if _WIDER * window_s <= MAX_SMOOTH_S:
             window_s *= _WIDER
         else:
