@@ -78,12 +78,14 @@ def train(
     learner = default_config(rule, seed=seed)
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
     names: Mapping[str, str] = alignment.renames
+    whole: Sequence[Opened] = []
     asked = pairing_of(learner, pairs)
     if as_recorded:
         alignment.refuse("--as-recorded")
     else:
-        found, names = _aligned([*found, *_whole_logs(hold_out)], alignment, config, asked)
-    found, aside = _left_aside(found, hold_out or [], names, takes_parts=not (as_recorded or as_live))
+        whole = _whole_logs(hold_out)
+        found, names = _aligned([*found, *whole], alignment, config, asked)
+    found, aside = _left_aside(found, hold_out or [], names, len(whole), takes_parts=not (as_recorded or as_live))
     pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     source = (
         _as_live(found[0], config, epochs or 1, names, pairing)
@@ -158,9 +160,9 @@ def _trained(learner: "Settings", robot: "RobotConfig | None", pairing: "Pairing
 
 
 def _left_aside(
-    logs: "Sequence[Opened]", hold_out: list[str], names: "Mapping[str, str]", *, takes_parts: bool
+    logs: "Sequence[Opened]", hold_out: list[str], names: "Mapping[str, str]", whole: int, *, takes_parts: bool
 ) -> "tuple[Sequence[Opened], list[Opened]]":
-    """Return what is learned and what is left aside: logs at the end of the list, or the ends of all logs."""
+    """Return what is learned and what is left aside: so many logs at the end of the list, or the ends of all logs."""
     from pipeline.evaluation.hold_out import parse_share, split_log
 
     if not hold_out:
@@ -168,7 +170,6 @@ def _left_aside(
     if not takes_parts:
         raise ConfigError("--hold-out: expected neither --as-recorded nor --as-live beside it")
     shares = [text for text in hold_out if _is_number(text)]
-    whole = len(hold_out) - len(shares)
     if len(shares) > 1 or (shares and whole):
         raise ConfigError("--hold-out: expected one share, or logs, found both or several shares")
     if whole:

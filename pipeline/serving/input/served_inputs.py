@@ -5,6 +5,7 @@ from collections.abc import Iterator
 from pipeline.alignment.live import LiveInputs
 from pipeline.evaluation.trials import robot_of
 from pipeline.learner.controller import Controller
+from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.serving.node_config import ServeConfig
 from recorders.messages.record import RecordedMessage
@@ -43,18 +44,18 @@ class ServedInputs:
         self.plain = config.alignment is None and not config.renames
         self.topics = wanted
         self._inputs: list[LiveInputs] = []
-        self._start = JOINT_STATES in wanted
         if self.plain:
             return
         robot = robot_of(controller)
-        ticks = [tuple(map(hand_target, robot.hand_names))]
-        if config.serving.learn:
-            learned = find_pairing(controller.pairs).topics(robot.hand_names)
-            ticks = [learned] if controller.pairs == COMMANDED else [*ticks, learned]
-        self._inputs = [LiveInputs(robot, config.alignment, renames=config.renames, tick=tick) for tick in ticks]
+        ticks = [wanted] if config.alignment is None else _ticks(controller, robot, learn=config.serving.learn)
+        aligned = [(tick, config.alignment) for tick in ticks]
+        if config.alignment is not None and JOINT_STATES in wanted:
+            aligned.append(((JOINT_STATES,), None))  # the posture to start from is taken as it is published
+        for tick, alignment in aligned:
+            renames = {name: ours for name, ours in config.renames.items() if ours in tick}
+            self._inputs.append(LiveInputs(robot, alignment, renames=renames, tick=tick))
         named = dict.fromkeys(topic for inputs in self._inputs for topic in sorted(inputs.topics))
-        start = (JOINT_STATES,) if self._start else ()
-        self.topics = tuple(dict.fromkeys((*(topic for topic in named if topic != SESSION_PHASE), *start)))
+        self.topics = tuple(topic for topic in named if topic != SESSION_PHASE)
 
     @property
     def counts(self) -> dict[str, int]:
@@ -64,8 +65,17 @@ class ServedInputs:
 
     def taken(self, record: RecordedMessage) -> Iterator[RecordedMessage]:
         """Yield what a controller takes of a message."""
-        if self.plain or record.topic == SESSION_PHASE or (self._start and record.topic == JOINT_STATES):
+        if self.plain or record.topic == SESSION_PHASE:
             yield record
         for inputs in self._inputs:
             if record.topic in inputs.topics:
                 yield from (made for made, _ in inputs.feed(record, numbered=True) if made.topic != SESSION_PHASE)
+
+
+def _ticks(controller: Controller, robot: RobotConfig, *, learn: bool) -> list[tuple[str, ...]]:
+    """Return the topics of each tick that is aligned: of targets, and of what is learned from, where it is apart."""
+    targets = tuple(map(hand_target, robot.hand_names))
+    if not learn:
+        return [targets]
+    learned = find_pairing(controller.pairs).topics(robot.hand_names)
+    return [learned] if controller.pairs == COMMANDED else [targets, learned]

@@ -81,6 +81,20 @@ def test_an_episode_in_parts_is_one_episode(work: Path, tmp_path: Path, capsys: 
     assert evaluated[0] == evaluated[1]
 
 
+def test_an_episode_in_parts_is_left_aside_as_one(
+    work: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    other = write_episode(tmp_path / "other.mcap", samples=9)
+
+    def trained(*held_out: object) -> tuple[object, object]:
+        aside = [text for log in held_out for text in ("--hold-out", log)]
+        out = ("--epochs", 1, "--overwrite", "--out", tmp_path / "out.npz")
+        result, _ = run(capsys, "train", other, *aside, *out)
+        return result["digest"], result["held_out"]
+
+    assert trained(*named(work, "episode", "list")) == trained(work / "episode.mcap")
+
+
 def test_a_replay_and_a_playback_are_those_of_the_whole(work: Path) -> None:
     whole, parts = work / "session.mcap", work / "session"
     assert list(Playback([parts]).stream()) == list(Playback([whole]).stream())

@@ -15,6 +15,8 @@ from pipeline.robot.hand_kinematics import HandKinematics
 from pipeline.serving.clock_reset import RESTART_AFTER
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.deviations import BEYOND
+from pipeline.serving.input.served_inputs import ServedInputs
+from pipeline.serving.node_config import ServeConfig
 from pipeline.serving.served_controller import ServedController
 from pipeline.serving.tick_stream import MAX_OPEN
 from pipeline.simulation.joint_offset import joint_offsets
@@ -53,6 +55,21 @@ def test_what_was_reached_is_learned_as_in_a_training_whatever_is_asked_for_mean
     assert served.status()["learned_steps"] == len(learned) == 12
     assert served.status()["digest"] == state_digest(learner.state(), np.empty(0)) == served.controller().digest
     assert served.controller().digest != controller.digest
+
+
+def test_topics_of_other_names_are_each_taken_once(controller: Controller) -> None:
+    """Targets and what is learned, all renamed: every message is one, and none is refused."""
+    joints = postures(3, seed=9)
+    hands = hands_at(joints)
+    served = ServedController(controller, config=LEARN)
+    renames = {f"/lab{topic}": topic for topic in served.topics}
+    inputs = ServedInputs(controller, ServeConfig(serving=LEARN, renames=renames), served.topics)
+    assert set(inputs.topics) == set(renames)
+    sent = [m for k in range(3) for m in (*asked(2 * k, MIDDLE), *measured(2 * k + 1, joints[k], hands[k]))]
+    taken = [made for record in sent for made in inputs.taken(record._replace(topic=f"/lab{record.topic}"))]
+    assert taken == sent
+    assert len(feed(served, taken)) == 3
+    assert (served.status()["learned_steps"], served.status()["refused"]) == (3, {})
 
 
 def test_learning_makes_the_next_command_better_where_the_robot_is_other_than_taught(controller: Controller) -> None:
