@@ -1,12 +1,13 @@
 """Options of alignment, the same for every verb that learns from logs, checks them, or serves."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.cli.options import Renames, renames
+from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
@@ -82,10 +83,14 @@ class AlignmentOptions:
         return config if config.asks else None
 
     def refuse(self, beside: str, *, renames: bool = False) -> None:
-        """Raise ConfigError if ticks, or new names, are asked for beside what takes messages as they are."""
-        if renames and self.map_:
+        """Raise ConfigError if ticks, or new names, are asked for beside what takes messages as they are.
+
+        Those of a project's settings are for other commands.
+        """
+        if renames and self.map_ and not of_settings("map"):
             raise ConfigError(f"{beside}: expected no --map beside it")
-        if self.config().asks:
+        of_file = {field.name: None for field in fields(self) if of_settings(field.name.rstrip("_").replace("_", "-"))}
+        if replace(self, **of_file).config().asks:
             raise ConfigError(
                 f"{beside}: expected none of --tick-rate, --ticks-of, --tolerance, --latency, --clock and --frame "
                 "beside it"

@@ -7,6 +7,7 @@ line wins.
 
 import logging
 from collections.abc import Iterator, Mapping, Sequence
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,8 @@ from recorders.files.regular_file import require_regular_file
 from recorders.text.wording import names_text, value_text
 
 logger = logging.getLogger(__name__)
+
+_OF_FILE: ContextVar[frozenset[str]] = ContextVar("options that the settings gave to this command", default=frozenset())
 
 SETTINGS_FILE = "reenact.toml"
 _PYPROJECT = "pyproject.toml"
@@ -66,6 +69,7 @@ class ProjectSettings:
         tables = dict(self._tables(verbs))
         found: dict[str, Any] = {}
         used: set[str] = set()
+        _OF_FILE.set(frozenset())
         for verb, options in verbs.items():
             own = tables.pop(verb, {})
             if unknown := [key for key in own if key not in options]:
@@ -77,6 +81,7 @@ class ProjectSettings:
                 place = place.setdefault(part, {})
             place.update({options[key].name: self._value(key, chosen[key], options[key]) for key in chosen})
             if chosen and list(verb) == list(arguments[: len(verb)]):
+                _OF_FILE.set(frozenset(chosen) - given)
                 logger.info(f"{self.path}: {', '.join(sorted(chosen))}")
         if unknown := sorted(top.keys() - used):
             raise ConfigError(f"{self.path}: no verb has an option {names_text(unknown)} that a file sets")
@@ -113,6 +118,11 @@ class ProjectSettings:
         """Return the path of a file or folder that stands beside the settings, any other text as it is."""
         relative = text.startswith(("./", "../")) or text.endswith("/")
         return str(self.path.parent / text) if relative else text
+
+
+def of_settings(option: str) -> bool:
+    """Whether an option has its value from a project's settings: where it is of no use, nobody asked for it there."""
+    return option in _OF_FILE.get()
 
 
 def find_settings(folder: Path | None = None) -> ProjectSettings | None:

@@ -357,8 +357,8 @@ class ServedController:
             self._follow(record)
         if self._measured is not None:
             self._learn(self._measured.take(record))
-        if self._limiter is not None and record.topic == JOINT_STATES:
-            self._limiter.measure(self._joints.read(record)[1])
+        if self._limiter is not None:
+            self._limiter.take(record, self._joints)
         if record.topic not in self._ticks:
             return None
         tick = self._ticks.take(record)

@@ -14,7 +14,7 @@ from pipeline.samples.pairs import read_samples
 from pipeline.training.pairing_choice import pairing_for, pairing_of
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened
-from recorders.errors import ReenactError
+from recorders.errors import ConfigError, ReenactError
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def trainability(
     Raises
     ------
     ConfigError
-        If there is no such rule.
+        If there is no such rule, or a setting of alignment cannot be met.
     """
     asked = pairing_of(default_config(rule))
     try:
@@ -91,6 +91,8 @@ def trainability(
         (aligned,), left = align_logs([log], alignment, robot=robot, renames=renames, tick=tick)
         pairing = pairing_for(asked, [aligned], robot=robot, renames=left)
         samples = read_samples(aligned, robot=robot, pairs=pairing.name, renames=left)
+    except ConfigError:
+        raise
     except ReenactError as error:
         return Trainability(samples=0, reason=str(error))
     lines = tuple(aligned.summary.lines(aligned.path.name)) if isinstance(aligned, AlignedLog) else ()

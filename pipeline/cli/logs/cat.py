@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.groups import grouped
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.sessions import LookingSession
 from pipeline.terminal import console
 from recorders.errors import ConfigError, LogError
@@ -37,7 +38,7 @@ def cat(
     """
     if log is None and not session.is_given:
         raise ConfigError("expected a recording, or --connect or --listen for what is published now; found neither")
-    if log is not None and session.is_given:
+    if log is not None and session.is_given and not (of_settings("connect") or of_settings("listen")):
         raise ConfigError("--connect, --listen: expected no recording beside them")
     patterns = frozenset(topic or ())
     if log is not None:

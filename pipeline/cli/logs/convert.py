@@ -10,6 +10,7 @@ import typer
 from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json, Overwrite, Pairs, Rule
+from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
@@ -79,9 +80,10 @@ def convert(
 
     config = _config(chosen, written, alignment)
     found: Sequence[Opened] = find_recordings(recordings)
+    asked = {"robot": robot, "rule": rule, "pairs": pairs}
     if alignment.config().asks:
         found, config = _ticks(found, alignment, robot, rule, pairs), replace(config, renames={})
-    elif not (robot is None and rule is None and pairs is None):
+    elif any(value is not None and not of_settings(name) for name, value in asked.items()):
         raise ConfigError("--robot, --rule and --pairs: expected --tick-rate or --ticks-of beside them")
     with console.progress("convert") as advance:
         result = run(found, out, config, overwrite=overwrite, on_progress=advance)

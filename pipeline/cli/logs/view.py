@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.options import MOTIONS, Json, Overwrite, Renames, complete_motion, renames
+from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
 from recorders.errors import ConfigError
 
@@ -54,7 +55,7 @@ def view(
     if save is not None and viewer is not None:
         raise ConfigError("expected one of --save and --viewer, found both")
     learned = len(shown) == 1 and not is_log(shown[0]) and is_controller(shown[0])
-    if learned and (robot is not None or map_):
+    if learned and ((robot is not None and not of_settings("robot")) or (map_ and not of_settings("map"))):
         raise ConfigError("--robot and --map are for logs: a controller carries its robot")
     if not learned and motion is not None:
         raise ConfigError("--motion is for controllers: a log shows the motion that it holds")

@@ -10,6 +10,7 @@ import typer
 from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import AsRecorded, Json, Logs, StreamsRobot
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.sessions import ConnectingNode, Wait
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -171,7 +172,13 @@ def _played(
     from replay.sources.playback import Playback, PlaybackConfig
 
     alignment.refuse("--play")
-    if any((schedule.as_recorded, schedule.epochs, schedule.rule, schedule.pairs)):
+    of_learning = {
+        "as-recorded": schedule.as_recorded,
+        "epochs": schedule.epochs,
+        "rule": schedule.rule,
+        "pairs": schedule.pairs,
+    }
+    if any(value and not of_settings(name) for name, value in of_learning.items()):
         raise ConfigError("--play: expected none of --as-recorded, --epochs, --rule and --pairs beside it")
     config = PlaybackConfig(
         frozenset(playing.topic or ()),

@@ -4,11 +4,17 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
+from pipeline.serving.inputs import JointsReader
 from pipeline.serving.rejections import Rejection
 from recorders.errors import ConfigError
 from recorders.messages.message_types import JointState
+from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import JOINT_STATES
 from recorders.ticks.joiner import JointMap
 from recorders.ticks.stamp_joiner import RejectionError
+
+FRESH_NS = 1_000_000_000
+"""A posture that came longer ago is none to start from: somebody may have moved the robot since [ns]."""
 
 PAUSE_NS = 1_000_000_000
 """After a pause of the targets longer than this, the next command starts from the posture measured again [ns]."""
@@ -28,6 +34,11 @@ class SpeedLimiter:
     max_speed : float
         Largest speed of any joint [rad/s, m/s].
 
+    Attributes
+    ----------
+    now_ns : int
+        When the last message came, by this machine's clock [ns].
+
     Raises
     ------
     ConfigError
@@ -38,18 +49,31 @@ class SpeedLimiter:
         check_speed(max_speed)
         self._speeds = np.minimum(robot.speed_limits, max_speed)
         self._joints = JointMap(robot.joints)
-        self._measured: Floats | None = None
+        self.now_ns = 0
+        self._measured: tuple[int, Floats] | None = None
         self._last: tuple[int, Floats] | None = None
 
+    def take(self, record: RecordedMessage, reader: JointsReader) -> None:
+        """Take note of when a message came, and of the joints if it holds them as measured.
+
+        Raises
+        ------
+        RejectionError
+            If it should, and does not.
+        """
+        self.now_ns = record.log_time_ns
+        if record.topic == JOINT_STATES:
+            self.measure(reader.read(record)[1])
+
     def measure(self, joints: JointState) -> None:
-        """Take note of the joints as measured.
+        """Take note of the joints as measured, which came at `now_ns`.
 
         Raises
         ------
         JointError
             If a joint of the robot is missing.
         """
-        self._measured = self._joints.positions(joints)
+        self._measured = self.now_ns, self._joints.positions(joints)
 
     def begin(self) -> None:
         """Start from the posture measured with the next command."""
@@ -61,15 +85,16 @@ class SpeedLimiter:
         Raises
         ------
         RejectionError
-            If it is to start from the posture measured, and none was.
+            If it is to start from the posture measured, and none came within the last second.
         """
         last = self._last
         if last is None or not 0 < stamp_ns - last[0] <= PAUSE_NS:
-            if self._measured is None:
+            if self._measured is None or self.now_ns - self._measured[0] > FRESH_NS:
                 raise RejectionError(
-                    Rejection.NOT_MEASURED, "/joint_states: expected the joints as measured, to start from; none came"
+                    Rejection.NOT_MEASURED,
+                    "/joint_states: expected the joints as measured within the last second, to start from; none came",
                 )
-            found = np.array(self._measured)
+            found = np.array(self._measured[1])
         else:
             found = self._step(last[1], position, (stamp_ns - last[0]) * 1e-9)
         self._last = stamp_ns, found

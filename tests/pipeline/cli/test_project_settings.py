@@ -5,6 +5,7 @@ from typing import Any
 
 import pytest
 import typer
+from episodes import write_episode
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
@@ -94,3 +95,19 @@ def test_a_folder_of_that_name_is_one_line(tmp_path: Path) -> None:
     (tmp_path / "reenact.toml").mkdir()
     with pytest.raises(ConfigError, match="expected a TOML file, found a directory"):
         find_settings(tmp_path)
+
+
+def test_a_setting_that_a_command_has_no_use_for_is_no_error_and_the_same_on_the_command_line_is(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A project's robot and rates are for the commands that take them; who asks for one here gets told."""
+    write_episode(tmp_path / "log.mcap", samples=3)
+    (tmp_path / "reenact.toml").write_text('robot = "asimo"\ntick-rate = 10\nrule = "reservoir"\n')
+    monkeypatch.chdir(tmp_path)
+    given = CliRunner().invoke(app, ["train", "log.mcap", "--out", "a.npz", "--as-recorded", "--tick-rate", "5"])
+    assert isinstance(given.exception, ConfigError)
+    of_file = CliRunner().invoke(app, ["train", "log.mcap", "--out", "a.npz", "--as-recorded"])
+    assert "--tick-rate" not in str(of_file.exception)
+    (tmp_path / "reenact.toml").write_text('robot = "asimo"\n')
+    assert CliRunner().invoke(app, ["convert", "log.mcap", "--out", "b.mcap"]).exit_code == 0
+    assert CliRunner().invoke(app, ["convert", "log.mcap", "--out", "c.mcap", "--robot", "asimo"]).exit_code != 0

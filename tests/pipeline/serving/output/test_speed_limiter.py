@@ -6,7 +6,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from pipeline.robot.config import load_robot
-from pipeline.serving.output.speed_limiter import PAUSE_NS, SpeedLimiter
+from pipeline.serving.output.speed_limiter import FRESH_NS, PAUSE_NS, SpeedLimiter
 from pipeline.serving.rejections import Rejection
 from recorders.errors import ConfigError, JointError
 from recorders.messages.message_types import JointState
@@ -80,3 +80,17 @@ def test_after_a_pause_or_a_new_cycle_it_starts_from_where_the_robot_is(pause: b
 def test_a_speed_that_is_none_is_one_line(max_speed: float) -> None:
     with pytest.raises(ConfigError, match="--max-speed: expected a speed above 0 rad/s"):
         SpeedLimiter(ROBOT, max_speed)
+
+
+def test_a_posture_that_is_old_is_none_to_start_from() -> None:
+    """Whoever moved the arm while its driver was silent gets no jump: not at first, nor after a pause."""
+    limiter = SpeedLimiter(ROBOT, 0.5)
+    limiter.measure(measured(ROBOT.comfort))
+    limiter.now_ns = FRESH_NS + 1
+    with pytest.raises(RejectionError, match="within the last second"):
+        limiter.limit(0, ROBOT.comfort)
+    limiter.measure(measured(ROBOT.comfort))
+    limiter.limit(0, ROBOT.comfort)
+    limiter.now_ns += FRESH_NS + 1
+    with pytest.raises(RejectionError, match="within the last second"):
+        limiter.limit(PAUSE_NS + 1, ROBOT.comfort)
