@@ -68,8 +68,29 @@ def logs(draw):
     return messages
 
 
+@st.composite
+def stalled_logs(draw):
+    """Messages of which those of one topic are held up for more than ten seconds, and then come all at once."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    period = draw(st.sampled_from([100, 250, 400])) * MS
+    stalled, first, count = draw(st.sampled_from(["/tracker", "/joint_states"])), draw(st.integers(0, 20)), 80
+    messages = []
+    for index in range(count):
+        stamp = START + index * period
+        messages.append(("/joint_states", stamp, rng.uniform(-1, 1, 2).tolist(), False))
+        messages.append(("/tracker", stamp, [*rng.uniform(-1, 1, 3).tolist(), 0.0, 0.0, 0.0, 1.0], True))
+    last = first + 10**10 // period + draw(st.integers(1, 10))
+    part = messages[2 * first : 2 * last]
+    return [
+        *messages[: 2 * first],
+        *(message for message in part if message[0] != stalled),
+        *(message for message in part if message[0] == stalled),
+        *messages[2 * last :],
+    ]
+
+
 CASES = given(
-    logs(),
+    logs() | stalled_logs(),
     st.sampled_from([0, 5, 20, 100, 1000]),
     st.sampled_from([None, 10, 33, 100]),
     st.sampled_from([0, 1]),
@@ -98,7 +119,9 @@ def check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, bl
     ]
     options = {"period": period, "pivot": pivot, "tolerance_ns": tolerance}
     aligner, found = aligned(records, **options)
-    assert aligned(records, block=block, **options)[1] == found
+    again, others = aligned(records, block=block, **options)
+    assert others == found
+    assert (again.made, again.missed) == (aligner.made, aligner.missed)
     assert aligner.made == len(expected) == len(found) // 2
     number = -1
     for (stamp, values, cut), hand, posture in zip(expected, found[::2], found[1::2], strict=True):
@@ -110,6 +133,19 @@ def check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, bl
         assert moved.position.tolist() == values["/joint_states"]
         assert there.position.tolist() == values["/tracker"][:3]
         np.testing.assert_allclose(there.orientation, values["/tracker"][3:], rtol=0, atol=2e-15)
+
+
+@pytest.mark.parametrize("block", [1, 8192])
+def test_a_tick_that_came_too_late_is_missed_and_cuts(block):
+    """Poses stop at 8.9 s, joints run on to 19.05 s, and then poses come from 9.0 s on."""
+    moving = [joints(START + index * 50 * MS, (0.01 * index, 0.0)) for index in range(382)]
+    hands = [pose(START + index * 100 * MS, (0.001 * index, 0.0, 0.0)) for index in range(191)]
+    records = sorted([*moving[:179], *hands[:90]], key=lambda record: record.log_time_ns)
+    aligner, found = aligned([*records, *moving[179:], *hands[90:]], block=block)
+    stamps = [(record.log_time_ns - START) // MS for record in found[::2]]
+    assert stamps == [*range(0, 8901, 100), *range(9100, 19001, 100)]
+    assert (aligner.made, aligner.missed) == (190, 1)
+    assert [record.sequence for record in found[::2]] == [*range(90), *range(91, 191)]
 
 
 def test_bits_are_these():
