@@ -1,6 +1,6 @@
 """Options of alignment, the same for every verb that learns from logs, checks them, or serves."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -56,6 +56,11 @@ class AlignmentOptions:
     def renames(self) -> dict[str, str]:
         """Our topic names for those of the logs; raises ConfigError if one is not FOREIGN=OURS."""
         return renames(self.map_)
+
+    def among(self, topics: Collection[str]) -> "AlignmentOptions":
+        """Return the same options with new names for these topics alone."""
+        named = [f"{name}={ours}" for name, ours in self.renames.items() if name in topics]
+        return replace(self, map_=named)
 
     def config(self) -> "AlignmentConfig":
         """Return the settings; raises ConfigError if one cannot be read or two exclude each other."""

@@ -112,8 +112,9 @@ def evaluate_motion(
     controller: Controller,
     motion: str | Path | Reader,
     *,
-    linear_from: Path | None = None,
+    linear_from: Opened | None = None,
     renames: Mapping[str, str] = _NO_RENAMES,
+    linear_renames: Mapping[str, str] = _NO_RENAMES,
 ) -> Trial:
     """Try a controller on a recording, a CSV file or a motion known by name.
 
@@ -123,10 +124,12 @@ def evaluate_motion(
         What was learned.
     motion : str, Path or Reader
         What is asked for: of a recording without targets, the hands as they were measured.
-    linear_from : Path, optional
+    linear_from : Path, Parts or Reader, optional
         The log that the linear baseline is fitted to; by default the motion's own, where it is one.
     renames : mapping of str to str
         Our topic names for those that a recording uses.
+    linear_renames : mapping of str to str
+        The same for those of `linear_from`.
 
     Raises
     ------
@@ -134,22 +137,28 @@ def evaluate_motion(
         If a log or the motion cannot be read, or was recorded with a robot of other joints.
     """
     robot = robot_of(controller)
-    fitted = None if linear_from is None else read_samples(one_session([linear_from]), robot=robot)
-    if fitted is not None:
-        _check_joints(controller, fitted, name=str(linear_from))
+    fitted = None
+    if linear_from is not None:
+        linear = open_log(one_session([linear_from]) if isinstance(linear_from, Path) else linear_from)
+        fitted = _samples(linear, robot, linear_renames)
+        _check_joints(controller, fitted, name=str(linear.path))
     if not isinstance(motion, str | Path) or is_recorded(motion):
-        log = one_session([Path(motion)]) if isinstance(motion, str | Path) else motion
-        reader = open_log(log)
-        pairing = fitting_pairing(
-            trial_pairing(reader, robot.hand_names, renames),
-            robot.hand_names,
-            _topics(reader, renames),
-            where=str(reader.path),
-        )
-        samples = read_samples(reader, robot=robot, pairs=pairing.name, renames=renames)
+        reader = open_log(one_session([Path(motion)]) if isinstance(motion, str | Path) else motion)
+        samples = _samples(reader, robot, renames)
         return evaluate_samples(controller, samples, name=reader.path.stem, fitted=fitted)
     loaded = load_motion(motion, robot)
     return _try(controller, to_inputs(robot, loaded.targets), name=loaded.name, fitted=fitted)
+
+
+def _samples(reader: Reader, robot: RobotConfig, renames: Mapping[str, str]) -> Samples:
+    """Return the samples of a recording, of hands as commanded or else as reached."""
+    pairing = fitting_pairing(
+        trial_pairing(reader, robot.hand_names, renames),
+        robot.hand_names,
+        _topics(reader, renames),
+        where=str(reader.path),
+    )
+    return read_samples(reader, robot=robot, pairs=pairing.name, renames=renames)
 
 
 def trial_pairing(log: Opened, hands: Sequence[str], renames: Mapping[str, str]) -> PairingRule:

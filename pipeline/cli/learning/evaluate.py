@@ -1,5 +1,6 @@
 """The verb evaluate."""
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -10,11 +11,13 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import MOTIONS, Controller, Json, complete_motion
 from pipeline.terminal import console
 from recorders.errors import ConfigError
+from recorders.text.wording import names_text
 
 if TYPE_CHECKING:
     from pipeline.evaluation.trials import Trial
     from pipeline.learner.controller import Controller as Learned
     from pipeline.motions.motion import Motion
+    from recorders.containers.reader import Reader
 
 _NOT_COMPARED = {
     "teacher_cm": "not compared: the motion is no recording; --deploy lets the teacher drive the robot, too",
@@ -70,6 +73,8 @@ def evaluate(
         raise ConfigError("expected one of --deploy and --plot, found both")
     if own_time and not deploy:
         raise ConfigError("--own-time: expected --deploy beside it")
+    if deploy:
+        alignment.refuse("--deploy", renames=True)
     loaded, result = Loaded.load(controller), dict[str, Any]()
     if own_time:
         _deploy_in_own_time(loaded, motion, as_json=as_json)
@@ -87,19 +92,34 @@ def evaluate(
 
 
 def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignment: AlignmentOptions) -> "Trial":
-    """Try a controller; a recording that carries no ticks is aligned."""
-    from pipeline.evaluation.trials import evaluate_motion, robot_of, trial_pairing
+    """Try a controller; recordings that carry no ticks are aligned."""
+    from pipeline.evaluation.trials import evaluate_motion
     from pipeline.motions.motion import is_recorded
     from recorders.containers.opening import open_log
     from recorders.reading.parts import one_session
+    from replay.sources.scheduled import check_renames
 
-    if not is_recorded(motion):
-        alignment.refuse(motion)
-        return evaluate_motion(controller, motion, linear_from=linear_from)
-    robot, log = robot_of(controller), one_session([Path(motion)])
+    recorded = [Path(motion)] if is_recorded(motion) else []
+    logs = [open_log(one_session([path])) for path in (*recorded, linear_from) if path is not None]
+    if not logs:
+        alignment.refuse(motion, renames=True)
+    topics = {topic for log in logs for topic in log.topics}
+    check_renames(alignment.renames, topics, where=names_text(str(log.path) for log in logs))
+    aligned = [_aligned(controller, log, alignment.among(log.topics)) for log in logs]
+    linear, linear_renames = (None, {}) if linear_from is None else aligned.pop()
+    tried, renames = aligned.pop() if aligned else (motion, {})
+    return evaluate_motion(controller, tried, linear_from=linear, renames=renames, linear_renames=linear_renames)
+
+
+def _aligned(controller: "Learned", log: "Reader", alignment: AlignmentOptions) -> "tuple[Reader, Mapping[str, str]]":
+    """Return a log of ticks, and the renames that are left to make in it."""
+    from pipeline.evaluation.trials import robot_of, trial_pairing
+    from recorders.containers.opening import open_log
+
+    robot = robot_of(controller)
     tick = trial_pairing(log, robot.hand_names, alignment.renames).topics(robot.hand_names)
     (aligned,), renames = alignment.align([log], robot=robot, tick=tick)
-    return evaluate_motion(controller, open_log(aligned), linear_from=linear_from, renames=renames)
+    return open_log(aligned), renames
 
 
 def _draw(path: Path, trial: "Trial") -> None:

@@ -73,19 +73,14 @@ def train(
 
     check_writable(out, overwrite=overwrite)
     config = None if robot is None else load_robot(robot)
-    if as_recorded and as_live:
-        raise ConfigError("expected one of --as-recorded and --as-live, found both")
+    _check_ways(alignment, hold_out, as_recorded=as_recorded, as_live=as_live)
     learner = default_config(rule, seed=seed)
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
     names: Mapping[str, str] = alignment.renames
-    whole: Sequence[Opened] = []
-    asked = pairing_of(learner, pairs)
-    if as_recorded:
-        alignment.refuse("--as-recorded")
-    else:
-        whole = _whole_logs(hold_out)
+    asked, whole = pairing_of(learner, pairs), _whole_logs(hold_out)
+    if not as_recorded:
         found, names = _aligned([*found, *whole], alignment, config, asked)
-    found, aside = _left_aside(found, hold_out or [], names, len(whole), takes_parts=not (as_recorded or as_live))
+    found, aside = _left_aside(found, hold_out or [], names, len(whole))
     pairing = pairing_for(asked, found, robot=config, renames=names, as_recorded=as_recorded)
     source = (
         _as_live(found[0], config, epochs or 1, names, pairing)
@@ -97,6 +92,16 @@ def train(
     left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
     shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
     console.show(trainer.result() | shown | left, as_json=as_json)
+
+
+def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_recorded: bool, as_live: bool) -> None:
+    """Check that options go together; raises ConfigError."""
+    if as_recorded and as_live:
+        raise ConfigError("expected one of --as-recorded and --as-live, found both")
+    if hold_out and (as_recorded or as_live):
+        raise ConfigError("--hold-out: expected neither --as-recorded nor --as-live beside it")
+    if as_recorded:
+        alignment.refuse("--as-recorded")
 
 
 def _saved(trainer: "Trainer", out: Path) -> "Controller":
@@ -160,15 +165,13 @@ def _trained(learner: "Settings", robot: "RobotConfig | None", pairing: "Pairing
 
 
 def _left_aside(
-    logs: "Sequence[Opened]", hold_out: list[str], names: "Mapping[str, str]", whole: int, *, takes_parts: bool
+    logs: "Sequence[Opened]", hold_out: list[str], names: "Mapping[str, str]", whole: int
 ) -> "tuple[Sequence[Opened], list[Opened]]":
     """Return what is learned and what is left aside: so many logs at the end of the list, or the ends of all logs."""
     from pipeline.evaluation.hold_out import parse_share, split_log
 
     if not hold_out:
         return logs, []
-    if not takes_parts:
-        raise ConfigError("--hold-out: expected neither --as-recorded nor --as-live beside it")
     shares = [text for text in hold_out if _is_number(text)]
     if len(shares) > 1 or (shares and whole):
         raise ConfigError("--hold-out: expected one share, or logs, found both or several shares")

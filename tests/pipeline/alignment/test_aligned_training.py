@@ -168,7 +168,7 @@ def test_live_takes_the_same_ticks(log: Path, trained: Any) -> None:
 
 
 def test_a_controller_is_tried_on_such_a_log(
-    log: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    log: Path, robot: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Hands as measured are what it is asked for, where there are no targets."""
     trained(log, *MAPPED)
@@ -179,8 +179,30 @@ def test_a_controller_is_tried_on_such_a_log(
     assert result["samples"] == 240
     assert result["teacher_cm"] < 0.01  # the joints that were measured put the hand where the tracker saw it
     assert result["mean_cm"] < 0.5
-    assert run("evaluate", tmp_path / "out.npz", "circles", "--tick-rate", 10) == 2
-    assert "circles: expected none of --tick-rate" in capsys.readouterr().err
+    assert run("evaluate", tmp_path / "out.npz", "circles", "--linear-from", log, *MAPPED, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["linear_cm"] > 0.0
+    ours = tmp_path / "ours.mcap"
+    options = ("--rule", "forward-inverse", "--tick-rate", 30, "--robot", robot, "--out", ours)
+    assert run("convert", log, *MAPPED, *options, "--json") == 0
+    capsys.readouterr()
+    assert run("evaluate", tmp_path / "out.npz", log, *MAPPED, "--linear-from", ours, "--json") == 0
+    assert json.loads(capsys.readouterr().out)["linear_cm"] > 0.0
+
+
+def test_where_nothing_is_aligned_its_options_are_refused(
+    log: Path, trained: Any, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    trained(log, *MAPPED)
+    write_foreign(tmp_path / "ours.mcap", [])
+    for options, line in (
+        (("--tick-rate", "10"), "circles: expected none of --tick-rate"),
+        (MAPPED, "circles: expected no --map beside it"),
+        (("--deploy", *MAPPED), "--deploy: expected no --map beside it"),
+        (("--deploy", "--own-time", "--frame", "/x=0,0,0,0,0,0,1"), "--deploy: expected none of --tick-rate"),
+        ((*MAPPED, "--linear-from", tmp_path / "ours.mcap"), "expected a topic /tracker, found none"),
+    ):
+        assert run("evaluate", tmp_path / "out.npz", "circles", *options) == 2
+        assert line in capsys.readouterr().err
 
 
 def holed(robot: Path, path: Path) -> Path:
