@@ -5,6 +5,7 @@ The format: http://wiki.ros.org/Bags/Format/2.0.
 
 import bz2
 import heapq
+import os
 import struct
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -79,7 +80,7 @@ class Ros1Bag(ForeignReader):
     def _contents(self) -> tuple[dict[int, DeclaredChannel], list[_ChunkInfo]]:
         channels: dict[int, DeclaredChannel] = {}
         with self._open() as file:
-            file.seek(self._index)
+            _seek(file, self._index)
             for _ in range(self._connections):
                 number, channel = _channel(*_record(file))
                 channels[number] = channel
@@ -168,6 +169,13 @@ class Ros1Bag(ForeignReader):
             raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
 
 
+def _seek(file: BinaryIO, offset: int) -> None:
+    size = os.fstat(file.fileno()).st_size
+    if offset >= size:
+        raise _Damaged(f"it names a record at byte {offset}, and ends at byte {size}")
+    file.seek(offset)
+
+
 def _record(file: BinaryIO) -> tuple[_Header, bytes]:
     """Read one record: its header and its data."""
     header = _header(_sized(file, _MOST_HEADER))
@@ -226,7 +234,7 @@ def _chunk_info(header: _Header, data: bytes) -> _ChunkInfo:
 
 
 def _chunk_data(file: BinaryIO, offset: int) -> bytes:
-    file.seek(offset)
+    _seek(file, offset)
     header, data = _record(file)
     size = _number(header, b"size", _LENGTH)
     if header.get(b"op") != _CHUNK or size > MAX_CHUNK:

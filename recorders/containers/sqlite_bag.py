@@ -5,13 +5,16 @@ import sqlite3
 from collections.abc import Iterable, Iterator
 from contextlib import closing, contextmanager
 from functools import cached_property
+from itertools import islice
 from pathlib import Path
+from typing import Any
 from urllib.parse import quote
 
 from recorders.containers.foreign_reader import ForeignReader
 from recorders.containers.unpacked import copies
 from recorders.errors import LogError
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.mcap_format.lengths import MAX_DECLARED
 from recorders.messages.record import RecordedMessage
 from recorders.reading.raw_messages import FOREVER_NS
 
@@ -46,29 +49,41 @@ class SqliteBag(ForeignReader):
         with self._open() as connection:
             self._columns = {table: _columns(connection, table) for table in (*_TABLES, "message_definitions")}
         if not all(self._columns[table] for table in _TABLES):
-            raise LogError(f"{path}: expected a rosbag2 recording, found an sqlite file without topics and messages")
+            raise LogError(
+                f"{path}: expected a rosbag2 recording, found an sqlite file without topics and messages in plain tables"
+            )
 
     @cached_property
     def _by_number(self) -> dict[int, DeclaredChannel]:
-        with self._open() as connection:
-            definitions = self._definitions(connection)
+        definitions = self._definitions()
+        found: dict[int, DeclaredChannel] = {}
+        with self._open(_MOST_TEXT) as connection:
             rows = connection.execute(_TOPICS if "offered_qos_profiles" in self._columns["topics"] else _OLD_TOPICS)
-            found: dict[int, DeclaredChannel] = {}
-            for number, topic, kind, encoding, profiles in rows.fetchmany(_MOST_TOPICS):
+            for number, topic, kind, encoding, profiles in self._bounded(rows):
                 metadata = (("offered_qos_profiles", str(profiles)),) if profiles else ()
                 schema = str(kind), *definitions.get(kind, ("ros2msg", b""))
                 found[number] = DeclaredChannel(str(topic), str(encoding), metadata, schema)
         return found
 
-    def _definitions(self, connection: sqlite3.Connection) -> dict[str, tuple[str, bytes]]:
+    def _definitions(self) -> dict[str, tuple[str, bytes]]:
         if not {"topic_type", "encoding", "encoded_message_definition"} <= self._columns["message_definitions"]:
             return {}
-        rows = connection.execute(
-            "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
-            "WHERE length(encoded_message_definition) <= ?",
-            (_MOST_TEXT,),
-        )
-        return {kind: (str(encoding), str(text).encode()) for kind, encoding, text in rows.fetchmany(_MOST_TOPICS)}
+        with self._open() as connection:
+            rows = connection.execute(
+                "SELECT topic_type, encoding, encoded_message_definition FROM message_definitions "
+                "WHERE length(encoded_message_definition) <= ?",
+                (_MOST_TEXT,),
+            )
+            return {kind: (str(encoding), str(text).encode()) for kind, encoding, text in self._bounded(rows)}
+
+    def _bounded(self, rows: Iterable[tuple[Any, ...]]) -> Iterator[tuple[Any, ...]]:
+        """Yield rows of texts and numbers as long as they are held in little memory."""
+        held = 0
+        for row in islice(rows, _MOST_TOPICS):
+            held += sum(len(value) for value in row if isinstance(value, str | bytes))
+            if held > MAX_DECLARED:
+                raise LogError(f"{self.path}: more than {MAX_DECLARED} bytes of topics, the most that is held")
+            yield row
 
     @property
     def channels(self) -> tuple[DeclaredChannel, ...]:
@@ -117,11 +132,11 @@ class SqliteBag(ForeignReader):
                 yield RecordedMessage(*named, data, 0, time_ns)
 
     @contextmanager
-    def _open(self) -> Iterator[sqlite3.Connection]:
+    def _open(self, most: int = _MOST_MESSAGE) -> Iterator[sqlite3.Connection]:
         name = quote(os.fsencode(self._file.absolute()))
         try:
             with closing(sqlite3.connect(f"file:{name}?mode=ro{self._immutable}", uri=True)) as connection:
-                connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, _MOST_MESSAGE)
+                connection.setlimit(sqlite3.SQLITE_LIMIT_LENGTH, most)
                 connection.execute("PRAGMA trusted_schema=OFF")
                 yield connection
         except (sqlite3.Error, OverflowError, UnicodeDecodeError) as error:
@@ -129,8 +144,9 @@ class SqliteBag(ForeignReader):
 
 
 def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
-    """Return the columns of a plain table; none of a view or virtual table, which could compute anything."""
+    """Return the columns of a plain table; none of one that is computed: a view, a virtual one, or with such columns."""
     found = connection.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (table,)).fetchone()
     if found is None or not str(found[0]).upper().startswith("CREATE TABLE"):
         return set()
-    return {str(row[1]) for row in connection.execute(f"PRAGMA table_info({table})")}
+    columns = [(str(row[1]), row[6]) for row in connection.execute(f"PRAGMA table_xinfo({table})")]
+    return set() if any(is_hidden for _, is_hidden in columns) else {name for name, _ in columns}

@@ -47,10 +47,13 @@ def read_bag_metadata(folder: Path) -> BagMetadata:
     """
     about = _information(folder / METADATA_FILE)
     names, storage = about.get("relative_file_paths"), about.get("storage_identifier")
-    mode, how = (str(about.get(f"compression_{part}") or "").lower() for part in ("mode", "format"))
-    if not (isinstance(names, list) and names and isinstance(storage, str)):
+    modes = [about.get(f"compression_{part}") or "" for part in ("mode", "format")]
+    if not (isinstance(names, list) and names and _all_texts([*names, storage])):
         raise LogError(f"{folder / METADATA_FILE}: expected the files of a rosbag2 recording, found none")
-    files = tuple(folder / PurePath(str(name)).name for name in names)
+    if not _all_texts(modes):
+        raise LogError(f"{folder / METADATA_FILE}: expected texts for compression_mode and compression_format")
+    mode, how = (text.lower() for text in modes)
+    files = tuple(folder / PurePath(name).name for name in names)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
         raise LogError(
@@ -60,18 +63,27 @@ def read_bag_metadata(folder: Path) -> BagMetadata:
     mode = "" if mode == "none" else mode
     if mode not in ("", "file", "message") or (mode and how != "zstd"):
         raise LogError(f"{folder}: expected a bag compressed with zstd by file or message, found {how!r} by {mode!r}")
-    return BagMetadata(storage, mode, files)
+    return BagMetadata(str(storage), mode, files)
+
+
+def _all_texts(values: list[Any]) -> bool:
+    """Whether they are strings, rather than lists whose text may be endless."""
+    return all(isinstance(value, str) for value in values)
 
 
 def _information(path: Path) -> dict[str, Any]:
     from ruamel.yaml import YAML  # noqa: PLC0415  # most logs are no bags
     from ruamel.yaml.error import YAMLError  # noqa: PLC0415
+    from ruamel.yaml.events import AliasEvent  # noqa: PLC0415
 
     require_regular_file(path, expected="the metadata of a rosbag2 recording")
     try:
         with path.open("rb") as file:
             text = file.read(_MOST_METADATA + 1)
         usual = len(text) <= _MOST_METADATA and not _DEEP.search(text)
+        parsed = YAML(typ="safe").parse(text.decode()) if usual else ()
+        if any(isinstance(event, AliasEvent) for event in parsed):  # each may double what comes before it
+            raise LogError(f"{path}: expected the metadata of a rosbag2 recording, without aliases, found some")
         found = YAML(typ="safe").load(text.decode()) if usual else None
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error

@@ -1,6 +1,7 @@
 """Bags that cannot be read: one line that says what was expected and what would help, in little memory."""
 
 import sqlite3
+import tracemalloc
 
 import bags
 import pytest
@@ -36,6 +37,15 @@ def test_a_bag_whose_part_is_missing(tmp_path, storage):
         ("[" * 5000 + "]" * 5000, "expected the metadata of a rosbag2 recording"),
         ("rosbag2_bagfile_information: {storage_identifier: mcap}", "expected the files of a rosbag2 recording"),
         ("!!python/object/apply:os.system [ls]", "expected the metadata of a rosbag2 recording"),
+        ("rosbag2_bagfile_information: &a {storage_identifier: mcap, relative_file_paths: [*a]}", "without aliases"),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [[a, b]]}",
+            "expected the files of a rosbag2 recording",
+        ),
+        (
+            "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [a], compression_mode: [b]}",
+            "expected texts for compression_mode",
+        ),
     ],
 )
 def test_metadata_of_something_else(tmp_path, text, expected):
@@ -76,6 +86,47 @@ def test_a_view_in_place_of_the_messages_is_not_computed(tmp_path):
         )
     connection.close()
     assert "found an sqlite file without topics and messages" in complaint(path)
+
+
+def test_metadata_that_doubles_itself_is_not_written_out(tmp_path):
+    levels = "".join(f"a{level}: &a{level} [*a{level - 1}, *a{level - 1}]\n" for level in range(1, 28))
+    about = "rosbag2_bagfile_information: {storage_identifier: mcap, relative_file_paths: [x], compression_mode: *a27}"
+    (tmp_path / "metadata.yaml").write_text(f"a0: &a0 [x, x]\n{levels}{about}\n")
+    tracemalloc.start()
+    try:
+        assert "without aliases" in complaint(tmp_path)
+        assert tracemalloc.get_traced_memory()[1] < 2**24
+    finally:
+        tracemalloc.stop()
+
+
+@pytest.mark.parametrize("column", ["name", "type"])
+def test_sqlite_whose_columns_are_computed_is_refused(tmp_path, column):
+    path = tmp_path / "long.db3"
+    with sqlite3.connect(path) as connection:
+        other = "type" if column == "name" else "name"
+        connection.execute(
+            f"CREATE TABLE topics (id INTEGER PRIMARY KEY, {other} TEXT, serialization_format TEXT, "
+            f"{column} TEXT GENERATED ALWAYS AS (id || printf('%.*c', 1000000, 'x')))"
+        )
+        connection.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        connection.executemany("INSERT INTO topics (id) VALUES (?)", [(number,) for number in range(20)])
+    connection.close()
+    assert "found an sqlite file without topics and messages in plain tables" in complaint(path)
+
+
+@pytest.mark.parametrize(("rows", "size"), [(1, 2**20 + 1), (100, 2**20 - 100)])
+def test_sqlite_with_more_names_than_are_held_is_refused(tmp_path, rows, size):
+    path = tmp_path / "names.db3"
+    with sqlite3.connect(path) as connection:
+        connection.execute("CREATE TABLE topics (id INTEGER PRIMARY KEY, name, type)")
+        connection.execute("CREATE TABLE messages (id INTEGER PRIMARY KEY, topic_id, timestamp, data)")
+        connection.executemany("INSERT INTO topics (id) VALUES (?)", [(number,) for number in range(rows)])
+        # rows that were there before a column have its default: a short file of long names
+        connection.execute(f"ALTER TABLE topics ADD COLUMN serialization_format TEXT DEFAULT '{'x' * size}'")
+    connection.close()
+    expected = "bytes of topics, the most that is held" if rows > 1 else "not a sound rosbag2 recording in sqlite"
+    assert expected in complaint(path)
 
 
 def test_sqlite_that_is_damaged(tmp_path):
@@ -137,6 +188,16 @@ def test_ros1_bag_without_an_index_names_what_makes_one(tmp_path):
     place = data.index(b"index_pos=") + len(b"index_pos=")
     (tmp_path / "log.bag").write_bytes(data[:place] + bytes(8) + data[place + 8 :])
     assert "`rosbag reindex` makes one" in complaint(tmp_path / "log.bag")
+
+
+@pytest.mark.parametrize("name", [b"index_pos=", b"chunk_pos="])
+@pytest.mark.parametrize("offset", [2**40, 2**63 - 1, 2**63, 2**64 - 1])
+def test_ros1_offsets_are_not_believed(tmp_path, name, offset):
+    path = bags.ros1_bag(tmp_path / "log.bag")
+    data = path.read_bytes()
+    place = data.index(name) + len(name)
+    path.write_bytes(data[:place] + offset.to_bytes(8, "little") + data[place + 8 :])
+    assert f"it names a record at byte {offset}, and ends at byte {len(data)}" in complaint(path)
 
 
 def test_ros1_lengths_are_not_believed(tmp_path):
