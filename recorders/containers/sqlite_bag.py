@@ -49,9 +49,8 @@ class SqliteBag(ForeignReader):
         with self._open() as connection:
             self._columns = {table: _columns(connection, table) for table in (*_TABLES, "message_definitions")}
         if not all(self._columns[table] for table in _TABLES):
-            raise LogError(
-                f"{path}: expected a rosbag2 recording, found an sqlite file without topics and messages in plain tables"
-            )
+            found = "an sqlite file without topics and messages in plain tables"
+            raise LogError(f"{path}: expected a rosbag2 recording, found {found}")
 
     @cached_property
     def _by_number(self) -> dict[int, DeclaredChannel]:
@@ -144,7 +143,7 @@ class SqliteBag(ForeignReader):
 
 
 def _columns(connection: sqlite3.Connection, table: str) -> set[str]:
-    """Return the columns of a plain table; none of one that is computed: a view, a virtual one, or with such columns."""
+    """Return the columns of a plain table; none of a view, nor of one with computed columns, which can be endless."""
     found = connection.execute("SELECT sql FROM sqlite_master WHERE type = 'table' AND name = ?", (table,)).fetchone()
     if found is None or not str(found[0]).upper().startswith("CREATE TABLE"):
         return set()
