@@ -5,7 +5,7 @@ from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import cached_property
 from typing import Any
 
-from recorders.cdr.codec import encode
+from recorders.cdr.codec import decode, encode
 from recorders.cdr.message_format import FORMATS
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding, pose_decoding
@@ -95,10 +95,11 @@ class TranslatedReader:
     ) -> Iterator[RecordedMessage]:
         """Yield the messages: see `recorders.reading.reader.LogReader.records`.
 
+        One that cannot be translated comes with the bytes that it has, which are no message of its type: whoever reads
+        it counts or refuses it as any other that is malformed.
+
         Raises
         ------
-        MessageError
-            If one that is to be translated is none of its type.
         MissingExtra
             If a topic that is asked for by name needs a package that is not installed.
         """
@@ -121,13 +122,12 @@ class TranslatedReader:
             return record
         fast = self._transcoders.get(record.topic)
         data = None if fast is None else fast(record.data)
-        return RecordedMessage(
-            record.topic,
-            decoding.type,
-            encode(decoding.decode(record.data)) if data is None else data,
-            record.sequence,
-            record.log_time_ns,
-        )
+        if data is None:
+            try:
+                data = encode(decoding.decode(record.data))
+            except MessageError:
+                data = _unreadable(decoding.type, record.data)
+        return RecordedMessage(record.topic, decoding.type, data, record.sequence, record.log_time_ns)
 
     @property
     def channels(self) -> tuple[DeclaredChannel, ...]:
@@ -178,6 +178,15 @@ class TranslatedReader:
     def attachment(self, name: str) -> bytes:
         """Return an attachment; raises LogError if there is none."""
         return self._reader.attachment(name)
+
+
+def _unreadable(type_name: str, data: bytes) -> bytes:
+    """Return bytes that are no message of a type: these, or none where they happen to be one in CDR."""
+    try:
+        decode(type_name, data)
+    except MessageError:
+        return data
+    return b""
 
 
 def is_foreign(channel: DeclaredChannel) -> bool:

@@ -10,6 +10,7 @@ from recorders.cdr.codec import decode_as, encode
 from recorders.containers.decoding import MessageDecoder
 from recorders.containers.opening import open_as_it_is, open_log
 from recorders.containers.translated import as_poses
+from recorders.errors import MessageError
 from recorders.messages.message_types import JointState, PoseStamped, TransformStamped
 from recorders.writing.writer import LogWriter
 
@@ -104,3 +105,28 @@ def test_a_tracker_of_transforms_is_one_of_poses(tmp_path):
     assert record.type == PoseStamped.TYPE
     assert (pose.stamp_ns, pose.frame_id) == (7, "odom")
     assert pose.position.tolist() + pose.orientation.tolist() == [1, 2, 3, 0, 0, 0.6, 0.8]
+
+
+@pytest.mark.parametrize("form", ["foxglove json", "foxglove protobuf", "ros1 mcap"])
+def test_a_malformed_message_ends_nothing_and_is_no_message_of_its_type(tmp_path, form):
+    source = open_as_it_is(bags.CONTAINERS[form](tmp_path))
+    channels = {channel.topic: channel for channel in source.channels}
+    channel = channels[bags.POSE]
+    assert channel.schema is not None
+    _, kind, text = channel.schema
+    cdr = encode(PoseStamped(1, np.zeros(3)))
+    datas = [record.data for record in source.records(topics=[bags.POSE])][:3]
+    malformed = [datas[0], b"\xff\xff", datas[1], datas[1][:-1], cdr, datas[2]]
+    rows = [
+        (bags.POSE, channel.encoding, channel.type, (kind, text), data, step) for step, data in enumerate(malformed)
+    ]
+    found = list(open_log(bags.mcap_file(tmp_path / "odd.mcap", rows)))
+    assert [record.log_time_ns for record in found] == list(range(6))
+    assert {record.type for record in found} == {PoseStamped.TYPE}
+    assert [found[1].data, found[3].data, found[4].data] == [b"\xff\xff", datas[1][:-1], b""]
+    for step, record in enumerate(found):
+        if step in (1, 3, 4):
+            with pytest.raises(MessageError):
+                decode_as(PoseStamped, record.data)
+        else:
+            decode_as(PoseStamped, record.data)
