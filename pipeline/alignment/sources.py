@@ -104,8 +104,8 @@ class TopicChoice:
             poses = sorted(topic for topic, kind in self._there.items() if kind == PoseStamped.TYPE)
             choice = f"rename one of {names_text(poses)} with --map" if poses else "it has no pose to rename"
             raise LogError(
-                f"{self._reader.path}: expected messages on {names_text(targets)}, found none; {choice}, or learn from "
-                "hands as measured with --pairs reached"
+                f"{self._reader.path}: expected messages on {names_text(targets)}, found none; {choice}, or learn "
+                "from hands as measured or from joints alone, with --rule forward-inverse"
             )
 
     def _named(self, ours: str) -> str | None:
@@ -132,21 +132,26 @@ class TopicChoice:
                 f"{self._reader.path}: expected one topic with the joints of the robot, found {names_text(fitting)}; "
                 f"choose with --map TOPIC={SAMPLE_JOINTS}"
             )
-        others = [f"{topic} with {names_text(sorted(names), limit=200)}" for topic, names in found.items() if names]
+        others = [
+            f"{topic} without {names_text([joint for joint in self._joints if joint not in names], limit=200)}, "
+            f"with {names_text(sorted(names), limit=200)}"
+            for topic, names in found.items()
+            if names
+        ]
         raise LogError(
             f"{self._reader.path}: expected a topic of {JointState.TYPE} with the joints of the robot, "
             f"{names_text(self._joints, limit=300)}; found {names_text(others) or 'none'}"
         )
 
     def _joints_of(self, topic: str) -> frozenset[str]:
-        """Return the joints in the message, of the first ones of a topic, that has most of the robot's."""
+        """Return the joints in the message, of the first ones of a topic, that has most of the robot's, or most."""
         best: frozenset[str] = frozenset()
         for record in islice(self._reader.records(topics=[topic]), _LOOKED_AT):
             try:
                 names = frozenset(decode_as(JointState, record.data).name)
             except MessageError:
                 continue
-            best = max(best, names, key=lambda joints: len(joints & set(self._joints)))
+            best = max(best, names, key=lambda joints: (len(joints & set(self._joints)), len(joints)))
         return best
 
     def _pivot(self, topic: str, sources: list[Source]) -> int:

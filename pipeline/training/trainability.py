@@ -1,15 +1,17 @@
 """Whether a log can be trained: what `train` would learn from it, or what it would refuse it for."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from types import MappingProxyType
 
 from pipeline.alignment.align import align_logs
 from pipeline.alignment.aligned_log import AlignedLog
 from pipeline.alignment.config import AlignmentConfig
-from pipeline.learner.registry import default_config
+from pipeline.learner.registry import default_config, rule_names
+from pipeline.learner.rule import DEFAULT
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import recorded_hands, recorded_robot
+from pipeline.samples.pairing import PairingRule
 from pipeline.samples.pairs import read_samples
 from pipeline.training.pairing_choice import pairing_for, pairing_of
 from recorders.containers.opening import open_log
@@ -30,13 +32,16 @@ class Trainability:
     alignment : tuple of str
         How topics were aligned to ticks, in lines; none where the log carries ticks.
     reason : str
-        Why it would learn nothing, or why that was not looked at.
+        Why it would learn nothing, or why that was not looked at; of the usual rule, where another one would learn.
+    rule : str
+        Name of the learning rule that `train` is to be given; none where the usual one learns.
     """
 
     samples: int | None = None
     pairs: str = ""
     alignment: tuple[str, ...] = ()
     reason: str = ""
+    rule: str = ""
 
     @property
     def possible(self) -> bool | None:
@@ -47,11 +52,19 @@ class Trainability:
         """Return the same in words."""
         if self.samples is None:
             return f"not looked at: {self.reason}"
-        return f"yes, with {self.samples} samples, pairs {self.pairs}" if self.samples else f"no, because {self.reason}"
+        if not self.samples:
+            return f"no, because {self.reason}"
+        if not self.rule:
+            return f"yes, with {self.samples} samples, pairs {self.pairs}"
+        return (
+            f"yes, with --rule {self.rule}: {self.samples} samples, pairs {self.pairs}; "
+            f"not with {DEFAULT}, because {self.reason}"
+        )
 
     def to_dict(self) -> dict[str, object]:
         """Return the same as JSON values."""
         found = {"possible": self.possible, "samples": self.samples, "pairs": self.pairs or None}
+        found |= {"rule": self.rule or None}
         return found | {"alignment": list(self.alignment), "reason": self.reason or None}
 
 
@@ -70,7 +83,7 @@ def trainability(
     log : Path, Parts or Reader
         The log.
     rule : str, optional
-        Learning rule; the usual one if left out.
+        Learning rule; if left out the usual one or, where that would learn nothing, the first of the others that would.
     robot : RobotConfig, optional
         The robot, for a log that carries none.
     alignment : AlignmentConfig
@@ -83,7 +96,28 @@ def trainability(
     ConfigError
         If there is no such rule, or a setting of alignment cannot be met.
     """
-    asked = pairing_of(default_config(rule))
+
+    def found_with(name: str) -> Trainability:
+        """Return what a rule would make of the log."""
+        return _trainability(log, pairing_of(default_config(name)), robot, alignment, renames)
+
+    first = found_with(rule or DEFAULT)
+    if rule is not None or first.possible is not False:
+        return first
+    for other in rule_names():
+        if other != DEFAULT and (found := found_with(other)).possible:
+            return replace(found, reason=first.reason, rule=other)
+    return first
+
+
+def _trainability(
+    log: Opened,
+    asked: PairingRule,
+    robot: RobotConfig | None,
+    alignment: AlignmentConfig,
+    renames: Mapping[str, str],
+) -> Trainability:
+    """Return what `train` would make of a log with one pairing rule."""
     try:
         if robot is None and recorded_robot(open_log(log)) is None:
             return Trainability(reason="the log carries no robot; --robot names one")

@@ -343,6 +343,7 @@ def changed(records: list[RecordedMessage], topic: str, change: Any) -> list[Rec
         (no_quaternion, "/tracker: expected messages that can be used, found 240 with a quaternion of zero length"),
         (an_hour_apart, "found those of /tracker 3600.005 s after"),
         (other_joints, "expected a topic of sensor_msgs/msg/JointState with the joints of the robot, turn, tip_yaw"),
+        (other_joints, "found /joint_states without turn, tip_yaw, with "),
         (unstamped, "found 240 without a stamp; take the times of recording with --clock log"),
     ],
 )
@@ -377,6 +378,7 @@ def test_a_topic_of_two_types_and_targets_that_are_not_there_are_one_line(
     assert line in capsys.readouterr().err
     assert run("train", log, *arguments) == 2
     line = "expected messages on /hand/tip/target, found none; rename one of /tracker with --map, or learn from hands"
+    line += " as measured or from joints alone, with --rule forward-inverse"
     assert line in capsys.readouterr().err
 
 

@@ -78,6 +78,19 @@ def test_info_shows_it(log: Path) -> None:
     assert shown["training"]["samples"] == 12
 
 
+def test_where_the_usual_rule_learns_nothing_another_one_that_does_is_named(tmp_path: Path) -> None:
+    robot = load_robot("asimo")
+    path = write_joints(tmp_path / "joints.mcap", robot.joints)
+    found = trainability(path, robot=robot, alignment=AS_IT_IS)
+    expected = trainability(path, rule="forward-inverse", robot=robot, alignment=AS_IT_IS)
+    assert (found.rule, found.samples, found.pairs) == ("forward-inverse", expected.samples, "computed")
+    assert found.text().startswith(f"yes, with --rule forward-inverse: {found.samples} samples, pairs computed; not ")
+    assert "/hand/right/target" in found.reason
+    asked = trainability(path, rule="reservoir", robot=robot, alignment=AS_IT_IS)
+    assert (asked.samples, asked.rule) == (0, "")
+    assert asked.reason.endswith("--rule forward-inverse")
+
+
 def test_a_rule_that_is_none_is_an_error(log: Path) -> None:
     with pytest.raises(ReenactError, match="expected"):
         trainability(log, rule="none", alignment=AS_IT_IS)
