@@ -1,14 +1,15 @@
 """Joint commands out of a learner: what it would do next, within the joints' limits, as CDR."""
 
 import struct
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.learner.look_ahead import look_ahead_of
 from pipeline.learner.rule import OnlineLearner
-from pipeline.serving.output.command_types import Encode
+from pipeline.robot.config import RobotConfig
+from pipeline.serving.output.command_types import CommandFormat, Encode
 from pipeline.serving.output.speed_limiter import SpeedLimiter
 from recorders.cdr.templates import PositionEncoder
 from recorders.messages.record import RecordedMessage
@@ -76,6 +77,15 @@ class Commander:
         self._encode, self._limiter = encode or self._as_joint_state, limiter
         self._sent = self._limited
         self.clipped = np.zeros(n, dtype=np.int64)
+
+    @classmethod
+    def of_robot(
+        cls, learner: OnlineLearner, robot: RobotConfig, commands: CommandFormat, *, limiter: SpeedLimiter | None
+    ) -> Self:
+        """Return the commands of a robot within its limits, in a format."""
+        limits = np.array([robot.lower, robot.upper])
+        encode = commands.encoder(robot.joints, least_ns=lambda: limiter.step_ns if limiter else 0)
+        return cls(learner, robot.joints, limits=limits, encode=encode, limiter=limiter)
 
     def command(self, stamp_ns: int, *targets: float) -> bytes:
         """Return the command (CDR) for targets, hand by hand in a row: the outputs of the step that they lead to.

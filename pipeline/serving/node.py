@@ -14,7 +14,6 @@ import numpy as np
 import zenoh
 
 from pipeline.learner.controller import Controller
-from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_controllers
 from pipeline.robot_node.protocol import robot_digest
 from pipeline.serving.background_writer import UNNUMBERED, BackgroundWriter
@@ -32,8 +31,7 @@ from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.frames import live_attachment, message_key
-from recorders.wire.session import SessionConfig, open_session, publishing
-from recorders.writing.writer import LogWriter
+from recorders.wire.session import SessionConfig, has_subscribers, open_session, publishing
 
 logger = logging.getLogger(__name__)
 
@@ -74,7 +72,7 @@ def serve(
         If learning diverged.
     """
     config = config or ServeConfig()
-    writer = BackgroundWriter(_log(controller, config))
+    writer = BackgroundWriter(config.log(controller))
     node = None
     try:
         with writer:
@@ -209,9 +207,13 @@ class Node:
         robot : RobotCheck
             Looks at robots that come meanwhile.
         """
+        noted = False
         while self._failure is None:
             time.sleep(_LOOK_S)  # a signal that comes just before a wait begins does not end it
             robot.check_newcomer()
+            if self._commands and not noted and not has_subscribers(self._publisher):
+                logger.warning(f"nobody subscribes to {self._publisher.key_expr}: commands move nothing")
+            noted = noted or self._commands > 0
         raise self._failure
 
     def source(self) -> NodeSource:
@@ -373,24 +375,6 @@ class Node:
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
-
-
-def _log(controller: Controller, config: ServeConfig) -> LogWriter | None:
-    if config.record is None:
-        return None
-    return LogWriter(
-        config.record,
-        manifest={
-            "kind": "serving",
-            "name": config.name,
-            "controller": controller.digest,
-            "learning": config.serving.learn,
-            "washout_steps": config.serving.washout_steps,
-        },
-        attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
-        overwrite=config.overwrite,
-        rechunk=False,
-    )
 
 
 def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:

@@ -5,8 +5,11 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from pipeline.alignment.config import AlignmentConfig
+from pipeline.learner.controller import Controller
+from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.serving.config import ServingConfig
 from recorders.wire.frames import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.writing.writer import LogWriter
 
 
 @dataclass(frozen=True)
@@ -53,3 +56,21 @@ class ServeConfig:
     def __post_init__(self) -> None:
         check_name(self.name)
         check_namespace(self.namespace)
+
+    def log(self, controller: Controller) -> LogWriter | None:
+        """Return the log of a controller that is served, None if there is to be none; raises LogError."""
+        if self.record is None:
+            return None
+        return LogWriter(
+            self.record,
+            manifest={
+                "kind": "serving",
+                "name": self.name,
+                "controller": controller.digest,
+                "learning": self.serving.learn,
+                "washout_steps": self.serving.washout_steps,
+            },
+            attachments={URDF_FILE: controller.robot_urdf.encode(), TOML_FILE: controller.robot_toml.encode()},
+            overwrite=self.overwrite,
+            rechunk=False,
+        )

@@ -108,8 +108,7 @@ class ServedController:
         self._joints = JointsReader(check)
         speed = self._config.max_speed
         self._limiter = limiter = None if speed is None else SpeedLimiter(robot, speed)
-        limits, encode_command = np.array([robot.lower, robot.upper]), self._config.commands.encoder(robot.joints)
-        self._commander = Commander(learner, robot.joints, limits=limits, encode=encode_command, limiter=limiter)
+        self._commander = Commander.of_robot(learner, robot, self._config.commands, limiter=limiter)
         self._targets = tuple(
             TargetReader(centre, check, self._config.outside_m, pose=check.poses.get(hand_target(name)))
             for centre, name in zip(self._centres, robot.hand_names, strict=True)
@@ -270,6 +269,7 @@ class ServedController:
         if self._deviations is not None:
             figures |= self._deviations.summary()
         figures |= {} if self._online is None else {"pairs": self._online.pairing.name}
+        figures |= {} if self._limiter is None else {"limited": self._limiter.limited}
         state, pending = self._learner.state(), self._pending
         error_cm = self._online.error_later() if self._online is not None else lambda: None
         return lambda: figures | {"digest": state_digest(state, pending), "hand_error_cm": error_cm()}

@@ -229,6 +229,12 @@ def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zen
         _insist(publisher.undeclare)
 
 
+def has_subscribers(publisher: zenoh.Publisher) -> bool:
+    """Whether anybody subscribes to what a publisher puts."""
+    status: Any = publisher.matching_status  # typed as a bool, which it is not
+    return bool(status.matching)
+
+
 def publishing_lossy(session: zenoh.Session, key: str, **options: Any) -> AbstractContextManager[zenoh.Publisher]:
     """Return a publisher to other sessions whose samples are dropped where the network is blocked; see `publishing`."""
     return publishing(

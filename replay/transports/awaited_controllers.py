@@ -9,7 +9,7 @@ from typing import Any, Self
 from recorders.errors import WireError
 from recorders.nodes.keys import controller_key
 from recorders.wire.frames import message_key
-from recorders.wire.session import Publisher, Session, watching_tokens
+from recorders.wire.session import Publisher, Session, has_subscribers, watching_tokens
 
 _MAX_STATUS = 1 << 20  # anybody may answer [bytes]
 _MAX_TOPICS = 100
@@ -124,19 +124,13 @@ def await_matching(
     deadline_s = time.monotonic() + wait_s
     for topic in status["topics"]:
         publisher = publisher_on(message_key(namespace, topic))
-        while not matches(publisher):
+        while not has_subscribers(publisher):
             if time.monotonic() > deadline_s:
                 raise WireError(
                     f"controller {status['name']!r} answers, but nothing that is put on {topic} reaches it within "
                     f"{wait_s:g} s; may this session write there?"
                 )
             time.sleep(_RETRY_S)
-
-
-def matches(publisher: Publisher) -> bool:
-    """Whether anybody subscribes to what a publisher puts."""
-    status: Any = publisher.matching_status  # typed as a bool, which it is not
-    return bool(status.matching)
 
 
 def _parsed(name: str, data: bytes) -> dict[str, Any]:

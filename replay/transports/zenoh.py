@@ -24,9 +24,9 @@ from recorders.wire.frames import (
     message_key,
     pack,
 )
-from recorders.wire.session import publishing
+from recorders.wire.session import has_subscribers, publishing
 from recorders.wire.stream import Offer, Progress, asking
-from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status, matches
+from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status
 from replay.transports.batches import batches
 from replay.transports.patience import Patience
 from replay.transports.send_window import Rewind, SendWindow, checked
@@ -92,7 +92,7 @@ class ZenohTransport:
         deadline = time.monotonic() + _LISTENER_WAIT_S
         everything = f"{self._config.namespace}/**"
         with self._session.declare_publisher(everything, allowed_destination=zenoh.Locality.REMOTE) as probe:
-            while not matches(probe):
+            while not has_subscribers(probe):
                 if time.monotonic() > deadline:
                     return False
                 time.sleep(0.01)

@@ -1,5 +1,6 @@
 """Message types of joint commands: what a robot's own controllers subscribe to."""
 
+import struct
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
@@ -20,6 +21,8 @@ REACH_IN_S = 0.1
 """In what time the point of a trajectory is to be reached, if nothing else is asked for [s]."""
 
 _LONGEST_S = 3600.0
+_SECOND = 10**9
+_DURATION = struct.Struct("<iI")  # s and ns, the last of a trajectory's point
 
 Encode = Callable[[int, Floats], bytes]
 """Returns the payload (CDR) of a stamp [ns] and joint positions [rad, m], shape (n,)."""
@@ -52,7 +55,8 @@ class CommandFormat:
     topic : str, optional
         Where they are published; the one on which that controller subscribes if left out.
     reach_in_s : float, optional
-        In what time the one point of a trajectory is to be reached [s]; `REACH_IN_S` if left out.
+        In what time the one point of a trajectory is to be reached [s], unless joints that may move no faster take
+        longer; `REACH_IN_S` if left out.
 
     Raises
     ------
@@ -81,26 +85,42 @@ class CommandFormat:
         """ROS 2 name of the message type."""
         return _TOPICS[self.type][1]
 
-    def encoder(self, joints: tuple[str, ...]) -> Encode:
-        """Return what encodes the positions of these joints, in their order."""
+    def encoder(self, joints: tuple[str, ...], *, least_ns: Callable[[], int] = lambda: 0) -> Encode:
+        """Return what encodes the positions of these joints, in their order.
+
+        Parameters
+        ----------
+        joints : tuple of str
+            Their names.
+        least_ns : callable
+            Returns the least time in which the positions of the command under way may be reached [ns].
+        """
         if self.type == CommandType.JOINT_STATE:
             return PositionEncoder(joints).encode
-        return _filled_in(self._message(joints))
+        fill = _filled_in(self._message(joints))
+        if self.type == CommandType.FLOAT64_ARRAY:
+            return lambda stamp_ns, position: fill(position)
+        reach_in_ns = self._reach_in_ns
+        return lambda stamp_ns, position: (
+            fill(position)[: -_DURATION.size] + _DURATION.pack(*divmod(max(reach_in_ns, least_ns()), _SECOND))
+        )
+
+    @property
+    def _reach_in_ns(self) -> int:
+        return round((self.reach_in_s or REACH_IN_S) * _SECOND)
 
     def _message(self, joints: Sequence[str]) -> TypedMessage:
         """Return a command of this type, with the joints at 0."""
         zeros = np.zeros(len(joints))
         if self.type == CommandType.FLOAT64_ARRAY:
             return Float64MultiArray(zeros)
-        return JointTrajectory(
-            0, tuple(joints), (TrajectoryPoint(round((self.reach_in_s or REACH_IN_S) * 1e9), zeros),)
-        )
+        return JointTrajectory(0, tuple(joints), (TrajectoryPoint(self._reach_in_ns, zeros),))
 
 
-def _filled_in(message: TypedMessage) -> Encode:
+def _filled_in(message: TypedMessage) -> Callable[[Floats], bytes]:
     """Return what puts positions in place of the first run of numbers of a message."""
     written = write_message(message)
     start, end = written.runs[0]
     payload = written.payload()
     head, tail = payload[: len(ENCAPSULATION) + start], payload[len(ENCAPSULATION) + end :]
-    return lambda stamp_ns, position: head + position.tobytes() + tail
+    return lambda position: head + position.tobytes() + tail

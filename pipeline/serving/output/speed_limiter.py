@@ -1,5 +1,7 @@
 """Speed limit of commanded joints, which starts from where the robot is."""
 
+import math
+
 import numpy as np
 
 from pipeline.arrays import Floats
@@ -24,8 +26,9 @@ class SpeedLimiter:
     """Moves the joints towards each command no faster than they may, along a straight line in joint space.
 
     The first command is the posture that was measured, so that it moves nothing; so is the first after a pause, as
-    somebody may have moved the robot meanwhile. Time is that of the targets' stamps. When targets end, commands end,
-    and the robot holds the last: a joint stops where it is on its way.
+    somebody may have moved the robot meanwhile. The time for a step is that between the stamps of its targets, or that
+    between their arrivals if it is less: targets that come faster than their stamps say move nothing faster. When
+    targets end, commands end, and the robot holds the last: a joint stops where it is on its way.
 
     Parameters
     ----------
@@ -36,6 +39,10 @@ class SpeedLimiter:
 
     Attributes
     ----------
+    step_ns : int
+        Least time that the joints may take for the last step [ns].
+    limited : int
+        How many commands were on the way to where the joints are to be, and not there.
     now_ns : int
         When the last message came, by this machine's clock [ns].
 
@@ -49,9 +56,9 @@ class SpeedLimiter:
         check_speed(max_speed)
         self._speeds = np.minimum(robot.speed_limits, max_speed)
         self._joints = JointMap(robot.joints)
-        self.now_ns = 0
+        self.now_ns = self.step_ns = self.limited = 0
         self._measured: tuple[int, Floats] | None = None
-        self._last: tuple[int, Floats] | None = None
+        self._last: tuple[int, int, Floats] | None = None  # stamp, arrival, command
 
     def take(self, record: RecordedMessage, reader: JointsReader) -> None:
         """Take note of when a message came, and of the joints if it holds them as measured.
@@ -94,17 +101,21 @@ class SpeedLimiter:
                     Rejection.NOT_MEASURED,
                     "/joint_states: expected the joints as measured within the last second, to start from; none came",
                 )
-            found = np.array(self._measured[1])
+            found, self.step_ns = np.array(self._measured[1]), 0
         else:
-            found = self._step(last[1], position, (stamp_ns - last[0]) * 1e-9)
-        self._last = stamp_ns, found
+            allowed_ns = max(0, min(stamp_ns - last[0], self.now_ns - last[1]))
+            found = self._step(last[2], position, allowed_ns)
+        self.limited += not np.array_equal(found, position)
+        self._last = stamp_ns, self.now_ns, found
         return found
 
-    def _step(self, start: Floats, goal: Floats, seconds: float) -> Floats:
-        """Return where the joints are after a time [s], the slowest one deciding for all."""
+    def _step(self, start: Floats, goal: Floats, allowed_ns: int) -> Floats:
+        """Return where the joints are after a time, the slowest one deciding for all."""
         way = goal - start
-        share = float(np.max(np.abs(way) / (self._speeds * seconds)))
-        return np.array(goal) if share <= 1.0 else start + way / share
+        needed_s = float(np.max(np.abs(way) / self._speeds))
+        share = min(1.0, allowed_ns * 1e-9 / needed_s) if needed_s else 1.0
+        self.step_ns = math.ceil(share * needed_s * 1e9)
+        return np.array(goal) if share == 1.0 else start + share * way
 
 
 def check_speed(max_speed: float) -> None:

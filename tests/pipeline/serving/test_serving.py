@@ -515,6 +515,10 @@ def measured(stamp_ns: int, position: np.ndarray, joints: tuple[str, ...]) -> Re
     return record(JOINT_STATES, JointState(stamp_ns, joints, position))
 
 
+def at(time_ns: int, records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return [message._replace(log_time_ns=time_ns) for message in records]
+
+
 def test_with_a_largest_speed_a_controller_starts_from_where_the_robot_is(
     controller: Controller, samples: Samples
 ) -> None:
@@ -524,7 +528,7 @@ def test_with_a_largest_speed_a_controller_starts_from_where_the_robot_is(
     assert feed(served, pair(1)) == []
     assert served.status()["refused"] == {"not measured": 1}
     assert feed(served, [measured(99, start, controller.joints)]) == []
-    ticks = [pair(2 + k * step_ns, samples.targets[0]) for k in range(300)]
+    ticks = [at(2 + k * step_ns, pair(2 + k * step_ns, samples.targets[0])) for k in range(300)]
     commands = [positions(command) for tick in ticks for command in feed(served, tick)]
     asked = [positions(command) for tick in ticks for command in feed(free, tick)]
     assert len(commands) == len(asked) == len(ticks)
@@ -532,6 +536,8 @@ def test_with_a_largest_speed_a_controller_starts_from_where_the_robot_is(
     assert (np.abs(np.diff(commands, axis=0)) <= 0.5 * step_ns * 1e-9 * (1 + 1e-9)).all()
     assert commands[-1].tobytes() == asked[-1].tobytes()  # it has arrived
     assert served.status()["accepted"] == len(ticks)
+    held_back = [one.tobytes() != other.tobytes() for one, other in zip(commands, asked, strict=True)]
+    assert served.status()["limited"] == sum(held_back) > 0
     assert served.status()["digest"] == free.status()["digest"]  # what was learned moves on as ever
     assert feed(served, [measured(99, start[:-1], controller.joints[:-1])]) == []
     assert served.status()["refused"] == {"not measured": 1, "wrong joints": 1}

@@ -33,6 +33,13 @@ def test_a_trajectory_has_one_point_that_is_reached_in_time(reach_in_s: float | 
     )
 
 
+def test_a_point_takes_the_time_that_its_joints_need() -> None:
+    """However soon it is asked to be reached: a controller that interpolates moves nothing faster."""
+    encode_command = CommandFormat(CommandType.TRAJECTORY).encoder(JOINTS, least_ns=lambda: 3_200_000_001)
+    (point,) = decode_as(JointTrajectory, encode_command(STAMP_NS, POSITION)).points
+    assert point.time_from_start_ns == 3_200_000_001
+
+
 def test_an_array_has_the_positions_in_the_order_of_the_joints() -> None:
     form = CommandFormat("float64-array", topic="/arm/commands")
     assert form.encoder(JOINTS)(STAMP_NS, POSITION) == encode(Float64MultiArray(POSITION))

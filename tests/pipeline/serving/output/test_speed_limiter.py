@@ -22,6 +22,12 @@ def measured(position: np.ndarray) -> JointState:
     return JointState(7, (*ROBOT.joints[::-1], "gripper"), np.append(position[::-1], np.nan))
 
 
+def limited(limiter: SpeedLimiter, stamp_ns: int, goal: np.ndarray) -> np.ndarray:
+    """Return the command for targets that arrive as their stamps say."""
+    limiter.now_ns = stamp_ns
+    return limiter.limit(stamp_ns, goal)
+
+
 def started(max_speed: float = 0.5, *, at: np.ndarray = ROBOT.comfort, stamp_ns: int = 0) -> SpeedLimiter:
     limiter = SpeedLimiter(ROBOT, max_speed)
     limiter.measure(measured(at))
@@ -50,7 +56,8 @@ def test_no_joint_is_ever_faster_than_it_may_be(goal: np.ndarray, max_speed: flo
     allowed = np.minimum(ROBOT.speed_limits, max_speed)
     for step in steps:
         stamp += step
-        found = limiter.limit(stamp, goal)
+        found = limited(limiter, stamp, goal)
+        assert (np.abs(found - last) <= allowed * (limiter.step_ns * 1e-9) * (1 + 1e-9) + 1e-15).all()
         assert (np.abs(found - last) <= allowed * (step * 1e-9) * (1 + 1e-9) + 1e-15).all()
         assert (np.abs(goal - found) <= np.abs(goal - last) + 1e-12).all()  # and never away from where it is to be
         last = found
@@ -58,7 +65,7 @@ def test_no_joint_is_ever_faster_than_it_may_be(goal: np.ndarray, max_speed: flo
 
 def test_it_arrives_on_a_straight_line() -> None:
     limiter, goal = started(), ROBOT.comfort + np.linspace(0.05, 0.1, COUNT)
-    way = [limiter.limit(k * STEP_NS, goal) for k in range(1, 13)]
+    way = [limited(limiter, k * STEP_NS, goal) for k in range(1, 13)]
     assert way[-1].tobytes() == goal.tobytes()
     assert (np.diff(np.array(way), axis=0)[-1] == 0).all()
     directions = (way[0] - ROBOT.comfort) / (goal - ROBOT.comfort)
@@ -68,7 +75,7 @@ def test_it_arrives_on_a_straight_line() -> None:
 @pytest.mark.parametrize("pause", [True, False])
 def test_after_a_pause_or_a_new_cycle_it_starts_from_where_the_robot_is(pause: bool) -> None:
     limiter, elsewhere = started(), ROBOT.comfort + 0.3
-    limiter.limit(STEP_NS, ROBOT.comfort + 1.0)
+    limited(limiter, STEP_NS, ROBOT.comfort + 1.0)
     limiter.measure(measured(elsewhere))
     if not pause:
         limiter.begin()
@@ -94,3 +101,12 @@ def test_a_posture_that_is_old_is_none_to_start_from() -> None:
     limiter.now_ns += FRESH_NS + 1
     with pytest.raises(RejectionError, match="within the last second"):
         limiter.limit(PAUSE_NS + 1, ROBOT.comfort)
+
+
+def test_targets_that_come_faster_than_their_stamps_say_move_nothing_faster() -> None:
+    limiter, goal = started(), ROBOT.comfort + 1.0
+    limiter.now_ns = STEP_NS
+    found = limiter.limit(4 * STEP_NS, goal)
+    assert np.abs(found - ROBOT.comfort).max() <= 0.5 * STEP_NS * 1e-9 * (1 + 1e-9)
+    assert limiter.limit(5 * STEP_NS, goal).tobytes() == found.tobytes()  # at the same instant
+    assert limiter.limited == 3
