@@ -16,6 +16,12 @@ STEPS = Resolution(positions=2.0**-20, velocities=2.0**-16, hands=2.0**-20, comm
 TURN_RAD = 0.3
 """Half extent of the turns in which a hand whose pose is controlled is explored [rad]."""
 
+AHEAD = "x"
+"""Axis of the world along which a robot looks whose config does not say otherwise."""
+
+LATERAL = {"x": (0.0, 1.0, 0.0), "y": (-1.0, 0.0, 0.0), "-x": (0.0, -1.0, 0.0), "-y": (1.0, 0.0, 0.0)}
+"""What is to the left of a robot, as a unit vector of the world, by the axis along which it looks."""
+
 _SHARED_WEIGHT = 0.4  # of joints that move several hands: so that the trunk takes part
 
 _ROBOT = """\
@@ -34,7 +40,7 @@ joints = [
 # on every machine.
 [resolution]
 {steps}
-"""
+{pattern}"""
 _JOINT = "    {{ name = {name}, weight = {weight}, comfort = {comfort} }},"
 _HAND = """
 [[hands]]
@@ -43,6 +49,12 @@ link = {link}  # its origin is the hand's position
 controls = "{controls}"
 centre = {centre}  # {middle}
 box = {box}  # {extents}
+"""
+_PATTERN = """
+# The plane in which the hands draw: to the left, as seen by a robot that looks along {ahead}, and up.
+[pattern]
+lateral = {lateral}
+up = [0.0, 0.0, 1.0]
 """
 _MIDDLE = "middle of its box and of what it draws: near where it is in the comfort posture"
 _EXTENTS = "half extents in which targets are explored: within reach in every corner"
@@ -67,6 +79,7 @@ def robot_toml(
     centres: Floats,
     box: Floats,
     seed: int,
+    ahead: str = AHEAD,
     orientations: Floats | None = None,
 ) -> str:
     """Return the text of a `robot.toml`.
@@ -87,6 +100,8 @@ def robot_toml(
         Half extents of the boxes [m].
     seed : int
         Seed with which posture and box were found.
+    ahead : str
+        Axis of the world along which the robot looks, one of `LATERAL`.
     orientations : array, shape (hands, 4), optional
         Orientations of the hands in the middle, x, y, z, w, where their pose is to be controlled.
     """
@@ -108,6 +123,7 @@ def robot_toml(
         rows="\n".join(rows),
         hand_tables="".join(tables),
         steps="\n".join(f"{key} = {value!r}" for key, value in vars(STEPS).items()),
+        pattern="" if ahead == AHEAD else _PATTERN.format(ahead=ahead, lateral=_vector(LATERAL[ahead])),
     )
 
 

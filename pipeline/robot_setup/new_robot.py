@@ -23,9 +23,10 @@ from pipeline.robot.importing.urdf_import import import_urdf
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_setup.box import BoxSearch
 from pipeline.robot_setup.comfort import Comfort
-from pipeline.robot_setup.folder_texts import import_toml, robot_toml
+from pipeline.robot_setup.folder_texts import AHEAD, import_toml, robot_toml
 from pipeline.robot_setup.model_joints import ModelJoint, model_joints, rigid_positions
 from pipeline.robot_setup.reach import Reach, manipulability_of, sample_reach
+from pipeline.robot_setup.statics import Statics
 from pipeline.rotations import quaternions_of_matrices
 from pipeline.urdf.description import parse_urdf
 from recorders.errors import RobotError
@@ -174,7 +175,9 @@ def _source(request: RobotRequest) -> RobotSource:
 def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) -> tuple[RobotConfig, Reach]:
     """Return the robot with the comfort posture, the centres and the box that are found, and its reach."""
 
-    def config(comfort: Floats, centres: Floats, box: Floats, orientations: Floats | None = None) -> RobotConfig:
+    def config(
+        comfort: Floats, centres: Floats, box: Floats, ahead: str = AHEAD, orientations: Floats | None = None
+    ) -> RobotConfig:
         """Return the robot with these."""
         text = robot_toml(
             name=request.name,
@@ -185,6 +188,7 @@ def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) 
             centres=centres,
             box=box,
             seed=request.seed,
+            ahead=ahead,
             orientations=orientations,
         )
         return parse_robot(text, urdf_text, origin=f"robot '{request.name}'")
@@ -195,8 +199,29 @@ def _found(request: RobotRequest, joints: Sequence[ModelJoint], urdf_text: str) 
     comfort = Comfort(kinematics, reach).find()
     centres = np.round(kinematics.hands(comfort), 2) + 0.0
     orientations = _orientations(kinematics.robot, comfort) if request.pose else None
-    box = BoxSearch(config(comfort, centres, _ANY_BOX, orientations)).largest(float(reach.radii.min()))
-    return config(comfort, centres, box, orientations), reach
+    ahead = _ahead(Statics(kinematics.robot).origins(comfort), joints, centres, list(request.hands))
+    box = BoxSearch(config(comfort, centres, _ANY_BOX, ahead, orientations)).largest(float(reach.radii.min()))
+    return config(comfort, centres, box, ahead, orientations), reach
+
+
+def _ahead(origins: Floats, joints: Sequence[ModelJoint], centres: Floats, hands: Sequence[str]) -> str:
+    """Return the level axis of the world that is nearest to the way from the arms' first joints to the centres.
+
+    Parameters
+    ----------
+    origins : array, shape (n, 3)
+        Origins of the joints in the comfort posture [m].
+    joints : sequence of ModelJoint, length n
+        The joints, from the ground outwards.
+    centres : array, shape (hands, 3)
+        Centres of the hands' boxes [m].
+    hands : sequence of str
+        Names of the hands.
+    """
+    first = [next(place for place, joint in enumerate(joints) if hand in joint.hands) for hand in hands]
+    x, y, _ = (centres - origins[first]).mean(axis=0)
+    axis, along = ("y", y) if abs(y) > abs(x) else ("x", x)
+    return axis if along >= 0.0 else f"-{axis}"
 
 
 def _orientations(robot: RobotConfig, posture: Floats) -> Floats:

@@ -1,4 +1,4 @@
-"""Heights of a robot's joints above the ground, and what its motors exert to hold a posture."""
+"""Places of a robot's joints, and what its motors exert to hold a posture."""
 
 import numpy as np
 import pinocchio
@@ -32,9 +32,13 @@ class Statics:
 
     def heights(self, q: ArrayLike) -> Floats:
         """Heights of the joints' origins [m] at posture `q` (n,), world frame, shape (n,)."""
+        return self.origins(q)[:, 2]
+
+    def origins(self, q: ArrayLike) -> Floats:
+        """Origins of the joints [m] at posture `q` (n,), world frame, shape (n, 3)."""
         self._q[self._idx_q] = q
         pinocchio.forwardKinematics(self._model, self._data, self._q)
-        return np.array([self._data.oMi[index].translation[2] for index in self._indices])
+        return np.array([self._data.oMi[index].translation for index in self._indices])
 
     def loads(self, q: ArrayLike) -> Floats:
         """Efforts that hold posture `q` (n,) against gravity, in parts of the motors' limits, at least 0, (n,)."""

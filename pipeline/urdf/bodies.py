@@ -3,13 +3,14 @@
 A simulator puts values of its own in their place, with no more than a warning; the robot would be another one.
 """
 
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from xml.etree.ElementTree import Element
 
 import numpy as np
 
 from pipeline.arrays import Floats
 from recorders.errors import RobotError
+from recorders.text.wording import names_text
 
 MAX_MASS_KG = 1e5  # of a link: beyond it are other units, or no number at all
 MAX_MOMENT_KGM2 = 1e7  # likewise
@@ -32,11 +33,30 @@ def check_bodies(robot: Element, *, moved: Collection[str] = ()) -> None:
     ------
     RobotError
         A mass is negative, beyond `MAX_MASS_KG`, or 0 where a joint moves the link or it has moments of inertia; or
-        the moments are those of no body: one is negative, or larger than the sum of the other two.
+        the moments are those of no body: one is negative, or larger than the sum of the other two. The line names all
+        such links.
     """
+    if faults := body_faults(robot, moved=moved):
+        raise RobotError(faults_text(faults))
+
+
+def body_faults(robot: Element, *, moved: Collection[str] = ()) -> dict[str, str]:
+    """Return what is wrong with mass and inertia, by link: of those that `check_bodies` refuses, in their order."""
+    faults = {}
     for link in robot.iterfind("link"):
         if (inertial := link.find("inertial")) is not None:
-            _check_body(f"link {link.get('name')} of the URDF", inertial, moved=link.get("name") in moved)
+            name = link.get("name", "")
+            try:
+                _check_body(f"link {name} of the URDF", inertial, moved=name in moved)
+            except RobotError as error:
+                faults[name] = str(error)
+    return faults
+
+
+def faults_text(faults: Mapping[str, str]) -> str:
+    """Return one line for what is wrong with links: the first in full, the others by name."""
+    first, *others = faults
+    return faults[first] + (f"; other links that are no bodies: {names_text(others)}" if others else "")
 
 
 def principal_moments(inertia: Floats) -> Floats:

@@ -10,10 +10,13 @@ from xml.etree.ElementTree import Element, SubElement, tostring
 from pipeline.robot.importing.import_spec import Pose, RobotSource
 from pipeline.robot.importing.reduction import reduced_model
 from pipeline.robot.importing.urdf_writer import write_urdf
-from pipeline.urdf.bodies import check_bodies
+from pipeline.urdf.bodies import body_faults, faults_text
 from pipeline.urdf.description import WORLD, as_numbers, check_links, end_link, named, parse_urdf, root_link
 from recorders.errors import RobotError
 from recorders.text.wording import names_text
+
+_STAND = "model_stand"
+"""Joint that sets the model's root on the ground, or on the joints that are added."""
 
 
 def import_urdf(
@@ -80,8 +83,21 @@ def _assembled(model: Element, source: RobotSource, name: str) -> Element:
     _set_limits(robot, source)
     _check_limits(robot)
     whole = parse_urdf(tostring(robot, encoding="unicode"))  # once more: names that were added may exist already
-    check_bodies(whole)
+    _check_bodies(whole)
     return whole
+
+
+def _check_bodies(whole: Element) -> None:
+    """Raise RobotError for links that are no bodies, with the joints that leave them out."""
+    if faults := body_faults(whole):
+        above = {end_link(joint, "child"): joint.get("name", "") for joint in whole.iterfind("joint")}
+        drop = " ".join(f"--drop {above[link]}" for link in faults if above[link] != _STAND)
+        leave_out = (
+            f", or leave out what you do not need, with all that hangs on it: {drop} (drop in import.toml)"
+            if drop
+            else ""
+        )
+        raise RobotError(f"{faults_text(faults)}; mend a copy of the model{leave_out}")
 
 
 def _set_limits(robot: Element, source: RobotSource) -> None:
@@ -128,7 +144,7 @@ def _stand(robot: Element, root: str, source: RobotSource) -> None:
         SubElement(element, "limit", limits)
         SubElement(robot, "link", name=child)
         parent, xyz = child, Pose().xyz
-    _add_joint(robot, "model_stand", "fixed", parent, root, Pose(xyz, source.base.rpy))
+    _add_joint(robot, _STAND, "fixed", parent, root, Pose(xyz, source.base.rpy))
 
 
 def _add_joint(robot: Element, name: str, kind: str, parent: str, child: str, pose: Pose) -> Element:

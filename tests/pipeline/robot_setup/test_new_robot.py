@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
-from small_robot import MODEL
+from small_robot import INERTIA, MODEL
 
 from pipeline.cli import app as cli
 from pipeline.robot.config import RobotConfig, load_robot
@@ -145,6 +145,42 @@ def test_limits_that_are_given_count_and_what_nobody_states_is_assumed_and_noted
     assert robot.speed_limits[robot.joints.index("turn")] == 1.5
     assert robot.speed_limits[robot.joints.index("l_elbow")] == 5.0  # the model's
     assert "effort, velocity assumed" in (tmp_path / "new" / "import.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("turned_rad", "lateral"), [(-np.pi / 2.0, (1.0, 0.0, 0.0)), (3.0, (0.0, -1.0, 0.0))], ids=["-y", "-x"]
+)
+def test_an_arm_that_looks_elsewhere_than_along_x_draws_across_the_way_it_looks(
+    turned_rad: float, lateral: tuple[float, ...], made: NewRobot, tmp_path: Path
+) -> None:
+    straight = '"anchor" type="fixed"><origin xyz="0 0 0" rpy="0 0 0"/>'
+    assert straight in MODEL
+    path = tmp_path / "turned.urdf"
+    path.write_text(MODEL.replace(straight, straight.replace('rpy="0 0 0"', f'rpy="0 0 {turned_rad}"')))
+    turned = make_robot(request(path, hands={"left": "l_finger"})).config
+    np.testing.assert_array_equal(turned.lateral, lateral)
+    ahead = turned.centres[0] @ np.cross(turned.lateral, turned.up)
+    assert ahead > abs(turned.centres[0] @ turned.lateral)
+    np.testing.assert_array_equal(made.config.lateral, (0.0, 1.0, 0.0))
+    assert "[pattern]" not in made.config.toml_text
+
+
+def test_links_that_are_no_bodies_are_all_named_with_what_leaves_them_out(tmp_path: Path) -> None:
+    path = tmp_path / "bad.urdf"
+    antennas = "".join(
+        f'<link name="antenna_{side}"><inertial><mass value="0.1"/>{INERTIA.replace("0.001", "-0.001")}</inertial></link>'
+        f'<joint name="mount_{side}" type="fixed"><parent link="chest"/><child link="antenna_{side}"/></joint>'
+        for side in "lr"
+    )
+    path.write_text(MODEL.replace("</robot>", f"{antennas}</robot>"))
+    with pytest.raises(RobotError) as error:
+        make_robot(request(path))
+    line = str(error.value)
+    assert line.startswith("link antenna_l of the URDF: expected the inertia of a body, ")
+    assert "; other links that are no bodies: antenna_r; mend a copy of the model, or leave out" in line
+    assert line.endswith(": --drop mount_l --drop mount_r (drop in import.toml)")
+    made = make_robot(request(path, drop=("mount_l", "mount_r"), hands={"left": "l_finger"}))
+    assert made.config.hand_names == ("left",)
 
 
 @pytest.mark.parametrize(
