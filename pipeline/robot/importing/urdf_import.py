@@ -92,12 +92,10 @@ def _check_bodies(whole: Element) -> None:
     if faults := body_faults(whole):
         above = {end_link(joint, "child"): joint.get("name", "") for joint in whole.iterfind("joint")}
         drop = " ".join(f"--drop {above[link]}" for link in faults if above[link] != _STAND)
-        leave_out = (
-            f", or leave out what you do not need, with all that hangs on it: {drop} (drop in import.toml)"
-            if drop
-            else ""
-        )
-        raise RobotError(f"{faults_text(faults)}; mend a copy of the model{leave_out}")
+        advice = "mend a copy of the model"
+        if drop:
+            advice += f", or leave out what you do not need, with all that hangs on it: {drop} (drop in import.toml)"
+        raise RobotError(f"{faults_text(faults)}; {advice}")
 
 
 def _set_limits(robot: Element, source: RobotSource) -> None:

@@ -167,8 +167,9 @@ def test_an_arm_that_looks_elsewhere_than_along_x_draws_across_the_way_it_looks(
 
 def test_links_that_are_no_bodies_are_all_named_with_what_leaves_them_out(tmp_path: Path) -> None:
     path = tmp_path / "bad.urdf"
+    inertial = f'<inertial><mass value="0.1"/>{INERTIA.replace("0.001", "-0.001")}</inertial>'
     antennas = "".join(
-        f'<link name="antenna_{side}"><inertial><mass value="0.1"/>{INERTIA.replace("0.001", "-0.001")}</inertial></link>'
+        f'<link name="antenna_{side}">{inertial}</link>'
         f'<joint name="mount_{side}" type="fixed"><parent link="chest"/><child link="antenna_{side}"/></joint>'
         for side in "lr"
     )
