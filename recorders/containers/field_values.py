@@ -29,8 +29,15 @@ class FieldValues:
         self._channels = {channel.topic: channel for channel in reversed(channels)}
         self._readers: dict[tuple[str, str], Callable[[bytes], Mapping[str, Any]] | ReenactError] = {}
 
-    def read(self, record: RecordedMessage) -> dict[str, Any]:
+    def read(self, record: RecordedMessage, *, as_json: bool = True) -> dict[str, Any]:
         """Return the fields of a message: numbers, texts, lists, and fields of fields; bytes are base64 texts.
+
+        Parameters
+        ----------
+        record : RecordedMessage
+            The message.
+        as_json : bool
+            Whether numbers that JSON lacks come as the texts `NaN`, `Infinity` and `-Infinity`.
 
         Raises
         ------
@@ -47,7 +54,7 @@ class FieldValues:
         found = self._readers[key]
         if isinstance(found, ReenactError):
             raise found
-        fields: dict[str, Any] = plain(found(record.data))
+        fields: dict[str, Any] = plain(found(record.data), as_json=as_json)
         return fields
 
     def _find(self, record: RecordedMessage) -> Callable[[bytes], Mapping[str, Any]] | ReenactError:
@@ -58,25 +65,30 @@ class FieldValues:
             return error
 
 
-def plain(value: Any) -> Any:
-    """Return a value as JSON has it; numbers that JSON lacks as the texts `NaN`, `Infinity` and `-Infinity`."""
+def plain(value: Any, *, as_json: bool = True) -> Any:
+    """Return a value as JSON has it; numbers that it lacks as the texts `NaN` and so on, unless `as_json` is false."""
+    number = _number if as_json else _same
     match value:
         case Mapping():
-            return {str(name): plain(item) for name, item in value.items()}
+            return {str(name): plain(item, as_json=as_json) for name, item in value.items()}
         case np.ndarray() if value.dtype.itemsize == 1 and value.dtype != np.bool_:
             return base64.b64encode(value.tobytes()).decode()
         case np.ndarray():
-            return [_number(item) for item in value.tolist()]
+            return [number(item) for item in value.tolist()]
         case bytes():
             return base64.b64encode(value).decode()
         case float():
-            return _number(value)
+            return number(value)
         case str() | bool() | int() | None:
             return value
         case Sequence():
-            return [plain(item) for item in value]
+            return [plain(item, as_json=as_json) for item in value]
         case _:
             return str(value)
+
+
+def _same(value: Any) -> Any:
+    return value
 
 
 def _number(value: Any) -> Any:

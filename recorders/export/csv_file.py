@@ -1,7 +1,6 @@
 """CSV: numbers to the last bit, texts quoted where they must be."""
 
 import csv
-from collections.abc import Iterable
 from pathlib import Path
 
 from recorders.export.rows import Columns, Row
@@ -9,18 +8,37 @@ from recorders.export.rows import Columns, Row
 SUFFIX = ".csv"
 
 
-def write(path: Path, columns: Columns, rows: Iterable[Row]) -> int:
-    """Write a table and return how many rows it has; raises OSError if that fails."""
-    count = 0
-    with path.open("w", encoding="utf-8", newline="") as file:
-        table = csv.writer(file, lineterminator="\n")
-        table.writerow(columns.types)
-        for row in rows:
-            table.writerow(
-                [
-                    "" if value is None else repr(value) if isinstance(value, float) else value
-                    for value in columns.values(row)
-                ]
-            )
-            count += 1
-    return count
+class Table:
+    """Writes one table.
+
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    columns : Columns
+        Of all its rows.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; from every method, too.
+    """
+
+    def __init__(self, path: Path, columns: Columns) -> None:
+        self._columns = columns
+        self._file = path.open("w", encoding="utf-8", newline="")
+        self._table = csv.writer(self._file, lineterminator="\n")
+        self._table.writerow(columns.types)
+
+    def add(self, row: Row) -> None:
+        """Write a row."""
+        self._table.writerow(
+            [
+                "" if value is None else repr(value) if isinstance(value, float) else value
+                for value in self._columns.values(row)
+            ]
+        )
+
+    def close(self) -> None:
+        """Write what is left."""
+        self._file.close()

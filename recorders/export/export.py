@@ -1,8 +1,10 @@
 """Export of a recording to tables, a file for each topic in a new folder."""
 
 import re
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import chain, count
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import ModuleType
@@ -13,13 +15,14 @@ from recorders.containers.opening import open_as_it_is
 from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError, MessageError, MissingExtra
 from recorders.export import csv_file
-from recorders.export.rows import Columns, Row, row_of
+from recorders.export.rows import Columns, row_of
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import Log
 from recorders.text.wording import names_text
 
 FORMATS = ("csv", "parquet")
 
+_AT_ONCE = 64  # tables written in one go through a recording
 _NO_NAME = re.compile(r"[^\w.-]+")
 
 
@@ -79,17 +82,12 @@ def export(log: Log, out: Path, *, form: str = "csv", topics: Iterable[str] = ()
     with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
         folder = Path(temporary, out.name)
         folder.mkdir()
-        for topic in (topic for topic in reader.topics if topic in wanted and reader.counts.get(topic)):
-            name = _file_name(topic, result.files.values()) + writer.SUFFIX
-            try:
-                columns = _columns(reader, topic)
-                result.rows[topic] = writer.write(folder / name, columns, _rows(reader, topic))
-            except MessageError as error:
-                if patterns:
-                    raise
-                result.unreadable[topic] = str(error)
-                continue
-            result.files[topic] = out / name
+        there = [topic for topic in reader.topics if topic in wanted and reader.counts.get(topic)]
+        columns = _columns(reader, there, None if patterns else result.unreadable)
+        result.files.update(_files(columns, out, writer.SUFFIX))
+        for start in range(0, len(columns), _AT_ONCE):
+            some = {topic: columns[topic] for topic in list(columns)[start : start + _AT_ONCE]}
+            result.rows.update(_write(reader, some, folder, result.files, writer))
         if not result.files:
             why = names_text(result.unreadable.values(), limit=300)
             raise LogError(f"{reader.path}: expected messages that can be decoded, found none{why and f': {why}'}")
@@ -109,21 +107,45 @@ def _writer(form: str) -> ModuleType:
     return parquet_file
 
 
-def _rows(reader: Reader, topic: str) -> Iterator[Row]:
-    values = FieldValues(reader.channels)
-    return (row_of(record, values) for record in reader.records(topics=[topic]))
+def _columns(reader: Reader, topics: Sequence[str], unreadable: dict[str, str] | None) -> dict[str, Columns]:
+    """Return the columns of each topic; one that cannot be decoded is noted, or raises if `unreadable` is None."""
+    values, found = FieldValues(reader.channels), {topic: Columns() for topic in topics}
+    for record in reader.records(topics=topics):
+        columns = found.get(record.topic)
+        if columns is None:
+            continue
+        try:
+            columns.add(row_of(record, values))
+        except MessageError as error:
+            if unreadable is None:
+                raise
+            unreadable[record.topic] = str(error)
+            del found[record.topic]
+    return found
 
 
-def _columns(reader: Reader, topic: str) -> Columns:
-    columns = Columns()
-    for row in _rows(reader, topic):
-        columns.add(row)
-    return columns
+def _write(
+    reader: Reader, columns: Mapping[str, Columns], folder: Path, files: Mapping[str, Path], writer: ModuleType
+) -> dict[str, int]:
+    """Write the tables of some topics in one go through the recording and return how many rows each has."""
+    values, counts = FieldValues(reader.channels), dict.fromkeys(columns, 0)
+    with ExitStack() as stack:
+        tables = {topic: writer.Table(folder / files[topic].name, columns[topic]) for topic in columns}
+        for table in tables.values():
+            stack.callback(table.close)
+        for record in reader.records(topics=tables):
+            tables[record.topic].add(row_of(record, values))
+            counts[record.topic] += 1
+    return counts
 
 
-def _file_name(topic: str, taken: Iterable[Path]) -> str:
-    """Return a name for the file of a topic that no other has."""
-    stem = _NO_NAME.sub("_", topic.strip("/"))[:100] or "topic"
-    others = {path.stem for path in taken}
-    name: Callable[[int], str] = lambda number: stem if not number else f"{stem}_{number}"  # noqa: E731
-    return next(name(number) for number in range(len(others) + 1) if name(number) not in others)
+def _files(topics: Iterable[str], folder: Path, suffix: str) -> dict[str, Path]:
+    """Return a file for each topic, of a name that no other has."""
+    found: dict[str, Path] = {}
+    taken: set[str] = set()
+    for topic in topics:
+        stem = _NO_NAME.sub("_", topic.strip("/"))[:100] or "topic"
+        name = next(name for name in chain([stem], (f"{stem}_{number}" for number in count(1))) if name not in taken)
+        taken.add(name)
+        found[topic] = folder / (name + suffix)
+    return found

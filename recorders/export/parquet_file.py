@@ -1,8 +1,8 @@
 """Parquet, by pyarrow; needs the extra `parquet`."""
 
-from collections.abc import Iterable
-from itertools import islice
+from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
 import pyarrow as pa
 import pyarrow.parquet as pq
@@ -11,19 +11,57 @@ from recorders.export.rows import Columns, Row
 
 SUFFIX = ".parquet"
 
-_AT_ONCE = 8192  # rows
+_MOST_ROWS = 8192  # held until they are written
+_MOST_CELLS = 2**17
+_MOST_TEXT = 2**21  # characters
 _TYPES = {bool: pa.bool_(), int: pa.int64(), float: pa.float64(), str: pa.string()}
 
 
-def write(path: Path, columns: Columns, rows: Iterable[Row]) -> int:
-    """Write a table and return how many rows it has; raises OSError if that fails."""
-    schema = pa.schema([(name, _TYPES[kind]) for name, kind in columns.types.items()])
-    count, left = 0, iter(rows)
-    with pq.ParquetWriter(path, schema, compression="zstd") as table:
-        while some := [columns.values(row) for row in islice(left, _AT_ONCE)]:
-            arrays = [
-                pa.array(column, field.type) for column, field in zip(zip(*some, strict=True), schema, strict=True)
-            ]
-            table.write_table(pa.Table.from_arrays(arrays, schema=schema))
-            count += len(some)
-    return count
+class Table:
+    """Writes one table, many rows at a time.
+
+    Parameters
+    ----------
+    path : Path
+        The file to make.
+    columns : Columns
+        Of all its rows.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written; from every method, too.
+    """
+
+    def __init__(self, path: Path, columns: Columns) -> None:
+        self._columns = columns
+        self._schema = pa.schema([(name, _type_of(columns, name)) for name in columns.types])
+        self._most = min(_MOST_ROWS, _MOST_CELLS // (len(columns.types) or 1))
+        self._table = pq.ParquetWriter(path, self._schema, compression="zstd")
+        self._held: list[Sequence[Any]] = []
+        self._text = 0
+
+    def add(self, row: Row) -> None:
+        """Take in a row."""
+        values = self._columns.values(row)
+        self._held.append(values)
+        self._text += sum(len(value) for value in values if isinstance(value, str))
+        if len(self._held) >= self._most or self._text >= _MOST_TEXT:
+            self._write()
+
+    def close(self) -> None:
+        """Write what is left."""
+        if self._held:
+            self._write()
+        self._table.close()
+
+    def _write(self) -> None:
+        columns = zip(zip(*self._held, strict=True), self._schema, strict=True)
+        arrays = [pa.array(column, field.type) for column, field in columns]
+        self._table.write_table(pa.Table.from_arrays(arrays, schema=self._schema))
+        self._held, self._text = [], 0
+
+
+def _type_of(columns: Columns, name: str) -> pa.DataType:
+    kind = columns.types[name]
+    return pa.uint64() if kind is int and columns.is_unsigned(name) else _TYPES[kind]
