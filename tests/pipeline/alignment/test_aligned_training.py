@@ -343,7 +343,7 @@ def changed(records: list[RecordedMessage], topic: str, change: Any) -> list[Rec
         (no_quaternion, "/tracker: expected messages that can be used, found 240 with a quaternion of zero length"),
         (an_hour_apart, "found those of /tracker 3600.005 s after"),
         (other_joints, "expected a topic of sensor_msgs/msg/JointState with the joints of the robot, turn, tip_yaw"),
-        (other_joints, "found /joint_states without turn, tip_yaw, with "),
+        (other_joints, "found /joint_states without turn, tip_yaw, tip_shoulder, tip_elbow, with a, b"),
         (unstamped, "found 240 without a stamp; take the times of recording with --clock log"),
     ],
 )
