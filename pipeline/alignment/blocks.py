@@ -34,6 +34,8 @@ class Dropped(IntEnum):
     UNKNOWN_FRAME = 5
     NO_STAMP = 6
     LATE = 7
+    OUT_OF_RANGE = 8
+    AHEAD = 9
 
     @property
     def text(self) -> str:
@@ -50,6 +52,8 @@ _TEXTS = {
     Dropped.UNKNOWN_FRAME: "in a frame that is not known yet",
     Dropped.NO_STAMP: "without a stamp",
     Dropped.LATE: "late, no later by stamp than one before",
+    Dropped.OUT_OF_RANGE: "with a time outside 0 to 2^31 s",
+    Dropped.AHEAD: "more than 60 s ahead of all before, with none that goes on there",
 }
 
 
@@ -64,8 +68,8 @@ class Block(NamedTuple):
         What they hold.
     dropped : ndarray, shape (m,)
         A `Dropped` for each.
-    frames : tuple of (str, ndarray)
-        Frames that they are in, and which of them are.
+    frames : dict of str to ndarray
+        Frames that they are in, and the indices of those that are.
     """
 
     stamps_ns: Times
@@ -83,7 +87,7 @@ class Kind(NamedTuple):
         Its class.
     size : int
         How many values a sample has.
-    values : callable
+    places : callable
         Returns the places of the values among the floats of a message's first runs, None if they are not there.
     """
 

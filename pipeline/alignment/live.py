@@ -99,15 +99,20 @@ class LiveAligner:
         if record.topic not in self.topics:
             return []
         self._waiting.append(record)
+        rises = True
         if record.topic in self._latest_ns:
             stamp = self._stamp(record)
+            rises = stamp > self._latest_ns[record.topic]
             self._latest_ns[record.topic] = max(self._latest_ns[record.topic], stamp)
             if self._due_ns is None and record.topic == self._pivot:
                 self._due_ns = stamp
-        if len(self._waiting) < _MOST_WAITING and not self._is_due():
+        if len(self._waiting) < _MOST_WAITING and rises and not self._is_due():
             return []
+        restarts = self._aligner.restarts
         found = self._aligner.feed(self._waiting)
         self._waiting.clear()
+        if self._aligner.restarts > restarts:
+            self._latest_ns = dict.fromkeys(self._latest_ns, NEVER)
         self._due_ns = self._aligner.next_ns
         return [message for ticks in found for message in self._format.records(self._format.rows(ticks))]
 

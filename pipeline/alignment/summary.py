@@ -56,6 +56,8 @@ class Summary:
         What became of the messages of each source.
     made, missed, episodes : int
         Ticks that were made, those between them that were not, and the episodes that they are in.
+    restarts : int
+        How many times the clock of the stamps began anew.
     """
 
     choice: Choice
@@ -64,11 +66,14 @@ class Summary:
     made: int
     missed: int
     episodes: int
+    restarts: int
 
     @classmethod
     def of(cls, aligner: Aligner, choice: Choice, config: AlignmentConfig, *, cuts: int) -> "Summary":
         """Return the summary of an aligner that has taken in all messages."""
-        return cls(choice, config, tuple(aligner.counts), aligner.made, aligner.missed, cuts + 1 if aligner.made else 0)
+        episodes = cuts + 1 if aligner.made else 0
+        counts = tuple(aligner.counts)
+        return cls(choice, config, counts, aligner.made, aligner.missed, episodes, aligner.restarts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the summary for JSON, and for a controller."""
@@ -109,6 +114,16 @@ class Summary:
         for source, counts in zip(self.choice.sources, self.counts, strict=True):
             if not counts.used:
                 return _no_samples(source, counts)
+            if (out := counts.dropped[Dropped.LATE] + counts.dropped[Dropped.AHEAD]) > counts.used:
+                return (
+                    f"{source.topic}: expected stamps that rise in order of arrival, found {out} messages out of order "
+                    f"and {counts.used} in order; take the times of recording with --clock log"
+                )
+        if self.restarts:
+            return (
+                "expected stamps of one clock, found a clock that began anew; take the times of recording with "
+                "--clock log, or record its parts apart"
+            )
         if not self.made:
             return self._no_ticks()
         return self._stands_still(extents)

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alignment.blocks import Block, BlockReader, Dropped, Kind, Times
+from pipeline.alignment.clock import Place, StampOrder
 from pipeline.alignment.config import AlignmentConfig, Transform
 from pipeline.alignment.frames import TF_STATIC, StaticFrames, placed
 from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
@@ -16,6 +17,7 @@ from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
 
+_END_NS = 2**31 * 10**9  # no message has a stamp from here on
 _MAX_FRAMES = 100  # that are remembered of a topic
 _PAUSE_NS = 10**9
 _PAUSES = 10  # tolerances: ticks of a topic that are farther apart follow upon a pause
@@ -75,13 +77,28 @@ class SourceCounts:
     first_error: str = ""
 
 
+class _Read(NamedTuple):
+    """Messages of a source as they were read: arrivals and stamps [ns], both of shape (m,), and what they hold."""
+
+    arrivals: NDArray[np.intp]
+    stamps_ns: Times
+    block: Block
+
+
+_REASONS = np.zeros(len(Place), np.int8)
+_REASONS[[Place.LATE, Place.AHEAD]] = Dropped.LATE, Dropped.AHEAD
+
+_SEEN = (Dropped.NOT, Dropped.AHEAD)  # the first that is so begins a topic
+
+
 class Aligner:
     """Makes ticks of messages.
 
     A tick is made where each topic has a message within the tolerance before it, and one within the tolerance after
     it; nothing is extrapolated. It is complete at the first message of every topic that is no earlier than the tick. A
     message that is no later by stamp than one of its topic before it is dropped, and a tick for which a topic is
-    `WAIT_NS` behind another is given up: both in order of arrival, so that a log gives what its robot gave live.
+    `WAIT_NS` behind another is given up: both in order of arrival, so that a log gives what its robot gave live. Stamps
+    far ahead are dropped until their topic goes on there; once all topics go on far behind, a cycle begins.
 
     Parameters
     ----------
@@ -102,6 +119,8 @@ class Aligner:
         What became of the messages of each source.
     made, missed : int
         Ticks so far, and those between the first and the last of them that could not be made.
+    restarts : int
+        How many times the clock of the stamps began anew.
     """
 
     def __init__(
@@ -121,9 +140,10 @@ class Aligner:
         self._fixed: Mapping[int, Transform] = {
             rank: config.frames[source.topic] for rank, source in enumerate(sources) if source.topic in config.frames
         }
-        self.begin()
+        self._order = StampOrder(len(sources))
         self.counts = [SourceCounts() for _ in sources]
-        self.made = self.missed = 0
+        self.made = self.missed = self.restarts = 0
+        self.begin()
 
     @property
     def topics(self) -> frozenset[str]:
@@ -134,6 +154,7 @@ class Aligner:
         """Begin a cycle: stamps start anew, and what waits is forgotten."""
         self._tracks = [Track(source.kind.size, turns=source.turns) for source in self.sources]
         self._ahead_ns = self._done_ns = self._made_ns = NEVER
+        self._order.begin()
         self._since = 0  # candidates since the latest tick, none of which could be made
 
     @property
@@ -164,37 +185,57 @@ class Aligner:
         for place, topic in enumerate(topics):
             if topic in ranks:
                 arrivals[ranks[topic]].append(place)
-        latest = np.full(len(records) + 1, NEVER, np.int64)
-        latest[0] = self._ahead_ns
-        samples = [self._samples(rank, records, places) for rank, places in enumerate(arrivals)]
-        for places, stamps, _ in samples:
-            latest[places + 1] = stamps
-        np.maximum.accumulate(latest, out=latest)
-        for track, (places, stamps, values) in zip(self._tracks, samples, strict=True):
-            track.add(stamps, values, latest[places])
-        if self._period_ns is None:  # candidates that came when they were given up already
-            self._since += int((samples[self._pivot][1] <= self._done_ns).sum())
-        self._ahead_ns = int(latest[-1])
-        return self._close()
+        read = [self._read(rank, records, places) for rank, places in enumerate(arrivals)]
+        if (restart := self._check_order(read, len(records))) is not None:
+            found = self._feed(records[:restart], topics[:restart])
+            self.begin()
+            self.restarts += 1
+            return found + self._feed(records[restart:], topics[restart:])
+        return self._take(read, len(records))
 
-    def _samples(
-        self, rank: int, records: Sequence[RecordedMessage], arrivals: list[int]
-    ) -> tuple[NDArray[np.intp], Times, Floats]:
-        """Return arrivals, stamps [ns] and values of the messages of a source that are samples."""
-        places = np.array(arrivals, np.intp)
+    def _read(self, rank: int, records: Sequence[RecordedMessage], arrivals: list[int]) -> _Read:
+        """Return messages of a source: arrivals, stamps [ns], and what they hold, in the robot's world."""
         block = self._readers[rank].read([records[place].data for place in arrivals])
         stamps = block.stamps_ns
         if self._config.clock == "log":
             stamps = np.array([min(records[place].log_time_ns, -NEVER) for place in arrivals], np.int64)
         block.dropped[(block.dropped == Dropped.NOT) & (stamps <= 0)] = Dropped.NO_STAMP
         stamps = stamps - self._latencies[rank]
+        block.dropped[(block.dropped == Dropped.NOT) & ((stamps < 0) | (stamps >= _END_NS))] = Dropped.OUT_OF_RANGE
         self._place(rank, block)
-        fine = np.flatnonzero(block.dropped == Dropped.NOT)
-        on_time = self._tracks[rank].on_time(stamps[fine])
-        block.dropped[fine[~on_time]] = Dropped.LATE
-        used = fine[on_time]
-        self._count(rank, block, stamps[used])
-        return places[used], stamps[used], block.values[used]
+        return _Read(np.array(arrivals, np.intp), stamps, block)
+
+    def _check_order(self, read: Sequence[_Read], count: int) -> int | None:
+        """Drop messages out of order, or return the arrival at which the clock began anew."""
+        ranks, stamps = np.full(count, -1, np.intp), np.zeros(count, np.int64)
+        for rank, (arrivals, times, block) in enumerate(read):
+            fine = block.dropped == Dropped.NOT
+            ranks[arrivals[fine]], stamps[arrivals[fine]] = rank, times[fine]
+        samples = np.flatnonzero(ranks >= 0)
+        found, restart = self._order.check(ranks[samples], stamps[samples])
+        if restart is not None:
+            return int(samples[restart])
+        reasons = np.zeros(count, np.int8)
+        reasons[samples] = _REASONS[found]
+        for arrivals, _, block in read:
+            block.dropped[:] = np.where(block.dropped == Dropped.NOT, reasons[arrivals], block.dropped)
+        return None
+
+    def _take(self, read: Sequence[_Read], count: int) -> list[Ticks]:
+        """Take in the samples among messages, and return the ticks that they complete."""
+        latest = np.full(count + 1, NEVER, np.int64)
+        latest[0] = self._ahead_ns
+        fine = [block.dropped == Dropped.NOT for _, _, block in read]
+        for (arrivals, stamps, _), used in zip(read, fine, strict=True):
+            latest[arrivals[used] + 1] = stamps[used]
+        np.maximum.accumulate(latest, out=latest)
+        for rank, ((arrivals, stamps, block), used) in enumerate(zip(read, fine, strict=True)):
+            self._count(rank, block, stamps)
+            self._tracks[rank].add(stamps[used], block.values[used], latest[arrivals[used]])
+            if self._period_ns is None and rank == self._pivot:  # candidates that came when they were given up already
+                self._since += int((stamps[used] <= self._done_ns).sum())
+        self._ahead_ns = int(latest[-1])
+        return self._close()
 
     def _place(self, rank: int, block: Block) -> None:
         """Turn poses into the robot's world."""
@@ -220,9 +261,10 @@ class Aligner:
             else:
                 counts.dropped[Dropped(reason)] += count
         counts.first_error = self._readers[rank].first_error
-        if len(stamps):
-            counts.first_ns = int(stamps[0]) if counts.first_ns is None else counts.first_ns
-            counts.last_ns = int(stamps[-1])
+        if counts.first_ns is None and len(seen := stamps[np.isin(block.dropped, _SEEN)]):
+            counts.first_ns = int(seen[0])
+        if len(used := stamps[block.dropped == Dropped.NOT]):
+            counts.last_ns = int(used[-1])
 
     def _close(self) -> list[Ticks]:
         """Return the ticks that are complete now."""
@@ -251,7 +293,7 @@ class Aligner:
             skipped = np.diff(np.flatnonzero(near), prepend=-1 - self._since) - 1
             cuts = (skipped > 0) | (apart > max(_PAUSES * self._config.tolerance_ns, _PAUSE_NS))
         if self._made_ns == NEVER:
-            cuts[0] = False
+            cuts[0] = self.made > 0  # in a cycle before
             skipped[0] = 0
         values = tuple(
             track.between(stamps, Span(span.before[near], span.after[near], span.near[near]))

@@ -52,11 +52,6 @@ class Track:
         """Stamp of the latest sample [ns]; `NEVER` before the first."""
         return int(self.stamps_ns[-1]) if len(self.stamps_ns) else NEVER
 
-    def on_time(self, stamps_ns: Times) -> NDArray[np.bool_]:
-        """Return which samples, in order of arrival, are later by stamp than all before them."""
-        latest = np.maximum.accumulate(np.concatenate(([self.last_ns], stamps_ns)))
-        return np.asarray(stamps_ns > latest[:-1])
-
     def add(self, stamps_ns: Times, values: Floats, ahead_ns: Times) -> None:
         """Take in samples that are on time.
 

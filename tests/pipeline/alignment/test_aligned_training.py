@@ -2,6 +2,7 @@
 
 import json
 import math
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -323,6 +324,18 @@ def unstamped(records: list[RecordedMessage]) -> list[RecordedMessage]:
     return changed(records, "/tracker", lambda pose, stamp: PoseStamped(0, pose.position))
 
 
+def anew(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    """Return messages of whose stamps those of the second half are a day earlier."""
+    half = len(records) // 2
+    moved = changed(records[half:], "/tracker", lambda pose, stamp: replace(pose, stamp_ns=stamp - 86400 * 10**9))
+    moved = changed(moved, "/joint_states", lambda state, stamp: replace(state, stamp_ns=stamp - 86400 * 10**9))
+    return [*records[:half], *moved]
+
+
+def backwards(records: list[RecordedMessage]) -> list[RecordedMessage]:
+    return changed(records, "/tracker", lambda pose, stamp: replace(pose, stamp_ns=START + 5 * 10**9 - stamp % 10**9))
+
+
 def changed(records: list[RecordedMessage], topic: str, change: Any) -> list[RecordedMessage]:
     """Return messages of which those of one topic are others."""
     from recorders.cdr.codec import decode
@@ -344,6 +357,11 @@ def changed(records: list[RecordedMessage], topic: str, change: Any) -> list[Rec
         (an_hour_apart, "found those of /tracker 3600.005 s after"),
         (other_joints, "expected a topic of sensor_msgs/msg/JointState with the joints of the robot, turn, tip_yaw"),
         (other_joints, "found /joint_states without turn, tip_yaw, tip_shoulder, tip_elbow, with a, b"),
+        (anew, "expected stamps of one clock, found a clock that began anew; take the times of recording with"),
+        (
+            backwards,
+            "/tracker: expected stamps that rise in order of arrival, found 232 messages out of order and",
+        ),
         (unstamped, "found 240 without a stamp; take the times of recording with --clock log"),
     ],
 )

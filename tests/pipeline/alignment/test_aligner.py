@@ -2,6 +2,7 @@
 
 import hashlib
 import math
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -72,7 +73,7 @@ def logs(draw):
 def stalled_logs(draw):
     """Messages of which those of one topic are held up for more than ten seconds, and then come all at once."""
     rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
-    period = draw(st.sampled_from([100, 250, 400])) * MS
+    period = draw(st.sampled_from([250, 400, 900])) * MS
     stalled, first, count = draw(st.sampled_from(["/tracker", "/joint_states"])), draw(st.integers(0, 20)), 80
     messages = []
     for index in range(count):
@@ -96,6 +97,12 @@ CASES = given(
     st.sampled_from([0, 1]),
     st.sampled_from([1, 3, 7]),
 )
+
+
+@settings(max_examples=50, deadline=None)
+@given(stalled_logs(), st.sampled_from([5, 100]), st.sampled_from([None, 100]), st.sampled_from([0, 1]), st.just(1))
+def test_ticks_of_stalled_topics_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
+    check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
 
 
 @settings(max_examples=100, deadline=None)
@@ -146,6 +153,60 @@ def test_a_tick_that_came_too_late_is_missed_and_cuts(block):
     assert stamps == [*range(0, 8901, 100), *range(9100, 19001, 100)]
     assert (aligner.made, aligner.missed) == (190, 1)
     assert [record.sequence for record in found[::2]] == [*range(90), *range(91, 191)]
+
+
+@pytest.mark.parametrize("block", [1, 7, 8192])
+@pytest.mark.parametrize("ahead_s", [61, 300_000_000])
+def test_a_lone_stamp_far_ahead_is_dropped_and_changes_nothing(block, ahead_s):
+    records = steady(999)
+    _, expected = aligned(records)
+    odd = [joints(START + ahead_s * 10**9 + index, (0.5, 0.5)) for index in range(2)]
+    aligner, found = aligned([*records[:200], *odd, *records[200:]], block=block)
+    assert found == expected
+    assert [counts.dropped for counts in aligner.counts] == [{}, {Dropped.AHEAD: 2}]
+
+
+@pytest.mark.parametrize("block", [1, 7, 8192])
+def test_a_long_pause_costs_two_messages_of_a_topic(block):
+    """The third that goes on there is taken, and what follows with it."""
+    later = [shifted(record, 10**6 * 10**9) for record in steady(50)]
+    aligner, found = aligned([*steady(50), *later], block=block)
+    assert (aligner.made, aligner.missed, aligner.restarts) == (98, 0, 0)
+    assert [counts.dropped for counts in aligner.counts] == [{Dropped.AHEAD: 2}] * 2
+    assert [after.sequence - before.sequence for before, after in pairwise(found[::2])].count(2) == 1
+
+
+@pytest.mark.parametrize("block", [1, 7, 8192])
+@pytest.mark.parametrize("first", ["steady", "three far ahead"])
+def test_a_clock_that_begins_anew_is_followed(block, first):
+    """A simulator is reset, or some stamps of one topic were of another clock."""
+    before = steady(50) if first == "steady" else [joints(START + 4 * 10**17 + i, (0.0, 0.0)) for i in range(3)]
+    after = [shifted(record, -1000 * 10**9) for record in steady(100)]
+    aligner, found = aligned([*before, *after], block=block)
+    assert aligner.restarts == 1
+    anew = [record.log_time_ns - START + 1000 * 10**9 for record in found[::2] if record.log_time_ns < START]
+    assert anew == [index * 10 * MS for index in range(10, 100)]
+    assert aligner.made == len(anew) + (50 if first == "steady" else 0)
+
+
+def shifted(record, by_ns):
+    """Return a message whose stamp is shifted [ns]."""
+    message = decode(record.type, record.data)
+    return record._replace(data=encode(replace(message, stamp_ns=message.stamp_ns + by_ns)))
+
+
+@pytest.mark.parametrize(
+    ("records", "config"),
+    [
+        ([pose(5 * 10**9, (0, 0, 0))], {"latencies_ns": {"/tracker": 6 * 10**9}}),
+        ([pose(2**31 * 10**9 - 1, (0, 0, 0))], {"latencies_ns": {"/tracker": -1}}),
+        ([pose(1, (0, 0, 0))._replace(log_time_ns=2**32 * 10**9)], {"clock": "log"}),
+    ],
+)
+def test_a_time_that_no_message_can_have_is_dropped(records, config):
+    aligner, found = aligned(records, **config)
+    assert found == []
+    assert aligner.counts[0].dropped == {Dropped.OUT_OF_RANGE: 1}
 
 
 def test_bits_are_these():
