@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.alignment.config import AlignmentConfig
-from pipeline.alignment.frames import TF_STATIC, StaticFrames
+from pipeline.alignment.frames import StaticFrames
 from pipeline.alignment.row_store import RowStore
 from pipeline.alignment.rows import RowFormat
 from pipeline.alignment.sources import TopicChoice
@@ -77,7 +77,7 @@ class AlignedLog:
             config,
             period_ns=choice.period_ns,
             pivot=choice.pivot,
-            frames=StaticFrames(own_frames(robot), expected=TF_STATIC in reader.counts),
+            frames=StaticFrames(own_frames(robot)),
         )
         self._format = RowFormat(choice.sources, robot.joints)
         self._store = RowStore(self._format.size)

@@ -32,21 +32,18 @@ def placed(transform: Transform, poses: Floats) -> Floats:
 class StaticFrames:
     """Frames by name, each in the robot's world.
 
-    Until there is a message on `/tf_static`, every frame is taken for the robot's own, unless the log is known to have
-    that topic; from then on a frame must be the robot's, or stand still in it.
+    A frame is the robot's own, or stands still in it by what has come on `/tf_static` so far: no other is guessed.
 
     Parameters
     ----------
     own : collection of str
         Names of the robot's world: its root link, and what stands for it.
-    expected : bool
-        Whether there will be messages on `/tf_static`.
     """
 
-    def __init__(self, own: Collection[str], *, expected: bool = False) -> None:
+    def __init__(self, own: Collection[str]) -> None:
         self._own = frozenset(own)
-        self._known = expected
         self._parents: dict[str, tuple[str, Transform]] = {}
+        self._found: dict[str, Transform | None] = {}
 
     def learn(self, record: RecordedMessage) -> None:
         """Take in a message on `/tf_static`; one that cannot be read is passed over."""
@@ -54,7 +51,7 @@ class StaticFrames:
             message = decode_as(TFMessage, record.data)
         except MessageError:
             return
-        self._known = True
+        self._found.clear()
         for transform in message.transforms:
             numbers = (*transform.translation.tolist(), *transform.rotation.tolist())
             if len(self._parents) < _MAX_FRAMES and np.isfinite(numbers).all() and any(numbers[_POSITION:]):
@@ -62,33 +59,34 @@ class StaticFrames:
 
     def find(self, frame_id: str) -> Transform | None:
         """Return the pose of a frame in the robot's world, None if it has none that is known."""
-        if not self._known:
-            return _HERE
-        return self._climb(_plain(frame_id)) or self._descend(_plain(frame_id))
+        frame = _plain(frame_id)
+        if frame not in self._found:
+            if len(self._found) >= _MAX_FRAMES:
+                self._found.clear()
+            self._found[frame] = self._climb(frame) or self._descend(frame)
+        return self._found[frame]
 
     def _climb(self, frame: str) -> Transform | None:
         """Return the pose of a frame that the robot's world is an ancestor of."""
-        pose = np.array([_HERE])
-        for _ in range(_MAX_FRAMES):
-            if frame in self._own:
-                return _transform(pose)
-            if frame not in self._parents:
+        pose, passed = np.array([_HERE]), set[str]()
+        while frame not in self._own:
+            if frame not in self._parents or frame in passed:
                 return None
+            passed.add(frame)
             frame, transform = self._parents[frame]
             pose = placed(transform, pose)
-        return None
+        return _transform(pose)
 
     def _descend(self, frame: str) -> Transform | None:
         """Return the pose of a frame that is an ancestor of the robot's world, such as a map that it stands in."""
         for own in sorted(self._own & self._parents.keys()):
-            pose, at = np.array([_HERE]), own
-            for _ in range(_MAX_FRAMES):
-                if at == frame:
-                    return _transform(_inverse(pose))
-                if at not in self._parents:
-                    break
+            pose, at, passed = np.array([_HERE]), own, set[str]()
+            while at in self._parents and at not in passed:
+                passed.add(at)
                 at, transform = self._parents[at]
                 pose = placed(transform, pose)
+                if at == frame:
+                    return _transform(_inverse(pose))
         return None
 
 

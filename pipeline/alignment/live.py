@@ -1,13 +1,15 @@
 """Alignment of messages as they arrive: the ticks that a recording of them has, as soon as each is complete."""
 
+import logging
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from pipeline.alignment.aligned_log import own_frames
-from pipeline.alignment.blocks import joints_kind, pose_kind
+from pipeline.alignment.blocks import Dropped, joints_kind, pose_kind
 from pipeline.alignment.config import DEFAULT_PERIOD_NS, AlignmentConfig
 from pipeline.alignment.frames import StaticFrames
 from pipeline.alignment.rows import RowFormat
+from pipeline.alignment.summary import unknown_frame
 from pipeline.alignment.ticks import Aligner, Source
 from pipeline.alignment.track import NEVER
 from pipeline.robot.config import RobotConfig
@@ -16,10 +18,12 @@ from recorders.errors import ConfigError, MessageError
 from recorders.messages.message_types import JointState
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, is_target, type_of
-from recorders.text.wording import names_text
+from recorders.text.wording import escape_control, names_text
 from replay.sources.episodes import ALIGNMENT
 from replay.sources.live import LiveStream
 from replay.sources.scheduled import typed
+
+logger = logging.getLogger(__name__)
 
 _MOST_WAITING = 512  # messages; they are aligned together, which changes nothing
 
@@ -71,6 +75,7 @@ class LiveAligner:
         self._format = RowFormat(sources, robot.joints)
         self._config, self._pivot = config, sources[pivot].topic
         self._waiting: list[RecordedMessage] = []
+        self._warned = set[str]()  # topics
         self.topics = self._aligner.topics
         self.begin()
 
@@ -111,10 +116,18 @@ class LiveAligner:
         restarts = self._aligner.restarts
         found = self._aligner.feed(self._waiting)
         self._waiting.clear()
+        self._warn()
         if self._aligner.restarts > restarts:
             self._latest_ns = dict.fromkeys(self._latest_ns, NEVER)
         self._due_ns = self._aligner.next_ns
         return [message for ticks in found for message in self._format.records(self._format.rows(ticks))]
+
+    def _warn(self) -> None:
+        """Report, once a topic, that poses are in a frame that is not known."""
+        for source, counts in zip(self._aligner.sources, self._aligner.counts, strict=True):
+            if source.topic not in self._warned and counts.dropped[Dropped.UNKNOWN_FRAME]:
+                self._warned.add(source.topic)
+                logger.warning(escape_control(unknown_frame(source, counts)))
 
     def _is_due(self) -> bool:
         """Whether a tick may be complete: what is sure is found out by the aligner."""

@@ -178,9 +178,14 @@ def _no_samples(source: Source, counts: SourceCounts) -> str:
     if reason is Dropped.NO_STAMP:
         return f"{line}; take the times of recording with --clock log"
     if reason is Dropped.UNKNOWN_FRAME:
-        frames = names_text(counts.frames, limit=100)
-        return (
-            f"{source.topic}: expected poses in a frame that /tf_static joins to the robot, found {frames}; give "
-            f"--frame {source.topic}=x,y,z,qx,qy,qz,qw"
-        )
+        return unknown_frame(source, counts)
     return f"{line}: {counts.first_error}" if reason is Dropped.UNREADABLE else line
+
+
+def unknown_frame(source: Source, counts: SourceCounts) -> str:
+    """Return a line on poses in a frame that is not known."""
+    frames = names_text(counts.frames, limit=100)
+    return (
+        f"{source.topic}: expected poses in the robot's frame or one that /tf_static joins to it, found {frames}; give "
+        f"--frame {source.topic}=x,y,z,qx,qy,qz,qw"
+    )

@@ -27,7 +27,7 @@ from pipeline.serving.served_controller import ServedController
 from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
-from recorders.messages.message_types import JointState, PoseStamped, String
+from recorders.messages.message_types import JointState, PoseStamped, String, TFMessage, TransformStamped
 from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
 from recorders.writing.writer import LogWriter
@@ -159,6 +159,42 @@ def test_live_ticks_are_those_of_the_file(robot: Path, period_ns: int | None) ->
     assert aligner.counts["unaligned"] == 20
     aligner.begin()
     assert [m for r in recording(robot)[:100] for m in aligner.feed(r)]  # stamps start anew
+
+
+def test_a_frame_is_known_from_its_transform_on_live_as_in_the_file(
+    robot: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """Poses in it that came before are dropped and counted."""
+    records = changed(recording(robot), "/tracker", lambda pose, stamp: replace(pose, frame_id="cam"))
+    static = TFMessage((TransformStamped(0, "world", "cam", np.array((0.0, 0.0, 1.0))),))
+    at = [place for place, record in enumerate(records) if record.topic == "/tracker"][19]
+    records[at:at] = [RecordedMessage("/tf_static", TFMessage.TYPE, encode(static), 0, records[at].log_time_ns)]
+    tick, renames = ("/hand/tip/measured", "/sample/joint_states"), {"/tracker": "/hand/tip/measured"}
+    log = write_foreign(robot.parent / "frames.mcap", records)
+    aligner = LiveAligner(load_robot(robot), AlignmentConfig(), renames=renames, tick=tick)
+    live = [message for record in open_log(log).records(file_order=True) for message in aligner.feed(record)]
+    by_file = AlignedLog(open_log(log), load_robot(robot), config=AlignmentConfig(), renames=renames, wanted=tick)
+    assert live == list(by_file)
+    assert by_file.counts["/hand/tip/measured"] == 240 - 19
+    assert aligner.counts["unaligned"] == 19
+    assert [record.getMessage() for record in caplog.records] == [
+        "/tracker: expected poses in the robot's frame or one that /tf_static joins to it, found cam; give "
+        "--frame /tracker=x,y,z,qx,qy,qz,qw"
+    ]
+
+
+def test_a_clock_that_begins_anew_is_followed_live(robot: Path) -> None:
+    """A simulator is reset: after ten messages of each topic there are ticks again, each as soon as it is complete."""
+    records = recording(robot)
+    tick, renames = ("/hand/tip/measured", "/sample/joint_states"), {"/tracker": "/hand/tip/measured"}
+    for period_ns in (None, 20 * MS):
+        config = AlignmentConfig(period_ns=period_ns)
+        aligner = LiveAligner(load_robot(robot), config, renames=renames, tick=tick)
+        assert [made for record in records for made in aligner.feed(record)]
+        again = [[*aligner.feed(record)] for record in anew([*records[:1], *records])[-len(records) // 2 :]]
+        first = next(place for place, made in enumerate(again) if made)
+        assert first < 50
+        assert max(map(len, again)) == (4 if period_ns else 2)
 
 
 def test_live_takes_the_same_ticks(log: Path, trained: Any) -> None:

@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_alignment import align
 
+from pipeline.alignment import frames
 from pipeline.alignment.blocks import Dropped, joints_kind, pose_kind
 from pipeline.alignment.config import AlignmentConfig
 from pipeline.alignment.frames import TF_STATIC, StaticFrames
@@ -39,9 +40,9 @@ def pose(stamp, position, orientation=(0.0, 0.0, 0.0, 1.0), frame="world"):
     return RecordedMessage("/tracker", message.TYPE, encode(message), 0, stamp)
 
 
-def aligned(records, *, block=8192, period=None, sources=SOURCES, frames=(), pivot=0, **config):
+def aligned(records, *, block=8192, period=None, sources=SOURCES, own=(), pivot=0, **config):
     aligner = Aligner(
-        sources, AlignmentConfig(**config), period_ns=period, pivot=pivot, frames=StaticFrames(["", "world", *frames])
+        sources, AlignmentConfig(**config), period_ns=period, pivot=pivot, frames=StaticFrames(["", "world", *own])
     )
     made, rows = [], RowFormat(sources, JOINTS)
     for start in range(0, len(records), block):
@@ -325,7 +326,7 @@ def test_latency_shifts_stamps_and_the_log_clock_replaces_them():
 def test_frames_turn_poses_into_the_world():
     half = math.sqrt(0.5)
     quarter_about_z = (1.0, 2.0, 3.0, 0.0, 0.0, half, half)
-    _, found = aligned(steady(frame="camera"))
+    _, found = aligned(steady(frame="camera"), own=["camera"])
     options = AlignmentConfig(frames={"/tracker": quarter_about_z})
     aligner = Aligner(SOURCES, options, frames=StaticFrames(["world"]))
     rows = RowFormat(SOURCES, JOINTS)
@@ -348,11 +349,28 @@ def test_frames_that_stand_still_in_the_robots_are_honoured(upwards):
     static = RecordedMessage(TF_STATIC, TFMessage.TYPE, encode(transforms), 0, START)
     frame, shift = ("camera", 0.5) if upwards else ("mount", 0.0)
     before, records = steady(5, frame=frame), [r._replace(data=r.data) for r in steady(60, frame=frame)[10:]]
-    _, found = aligned([*before, static, *records], block=7)
-    assert decode(found[0].type, found[0].data).position.tolist() == [0.0, 0.0, 0.0]  # not known yet: the robot's own
-    for record in found[2 * 6 :: 2]:
+    aligner, found = aligned([*before, static, *records], block=7)
+    assert aligner.counts[0].dropped == {Dropped.UNKNOWN_FRAME: 5}  # which came before it was known
+    assert len(found) // 2 == aligner.made == 55
+    for record in found[::2]:
         message = decode(record.type, record.data)
         index = (record.log_time_ns - START) // (10 * MS)
         np.testing.assert_allclose(message.position, (0.0, shift + 0.001 * index, 1.0), atol=1e-12)
     aligner, _ = aligned([static, *steady(60, frame="elsewhere")])
     assert aligner.counts[0].dropped == {Dropped.UNKNOWN_FRAME: 60}
+
+
+def test_frames_in_a_circle_are_unknown_and_cost_one_look(monkeypatch):
+    """The frames of `/tf_static` are gone through once for a frame, however many messages are in it."""
+    circle = (TransformStamped(0, "a", "b", np.zeros(3)), TransformStamped(0, "b", "a", np.zeros(3)))
+    static = RecordedMessage(TF_STATIC, TFMessage.TYPE, encode(TFMessage(circle)), 0, START)
+    steps = []
+
+    def placed(transform, poses):
+        steps.append(transform)
+        return poses
+
+    monkeypatch.setattr(frames, "placed", placed)
+    aligner, found = aligned([static, *steady(50, frame="a")], block=1)
+    assert (found, aligner.counts[0].dropped) == ([], {Dropped.UNKNOWN_FRAME: 50})
+    assert len(steps) == 2
