@@ -51,6 +51,11 @@ class WireError(ReenactError):
     """A network session could not be opened, a consumer did not answer, or a stream has a gap."""
 
 
+def install_text(extra: str) -> str:
+    """Return how an extra is installed, from wherever the program is."""
+    return f"install {DISTRIBUTION} with its extra {extra}, as `pip install '.[{extra}]'` does in its source folder"
+
+
 class MissingExtra(ReenactError):
     """A package that is installed with one of the extras is needed, and is not there.
 
@@ -63,10 +68,7 @@ class MissingExtra(ReenactError):
     """
 
     def __init__(self, package: str, extra: str) -> None:
-        super().__init__(
-            f"this needs the package {package}, which is not installed; "
-            f"`pip install '{DISTRIBUTION}[{extra}]'` installs it"
-        )
+        super().__init__(f"this needs the package {package}, which is not installed; {install_text(extra)}")
         self.extra = extra
 
 

@@ -20,7 +20,7 @@ from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
 from recorders.registry import Registry
-from recorders.text.wording import names_text
+from recorders.text.wording import hand_label, names_text
 
 _SHORT = {"left": "l", "right": "r"}
 _IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -147,7 +147,9 @@ def check_targets(motion: Motion, robot: RobotConfig) -> None:
             try:
                 check.check_row(hand, target)
             except MessageError as error:
-                raise MotionError(f"motion '{motion.name}', sample {sample}, {hand.name} hand: {error}") from None
+                raise MotionError(
+                    f"motion '{motion.name}', sample {sample}, {hand_label(hand.name)}: {error}"
+                ) from None
 
 
 def is_recorded(name_or_path: str | Path) -> bool:

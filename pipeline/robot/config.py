@@ -17,7 +17,7 @@ from pipeline.robot.hands import Hand, parse_hands
 from pipeline.robot.importing.import_spec import parse_source, read_source, read_text
 from pipeline.robot.importing.urdf_import import import_urdf
 from pipeline.robot.resolution import UNLIMITED, Resolution, parse_resolution
-from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml
+from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml, row_text
 from pipeline.robot.upgrade import upgraded
 from pipeline.urdf.bodies import check_bodies
 from pipeline.urdf.description import WORLD, canonical_urdf, check_links, named, parse_urdf, root_link
@@ -159,13 +159,20 @@ def load_robot(name_or_directory: str | Path) -> RobotConfig:
     packaged = str(name_or_directory) in names
     directory = data_path("robots", str(name_or_directory)) if packaged else Path(name_or_directory)
     if not directory.is_dir():
-        raise RobotError(f"unknown robot '{name_or_directory}': expected one of {names_text(names)}, or a directory")
+        raise RobotError(f"unknown robot '{name_or_directory}': {_expected(directory, names)}")
     toml_text = read_text(directory / TOML_FILE)
     if (directory / IMPORT_FILE).exists():
         urdf_text = _imported(toml_text, directory)
     else:
         urdf_text = read_text(directory / URDF_FILE)
     return parse_robot(toml_text, urdf_text, origin=f"robot '{directory}'")
+
+
+def _expected(path: Path, names: Sequence[str]) -> str:
+    """Return what a robot's name or folder is, where it is neither; of a URDF, how it becomes a folder."""
+    if path.suffix.lower() in (".urdf", ".xml") and path.is_file():
+        return f"expected a robot's folder, found a file; `reenact robot new {path} --hand LINK --out DIR` makes one"
+    return f"expected one of {names_text(names)}, or a directory"
 
 
 def _imported(toml_text: str, directory: Path) -> str:
@@ -255,8 +262,8 @@ def _frames(hands: Sequence[Hand], gaze: Gaze | None) -> tuple[str, ...]:
 def _joints(value: object) -> tuple[tuple[str, ...], Floats, Floats]:
     if not isinstance(value, list) or not value:
         raise RobotError(f"joints of the robot config: expected a list of tables, found {value_text(value)}")
-    rows = [as_table(row, _JOINT_KEYS, f"joint {index}") for index, row in enumerate(value)]
-    names = tuple(as_name(row["name"], f"name of joint {index}") for index, row in enumerate(rows))
+    rows = [as_table(row, _JOINT_KEYS, row_text(row, "joint", index)) for index, row in enumerate(value)]
+    names = tuple(as_name(row["name"], f"name of joint number {index + 1}") for index, row in enumerate(rows))
     if repeated := sorted(name for name, count in Counter(names).items() if count > 1):
         raise RobotError(f"joints of the robot config: {names_text(repeated)} given more than once")
     weights = [as_number(row["weight"], f"weight of {row['name']}") for row in rows]

@@ -6,10 +6,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
-from pipeline.robot.toml_values import Vector, as_list, as_name, as_numbers, as_table
+from pipeline.robot.toml_values import Vector, as_list, as_name, as_numbers, as_table, row_text
 from recorders.errors import RobotError
 from recorders.messages.topics import HAND_NAME
-from recorders.text.wording import names_text, value_text
+from recorders.text.wording import hand_text, names_text, value_text
 
 MAX_CENTRE_M = 10.0
 """No hand's centre lies farther than this from the world's origin, along each axis [m]: beyond it are other units."""
@@ -76,33 +76,33 @@ def parse_hands(value: object) -> tuple[Hand, ...]:
     rows = as_list(value, "[[hands]]")
     if not 1 <= len(rows) <= MAX_HANDS:
         raise RobotError(f"[[hands]] of the robot config: expected 1 to {MAX_HANDS} hands, found {len(rows)}")
-    hands = tuple(_hand(as_table(row, _KEYS, f"hand {index}"), index) for index, row in enumerate(rows))
+    hands = tuple(_hand(as_table(row, _KEYS, row_text(row, "hand", index)), index) for index, row in enumerate(rows))
     if repeated := [name for name, count in Counter(hand.name for hand in hands).items() if count > 1]:
         raise RobotError(f"hands of the robot config: {names_text(repeated)} given more than once")
     return hands
 
 
 def _hand(table: Mapping[str, object], index: int) -> Hand:
-    name = as_name(table["name"], f"name of hand {index}")
+    name = as_name(table["name"], f"name of hand number {index + 1}")
     if not HAND_NAME.fullmatch(name):
         expected = "expected small letters, digits and '_', a letter first"
-        raise RobotError(f"name of hand {index} of the robot config: {expected}, found {value_text(name)}")
+        raise RobotError(f"name of hand number {index + 1} of the robot config: {expected}, found {value_text(name)}")
     controls = table["controls"]
     if controls not in CONTROLS:
         expected = " or ".join(f'"{known}"' for known in CONTROLS)
         raise RobotError(
-            f"controls of hand {name} of the robot config: expected {expected}, found {value_text(controls)}"
+            f"controls of {hand_text(name)} of the robot config: expected {expected}, found {value_text(controls)}"
         )
     is_pose = controls == POSE
-    centre = as_numbers(table["centre"], f"centre of hand {name}", 7 if is_pose else 3)
-    box = as_numbers(table["box"], f"box of hand {name}", 6 if is_pose else 3)
+    centre = as_numbers(table["centre"], f"centre of {hand_text(name)}", 7 if is_pose else 3)
+    box = as_numbers(table["box"], f"box of {hand_text(name)}", 6 if is_pose else 3)
     if (farthest := max(map(abs, centre[:3]))) > MAX_CENTRE_M:
         expected = f"expected numbers within {MAX_CENTRE_M:g} m of zero"
-        raise RobotError(f"centre of hand {name} of the robot config: {expected}, found {farthest:g}")
+        raise RobotError(f"centre of {hand_text(name)} of the robot config: {expected}, found {farthest:g}")
     if not all(0.0 < extent <= MAX_CENTRE_M for extent in box[:3]):
         expected = f"expected half extents above 0 and at most {MAX_CENTRE_M:g} m"
-        raise RobotError(f"box of hand {name} of the robot config: {expected}, found {value_text(list(box))}")
-    link = as_name(table["link"], f"link of hand {name}")
+        raise RobotError(f"box of {hand_text(name)} of the robot config: {expected}, found {value_text(list(box))}")
+    link = as_name(table["link"], f"link of {hand_text(name)}")
     if not is_pose:
         return Hand(name, link, POSITION, _vector(centre), _vector(box))
     orientation, turn = _orientation(name, centre[3:]), _turn(name, box[3:])
@@ -119,7 +119,7 @@ def _orientation(hand: str, numbers: tuple[float, ...]) -> Quaternion:
     length = math.sqrt(sum(number * number for number in numbers))
     if not abs(length - 1.0) <= _UNIT:
         raise RobotError(
-            f"centre of hand {hand} of the robot config: expected x, y, z and a unit quaternion x, y, z, w, "
+            f"centre of {hand_text(hand)} of the robot config: expected x, y, z and a unit quaternion x, y, z, w, "
             f"found one of length {length:g}"
         )
     x, y, z, w = (number / length for number in numbers)
@@ -130,7 +130,7 @@ def _turn(hand: str, numbers: tuple[float, ...]) -> Vector:
     diagonal = math.sqrt(sum(number * number for number in numbers))
     if not (min(numbers) > 0.0 and diagonal <= MAX_TURN_RAD):
         raise RobotError(
-            f"box of hand {hand} of the robot config: expected half extents of turns above 0, with a diagonal of at "
-            f"most {MAX_TURN_RAD:g} rad, found {value_text(list(numbers))}"
+            f"box of {hand_text(hand)} of the robot config: expected half extents of turns above 0, with a diagonal of "
+            f"at most {MAX_TURN_RAD:g} rad, found {value_text(list(numbers))}"
         )
     return _vector(numbers)

@@ -19,6 +19,7 @@ from recorders.containers.reader import Opened
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import COMMANDED_TICK, hand_measured, hand_target
+from recorders.text.wording import hand_text
 from recorders.ticks.joiner import JointMap, PoseReader
 from replay.sources.live import LiveLog
 
@@ -178,12 +179,14 @@ def read_turn(hand: Hand, orientation: Floats) -> Floats:
     """
     length = math.sqrt(sum(number * number for number in orientation.tolist()))
     if not abs(length - 1.0) <= _UNIT:
-        raise MessageError(f"expected as orientation of hand {hand.name} a unit quaternion, found length {length:g}")
+        raise MessageError(
+            f"expected as orientation of {hand_text(hand.name)} a unit quaternion, found length {length:g}"
+        )
     turn = turn_of(hand, orientation)
     x, y, z = turn.tolist()
     if not (angle := math.sqrt(x * x + y * y + z * z)) <= REGULAR_RAD:
         raise OutOfRange(
-            f"expected hand {hand.name} within {math.degrees(REGULAR_RAD):.0f} degrees of its orientation in the "
+            f"expected {hand_text(hand.name)} within {math.degrees(REGULAR_RAD):.0f} degrees of its orientation in the "
             f"middle, found {math.degrees(angle):.0f}"
         )
     return turn

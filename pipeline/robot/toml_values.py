@@ -15,6 +15,7 @@ from recorders.text.wording import names_text, value_text
 Vector: TypeAlias = tuple[float, float, float]
 
 _NONE: frozenset[str] = frozenset()
+_NAME_LENGTH = 80  # characters of a name that stands in an error
 _COUNTS = {3: "three", 6: "six", 7: "seven"}
 
 
@@ -40,9 +41,11 @@ def check_keys(
         A key is missing or unknown.
     """
     known = names_text(sorted(expected | or_not))
+    unknown = sorted(table.keys() - expected - or_not)
     if missing := sorted(expected - table.keys()):
-        raise RobotError(f"{where} lacks {names_text(missing)}: expected the keys {known}")
-    if unknown := sorted(table.keys() - expected - or_not):
+        instead = f", and has unknown {names_text(unknown)}" if unknown else ""
+        raise RobotError(f"{where} lacks {names_text(missing)}{instead}: expected the keys {known}")
+    if unknown:
         raise RobotError(f"{where} has unknown {names_text(unknown)}: expected the keys {known}")
 
 
@@ -54,6 +57,14 @@ def as_table(
         raise RobotError(f"{where} of the robot config: expected a table, found {value_text(value)}")
     check_keys(value, expected, where, or_not=or_not)
     return value
+
+
+def row_text(row: object, kind: str, index: int) -> str:
+    """Return what a row of a list of tables is called: its kind and its name, or else its place, from 1 on."""
+    name = row.get("name") if isinstance(row, dict) else None
+    if isinstance(name, str) and name.isprintable() and 0 < len(name) <= _NAME_LENGTH:
+        return f"{kind} {name}" if name != kind else kind
+    return f"{kind} number {index + 1}"
 
 
 def as_list(value: object, where: str) -> list[Any]:

@@ -11,6 +11,7 @@ from pipeline.robot.coordinates import POSITION_SIZE, hand_slices, row_size, to_
 from pipeline.robot.kinematics import Kinematics
 from pipeline.teacher.teacher import REACH_BOUND_M, Teacher, approach
 from recorders.errors import RobotError
+from recorders.text.wording import hand_text
 
 LEAST_M = 0.02
 """Half extent below which a box is of no use [m]."""
@@ -104,7 +105,7 @@ class BoxSearch:
         if (worst := float(short_m.max())) > self._bound_m:
             hand = int(short_m.argmax())
             point = ", ".join(f"{value:.3f}" for value in targets[hand][:POSITION_SIZE])
-            return f"hand {self._robot.hand_names[hand]} stays {100 * worst:.1f} cm short of ({point}) m"
+            return f"{hand_text(self._robot.hand_names[hand])} stays {100 * worst:.1f} cm short of ({point}) m"
         return None if self._reach_only else self._too_near(targets, posture)
 
     def _too_near(self, targets: Floats, posture: Floats) -> str | None:

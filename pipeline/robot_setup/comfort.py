@@ -11,6 +11,7 @@ from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_setup.reach import Reach, evenness_of, manipulability_of
 from pipeline.robot_setup.statics import Statics
 from recorders.errors import RobotError
+from recorders.text.wording import hand_text
 
 _STARTS = 8  # of the samples, the best: the search goes up from each
 _ROOM = 0.1  # of a joint's range, kept from its limits
@@ -58,7 +59,7 @@ class Comfort:
         """
         if not (self._largest > 0.0).all():
             hand = self._kinematics.robot.hand_names[int(self._largest.argmin())]
-            raise RobotError(f"hand {hand}: expected joints that move it in three directions, found fewer")
+            raise RobotError(f"{hand_text(hand)}: expected joints that move it in three directions, found fewer")
         distances = SelfDistance(self._kinematics.robot)
         for posture in self._best():
             if distances.nearest(posture).distance_m >= _CLEAR * self._radius:

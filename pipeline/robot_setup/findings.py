@@ -12,7 +12,7 @@ from pipeline.robot_setup.box import BoxSearch, reach_bound_m
 from pipeline.robot_setup.statics import Statics
 from pipeline.teacher.teacher import Teacher, approach
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import hand_text, names_text
 
 _LIMIT_MARGIN = 0.02  # of a joint's range: nearer to a limit no joint is at rest
 _BOXES = (0.75, 0.5, 0.25)  # of a box that is too large: the first of these that fits is what to take
@@ -56,8 +56,8 @@ def _centres(robot: RobotConfig) -> Iterator[str]:
         if short > bound_m:
             place = ", ".join(f"{value:.2f}" for value in rest)
             yield (
-                f"hand {hand.name}: expected its centre within reach, found it {100 * short:.1f} cm out of it; in the "
-                f"comfort posture the hand is at ({place}) m"
+                f"{hand_text(hand.name)}: expected its centre within reach, found it {100 * short:.1f} cm out of "
+                f"it; in the comfort posture the hand is at ({place}) m"
             )
 
 

@@ -7,10 +7,10 @@ from fnmatch import fnmatchcase
 from xml.etree.ElementTree import Element
 
 from pipeline.robot.importing.import_spec import JointLimits
-from pipeline.urdf.description import check_links, named
+from pipeline.urdf.description import named
 from pipeline.urdf.joints import MAX_POSITION, MIN_RANGE, chain_to
 from recorders.errors import RobotError
-from recorders.text.wording import names_text
+from recorders.text.wording import hand_text, names_text
 
 SLIDING = "prismatic"
 
@@ -74,13 +74,17 @@ def model_joints(
         A hand is no link or nothing moves it, a joint cannot be one of a robot's, or has no limits; the line names all
         that have none.
     """
-    check_links(urdf, list(hands.values()))
+    links = named(urdf, "link")
+    if missing := [link for link in hands.values() if link not in links]:
+        raise RobotError(
+            f"--hand: expected links of the URDF, found {names_text(missing)}; it has {names_text(sorted(links))}"
+        )
     elements = named(urdf, "joint")
     chains = {hand: [name for name in chain_to(urdf, link) if name not in rigid] for hand, link in hands.items()}
     for hand, chain in chains.items():
         if len(chain) < least:
             expected = f"expected at least {least} joints that move link {hands[hand]}"
-            raise RobotError(f"hand {hand}: {expected}, found {names_text(chain) or 'none'}")
+            raise RobotError(f"{hand_text(hand)}: {expected}, found {names_text(chain) or 'none'}")
     names = list(dict.fromkeys(name for chain in chains.values() for name in chain))
     _check_patterns(names, [pattern for pattern, _ in limits])
     given = {name: _last_match(name, limits) for name in names}

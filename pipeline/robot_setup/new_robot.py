@@ -145,7 +145,10 @@ def make_robot(request: RobotRequest) -> NewRobot:
     """
     source = _source(request)
     model_text = read_source(source, Path()) if request.package else read_text(Path(request.urdf))
-    urdf = parse_urdf(model_text)
+    try:
+        urdf = parse_urdf(model_text)
+    except RobotError as error:
+        raise RobotError(f"{request.urdf}: {error}") from error
     joints = model_joints(
         urdf, request.hands, limits=request.limits, rigid=list(request.rigid), least=6 if request.pose else 3
     )

@@ -14,6 +14,7 @@ from pipeline.robot.coordinates import POSITION_SIZE, to_inputs, to_rows, turns_
 from pipeline.robot.kinematics import Kinematics
 from pipeline.rotations import turns_between
 from recorders.errors import ConfigError, MotionError
+from recorders.text.wording import hand_label
 
 REACH_BOUND_M = 0.005  # farther than this is out of reach: half of what learning is to achieve
 _LEVER_M = 0.1  # from a hand's origin to the point that a turn moves
@@ -187,7 +188,7 @@ def check_reach(teacher: Teacher, motion: Motion) -> None:
         point = ", ".join(f"{value:.3f}" for value in miss.point)
         raise MotionError(
             f"motion '{motion.name}' is out of reach: at sample {miss.sample} (t = {motion.times_s[miss.sample]:g} s) "
-            f"the {miss.hand} hand of '{teacher.kinematics.robot.name}' stays {100 * miss.short_m:.1f} cm short "
+            f"the {hand_label(miss.hand)} of '{teacher.kinematics.robot.name}' stays {100 * miss.short_m:.1f} cm short "
             f"of ({point}) m"
         )
 

@@ -7,11 +7,13 @@ import matplotlib.style
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import LogFormatter, StrMethodFormatter
 
 from pipeline.arrays import Floats
 from pipeline.evaluation.trials import Trial
 from pipeline.views.figures import GREY, HAND_COLOURS, STYLE, save_figure
 from recorders.errors import ConfigError
+from recorders.text.wording import hand_label
 
 _SIZE_IN = (9.5, 4.4)
 _CM_PER_M = 100.0
@@ -48,11 +50,16 @@ def draw_calibration(path: Path, trial: Trial) -> None:
 def _draw_points(panel: Axes, trial: Trial) -> None:
     deviations, distances = _in_cm(trial)
     for hand, (name, colour) in enumerate(zip(trial.errors.hands_cm, _colours(trial), strict=True)):
-        panel.scatter(deviations[:, hand], distances[:, hand], s=8, color=colour, alpha=0.6, lw=0, label=f"{name} hand")
+        panel.scatter(
+            deviations[:, hand], distances[:, hand], s=8, color=colour, alpha=0.6, lw=0, label=hand_label(name)
+        )
     low = min(deviations.min(), distances.min()) * 0.9
     high = max(deviations.max(), distances.max()) * 1.1
     panel.plot([low, high], [low, high], color=GREY, lw=1, label="equal")
     panel.set(xscale="log", yscale="log", xlabel="expected deviation [cm]", ylabel="true distance from the target [cm]")
+    for axis in (panel.xaxis, panel.yaxis):
+        axis.set_major_formatter(StrMethodFormatter("{x:g}"))
+        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
     panel.legend(frameon=False, loc="upper left")
 
 
@@ -61,7 +68,7 @@ def _draw_shares(panel: Axes, trial: Trial) -> None:
     ratios = distances / deviations
     grid = np.linspace(0.0, _MOST, 200)
     for hand, (name, colour) in enumerate(zip(trial.errors.hands_cm, _colours(trial), strict=True)):
-        panel.plot(grid, (ratios[:, hand, np.newaxis] <= grid).mean(axis=0), color=colour, label=f"{name} hand")
+        panel.plot(grid, (ratios[:, hand, np.newaxis] <= grid).mean(axis=0), color=colour, label=hand_label(name))
     panel.plot(grid, _normal_share(grid), color=GREY, lw=1, ls="--", label="normal, in three dimensions")
     panel.axvline(1.0, color=GREY, lw=0.6)
     panel.set(xlabel="deviations", ylabel="share of true distances within", xlim=(0.0, _MOST), ylim=(0.0, 1.02))

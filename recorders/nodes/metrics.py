@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING
 
-from recorders.errors import DISTRIBUTION, ConfigError
+from recorders.errors import ConfigError, install_text
 from recorders.nodes.status import NodeMeter
 
 if TYPE_CHECKING:
@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 
 _HOST = "127.0.0.1"
 _TAKEN = "--prometheus: expected a free port of 127.0.0.1, found {}: {}; choose another"
-_MISSING = (
-    f"--prometheus: expected the package prometheus-client; install it with `pip install '{DISTRIBUTION}[metrics]'`"
-)
+_MISSING = f"--prometheus: expected the package prometheus-client, found none; {install_text('metrics')}"
 
 
 def check_metrics(port: int | None) -> None:

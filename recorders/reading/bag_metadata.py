@@ -56,8 +56,9 @@ def read_bag_metadata(folder: Path) -> BagMetadata:
     files = tuple(folder / PurePath(name).name for name in names)
     missing = [file.name for file in files if not file.is_file()]
     if missing:
+        files_text = "file" if len(files) == 1 else f"{len(files)} files"
         raise LogError(
-            f"{folder}: {names_text(missing, limit=200)} missing: expected the {len(files)} files that {METADATA_FILE} "
+            f"{folder}: {names_text(missing, limit=200)} missing: expected the {files_text} that {METADATA_FILE} "
             f"names, found {len(files) - len(missing)}; copy the rest here, or name the files that you mean"
         )
     mode = "" if mode == "none" else mode

@@ -12,6 +12,7 @@ from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.hands import HAND_COLOURS, FrontalPlane
 from recorders.rerun_scene.robot import GAUGES, LABEL_AT, ROW_HEIGHT
 from recorders.rerun_scene.track import TIMELINE
+from recorders.text.wording import hand_label
 
 EPOCHS = "epoch"
 """Timeline of a learner that is presented a motion again and again."""
@@ -124,7 +125,7 @@ def _scene(points: FloatArray, hands: Sequence[str]) -> rrb.Spatial3DView:
     distance = np.linalg.norm(ahead)
     ahead = ahead / distance if distance > 0.0 else np.array([1.0, 0.0, 0.0])
     side, up = np.array([-ahead[1], ahead[0], 0.0]), np.array([0.0, 0.0, 1.0])
-    shown = ", ".join(f"{hand} hand {colour}" for hand, colour in zip(hands, cycle(HAND_COLOURS), strict=False))
+    shown = ", ".join(f"{hand_label(hand)} {colour}" for hand, colour in zip(hands, cycle(HAND_COLOURS), strict=False))
     return rrb.Spatial3DView(
         name=f"Robot: {shown}, targets grey",
         contents=["/robot/**", "/hands/**"],

@@ -11,6 +11,7 @@ from numpy.typing import ArrayLike
 
 from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.track import Instants, Track
+from recorders.text.wording import hand_label
 
 HAND_COLOURS = {  # Okabe and Ito, for all kinds of colour vision; further hands have them again
     "blue": (86, 180, 233),
@@ -74,7 +75,7 @@ class HandScene:
     def send_static(self) -> Self:
         """Send names and styles."""
         for hand, colour in hand_colours(self._plane.hands).items():
-            style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
+            style = rr.SeriesLines(names=[hand_label(hand)], colors=[colour], widths=[2.0])
             self._recording.log(f"error/{hand}", style, static=True)
             for name, shade, radius_m in (
                 ("target", TARGET_COLOUR, _TARGET_RADIUS_M),

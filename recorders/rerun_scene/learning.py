@@ -8,6 +8,7 @@ import rerun as rr
 from recorders.messages.validation import FloatArray
 from recorders.rerun_scene.hands import HAND_COLOURS, hand_colours
 from recorders.rerun_scene.track import Instants
+from recorders.text.wording import hand_label
 
 _MAIN, _FAINT = (86, 180, 233), (110, 130, 145)
 _WEIGHT_COLOURS = ((0, 158, 115), (204, 121, 167), (240, 228, 66))  # green, purple, yellow: Okabe and Ito
@@ -19,7 +20,7 @@ def send_learning_styles(
 ) -> None:
     """Send names and colours of the curves; `weights` are those that learn, `spread` the arrays shown by their mean."""
     for hand, colour in hand_colours(hands).items():
-        style = rr.SeriesLines(names=[f"{hand} hand"], colors=[colour], widths=[2.0])
+        style = rr.SeriesLines(names=[hand_label(hand)], colors=[colour], widths=[2.0])
         recording.log(f"learning/error/{hand}", style, static=True)
     for name in spread:
         names = ["mean", "mean - deviation", "mean + deviation"]

@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from recorders.errors import JointError, MotionError
 from recorders.messages.validation import FloatArray
+from recorders.text.wording import hand_text
 
 Times = NDArray[np.int64]
 
@@ -89,7 +90,9 @@ class Track:
                 raise MotionError(f"expected finite numbers within {MAX_NUMBER:g} of zero in {name}, found others")
         for hand, quaternions in orientations.items():
             if not all(turned.shape == (samples, 4) and np.isfinite(turned).all() for turned in quaternions):
-                raise MotionError(f"expected finite orientations of hand {hand}, of shape {(samples, 4)}, found others")
+                raise MotionError(
+                    f"expected finite orientations of {hand_text(hand)}, of shape {(samples, 4)}, found others"
+                )
         return track
 
     @property

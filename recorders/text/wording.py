@@ -59,6 +59,28 @@ def names_text(names: Iterable[str], *, limit: int = 600) -> str:
     return ", ".join(shown) + (f" and {more} more" if more else "")
 
 
+def hand_text(name: str) -> str:
+    """Return what a hand is called behind its kind, as in a sentence; one called `hand` is the hand.
+
+    Examples
+    --------
+    >>> hand_text("left"), hand_text("hand")
+    ('hand left', 'hand')
+    """
+    return "hand" if name == "hand" else f"hand {name}"
+
+
+def hand_label(name: str) -> str:
+    """Return what a hand is called before its kind, as beside a curve; one called `hand` is the hand.
+
+    Examples
+    --------
+    >>> hand_label("left"), hand_label("hand")
+    ('left hand', 'hand')
+    """
+    return "hand" if name == "hand" else f"{name} hand"
+
+
 def json_fault_text(error: Exception) -> str:
     """Return what is wrong with a text that could not be read as JSON, from what the reader raised."""
     if isinstance(error, json.JSONDecodeError):

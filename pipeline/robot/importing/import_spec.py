@@ -7,7 +7,17 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
 
-from pipeline.robot.toml_values import Vector, as_list, as_name, as_number, as_point, as_table, check_keys, parse_toml
+from pipeline.robot.toml_values import (
+    Vector,
+    as_list,
+    as_name,
+    as_number,
+    as_point,
+    as_table,
+    check_keys,
+    parse_toml,
+    row_text,
+)
 from pipeline.urdf.description import MAX_BYTES
 from recorders.errors import RobotError
 from recorders.files.regular_file import require_regular_file
@@ -223,8 +233,8 @@ def _limits(value: object, where: str) -> JointLimits:
 
 
 def _virtual(value: object, index: int) -> VirtualJoint:
-    table = as_table(value, _VIRTUAL_KEYS, f"virtual joint {index}")
-    name = as_name(table["name"], f"name of virtual joint {index}")
+    table = as_table(value, _VIRTUAL_KEYS, row_text(value, "virtual joint", index))
+    name = as_name(table["name"], f"name of virtual joint number {index + 1}")
     if table["type"] not in _VIRTUAL_TYPES:
         found = f"expected {' or '.join(_VIRTUAL_TYPES)}, found {value_text(table['type'])}"
         raise RobotError(f"type of {name} of the robot config: {found}")
@@ -233,6 +243,6 @@ def _virtual(value: object, index: int) -> VirtualJoint:
 
 
 def _frame(value: object, index: int) -> AddedFrame:
-    table = as_table(value, _FRAME_KEYS, f"frame {index}", or_not=_POSE_KEYS)
-    name = as_name(table["name"], f"name of frame {index}")
+    table = as_table(value, _FRAME_KEYS, row_text(value, "frame", index), or_not=_POSE_KEYS)
+    name = as_name(table["name"], f"name of frame number {index + 1}")
     return AddedFrame(name, as_name(table["parent"], f"parent of {name}"), _pose(table, name))

@@ -123,7 +123,7 @@ def test_what_needs_a_missing_package_names_its_extra_in_one_line(
     assert run.status[place] == 2
     assert run.err[place].splitlines() == [
         f"reenact: this needs the package {package}, which is not installed; "
-        f"`pip install 'reenact-robot[{extra}]'` installs it"
+        f"install reenact-robot with its extra {extra}, as `pip install '.[{extra}]'` does in its source folder"
     ]
 
 
@@ -138,7 +138,7 @@ def test_physics_that_cannot_be_checked_is_counted_and_told(run: Run) -> None:
 
 def test_physics_that_is_asked_for_must_be_checked(run: Run) -> None:
     assert run.status[6] == 2
-    assert "reenact-robot[sim]" in run.err[6]
+    assert "install reenact-robot with its extra sim, as `pip install '.[sim]'` does" in run.err[6]
 
 
 def test_nothing_is_written_by_what_could_not_run(run: Run, folder: Path) -> None:

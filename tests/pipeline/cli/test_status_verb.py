@@ -287,7 +287,9 @@ def test_a_missing_extra_is_one_line_that_names_it(
         app.main(["robot", "--prometheus", "9000"])
     assert ended.value.code == 2
     (line,) = capsys.readouterr().err.splitlines()
-    assert line.endswith("install it with `pip install 'reenact-robot[metrics]'`")
+    assert line.endswith(
+        "install reenact-robot with its extra metrics, as `pip install '.[metrics]'` does in its source folder"
+    )
 
 
 @pytest.mark.parametrize("given", ["option", "file"])

@@ -66,6 +66,13 @@ def test_an_unknown_robot_is_refused_with_those_that_exist() -> None:
     assert "asimo" in robot_names()
 
 
+def test_a_urdf_in_place_of_a_folder_is_refused_with_what_makes_one_of_it(tmp_path) -> None:
+    urdf = tmp_path / "arm.urdf"
+    urdf.write_text("<robot/>")
+    with pytest.raises(RobotError, match=r"found a file; `reenact robot new .*arm\.urdf --hand LINK --out DIR` makes"):
+        load_robot(urdf)
+
+
 def test_a_directory_without_robot_files_is_refused(tmp_path) -> None:
     with pytest.raises(RobotError, match=r"cannot read robot file .*robot\.toml"):
         load_robot(tmp_path)
@@ -101,12 +108,12 @@ def test_a_cut_off_file_is_refused_with_its_folder(
         ('name = "asimo"', 'name = "asimo"\ncolour = "red"', "unknown colour"),
         ('name = "asimo"', "name = 7", "name of the robot config: expected a name, found 7"),
         ('name = "asimo"', 'name = "asimo', "expected TOML"),
-        ('link = "left_hand"', "", "hand 0 lacks link"),
+        ('link = "left_hand"', "", "hand left lacks link"),
         ('link = "left_hand"', 'link = "left_claw"', "left_claw of the robot config are not links"),
         (
             'name = "left"',
             'name = "/left"',
-            r"name of hand 0 .* expected small letters, digits and '_', .* found '/left'",
+            r"name of hand number 1 .* expected small letters, digits and '_', .* found '/left'",
         ),
         ('name = "left"', 'name = "right"', "hands of the robot config: right given more than once"),
         (
@@ -118,7 +125,8 @@ def test_a_cut_off_file_is_refused_with_its_folder(
         ("box = [0.069,", "box = [0.0,", r"box of hand left .* expected half extents above 0 and at most 10 m"),
         ("box = [0.069,", "box = [69,", r"box of hand left .* expected half extents above 0 and at most 10 m"),
         ('joint = "head_pan"', 'joint = "neck"', r"\[gaze\] joint 'neck' is not among"),
-        ("weight = 0.1,", "", "joint 0 lacks weight"),
+        ("weight = 0.1,", "weigth = 0.1,", "joint hip_height lacks weight, and has unknown weigth: expected the keys"),
+        ("weight = 0.1,", "", "joint hip_height lacks weight: expected"),
         ("weight = 0.1,", "weight = 0.0,", "weight of hip_height .* above 0"),
         ("weight = 0.1,", "weight = nan,", "weight of hip_height .* finite number"),
         ("weight = 0.1,", "weight = true,", "weight of hip_height .* finite number"),

@@ -134,7 +134,7 @@ def test_import_says_nothing_on_the_terminal(tmp_path: Path, capfd: pytest.Captu
         ("import.toml", 'name = "l_palm"', 'name = "l_finger"', "link l_finger of the URDF is given more than once"),
         ("import.toml", 'type = "prismatic"', 'type = "slidy"', "type of rise .* expected revolute or prismatic"),
         ("import.toml", 'type = "prismatic"', "type = []", "type of rise .* expected revolute or prismatic"),
-        ("import.toml", "lower = -0.1\n", "", "virtual joint 0 lacks lower"),
+        ("import.toml", "lower = -0.1\n", "", "virtual joint rise lacks lower"),
         ("import.toml", 'name = "rise"', 'name = "turn"', "joint turn of the URDF is given more than once"),
         ("import.toml", "axis = [0.0, 0.0, 1.0]", "axis = [0.0, 1.0]", "axis of rise .* expected three numbers"),
         ("import.toml", "xyz = [0.0, 0.0, 0.7]", "xyz = 0.7", r"\[base\] xyz .* expected three numbers"),

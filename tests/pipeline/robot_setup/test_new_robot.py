@@ -187,7 +187,7 @@ def test_links_that_are_no_bodies_are_all_named_with_what_leaves_them_out(tmp_pa
 @pytest.mark.parametrize(
     ("change", "expected"),
     [
-        ({"hands": {"left": "nowhere"}}, "frames nowhere of the robot config are not links"),
+        ({"hands": {"left": "nowhere"}}, "--hand: expected links of the URDF, found nowhere; it has "),
         ({"hands": {"left": "pelvis"}}, "hand left: expected at least 3 joints that move link pelvis, found none"),
         ({"limits": parse_limits(["elbow=0,1"])}, "limits of 'elbow': expected one of the joints turn, l_shoulder"),
         ({"limits": parse_limits(["turn=1,-1"])}, "limits of turn: expected a lower one below an upper one"),
@@ -201,6 +201,17 @@ def test_what_cannot_be_a_robot_is_one_line(change: dict, expected: str, urdf: P
         make_robot(request(urdf, **change))
     assert expected in str(error.value)
     assert "\n" not in str(error.value)
+
+
+def test_a_urdf_that_is_none_is_named(tmp_path: Path) -> None:
+    (tmp_path / "empty.urdf").touch()
+    with pytest.raises(RobotError, match=r"empty\.urdf: robot description: expected the text of a URDF, found none"):
+        make_robot(request(tmp_path / "empty.urdf"))
+
+
+def test_a_hand_that_is_called_hand_is_not_called_so_twice(urdf: Path) -> None:
+    with pytest.raises(RobotError, match=r"^hand: expected at least 3 joints that move link pelvis"):
+        make_robot(request(urdf, hands={"hand": "pelvis"}))
 
 
 @pytest.mark.parametrize(
@@ -285,7 +296,7 @@ def test_made_again_it_is_the_same_and_the_table_fits_80_columns(
         (
             "robot.toml",
             ("box = [", "box = [0.9, 0.9, 0.9]  # ["),
-            "expected every corner within reach, found that hand hand stays",
+            "expected every corner within reach, found that hand stays",
         ),
         ("import.toml", ("urdf = ", "file = "), "[source] lacks urdf"),
         ("model.urdf", ('effort="60"', 'effort="0.01"'), "expected a motor that holds the comfort posture"),

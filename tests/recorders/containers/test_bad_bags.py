@@ -25,7 +25,7 @@ def test_a_bag_whose_part_is_missing(tmp_path, storage):
     folder = bags.bag_folder(tmp_path / "bag", storage=storage, count=1)
     (part,) = (path for path in folder.iterdir() if path.suffix != ".yaml")
     part.unlink()
-    assert f"{part.name} missing: expected the 1 files that metadata.yaml names, found 0" in complaint(folder)
+    assert f"{part.name} missing: expected the file that metadata.yaml names, found 0" in complaint(folder)
 
 
 @pytest.mark.parametrize(

@@ -21,6 +21,7 @@ from pipeline.learner.rules.forward_inverse.features import Features, make_featu
 from pipeline.learner.rules.forward_inverse.kernels import Constants, IndexArray, Model
 from pipeline.learner.state import check_state, state_digest
 from recorders.errors import ConfigError, ControllerError, ReenactError
+from recorders.text.wording import hand_label
 
 
 class Explained(NamedTuple):
@@ -265,8 +266,9 @@ class ForwardInverseLearner:
         left = np.split(explained.hands - np.asarray(u, dtype=np.float64), ends[:-1], axis=1)
         curves = {"Newton step [% of half the range]": 100.0 * np.sqrt((steps * steps).mean(axis=1))}
         for place, hand in enumerate(hands):
-            curves[f"{hand} hand: expected deviation [cm]"] = 100.0 * explained.deviations[:, place]
-            curves[f"{hand} hand: expected distance [cm]"] = 100.0 * np.linalg.norm(left[place][:, : len(AXES)], axis=1)
+            label = hand_label(hand)
+            curves[f"{label}: expected deviation [cm]"] = 100.0 * explained.deviations[:, place]
+            curves[f"{label}: expected distance [cm]"] = 100.0 * np.linalg.norm(left[place][:, : len(AXES)], axis=1)
         return curves
 
     def lines(self) -> tuple[str, ...]:
