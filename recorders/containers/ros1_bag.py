@@ -120,7 +120,12 @@ class Ros1Bag(ForeignReader):
             number: (channel.topic, channel.type) if wanted is None or channel.topic in wanted else None
             for number, channel in channels.items()
         }
-        infos = [info for info in infos if info.first_ns < end_ns and info.last_ns >= start_ns]
+        asked = {number for number, named in chosen.items() if named is not None}
+        infos = [
+            info
+            for info in infos
+            if info.first_ns < end_ns and info.last_ns >= start_ns and (wanted is None or asked & info.counts.keys())
+        ]
         if file_order:
             infos.sort(key=lambda info: info.offset)
         else:

@@ -49,10 +49,26 @@ def _unpacked(path: Path, size: int, _changed_ns: int) -> Path:
 
 
 def copies(*paths: Path) -> Path:
-    """Return a copy of the first file with copies of the others beside it, under their own names."""
-    folder = new_folder()
-    for path in paths:
-        shutil.copyfile(path, folder / path.name)
+    """Return a copy of the first file with copies of the others beside it; the same as long as all are as they were.
+
+    Raises
+    ------
+    LogError
+        If there is no room for them.
+    """
+    states = [(path.resolve(), path.stat()) for path in paths]
+    return _copied(tuple((path, state.st_size, state.st_mtime_ns) for path, state in states))
+
+
+@cache
+def _copied(states: tuple[tuple[Path, int, int], ...]) -> Path:
+    folder, paths = new_folder(), [path for path, _, _ in states]
+    try:
+        for path in paths:
+            shutil.copyfile(path, folder / path.name)
+    except OSError as error:
+        where = tempfile.gettempdir()
+        raise LogError(f"{paths[0]}: cannot be copied into {where} (see TMPDIR): {error.strerror or error}") from None
     return folder / paths[0].name
 
 

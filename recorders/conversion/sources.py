@@ -59,7 +59,8 @@ class Sources:
             if name not in topics:
                 raise ConfigError(f"--map: no topic {name} in {self.names}; there are: {names_text(topics) or 'none'}")
         self._topics = chosen(config.topics or topics, topics, option="--topic")
-        self.channels = {topic: self._channel(topic) for topic in topics if topic in self._topics}
+        recorded = self._recorded_channels()
+        self.channels = {topic: self._channel(topic, recorded[topic]) for topic in topics if topic in self._topics}
         _check_names(self.channels)
 
     @property
@@ -95,12 +96,19 @@ class Sources:
         return reads[0]() if len(reads) == 1 else merged_by_time(reads)
 
     def manifest(self) -> dict[str, Any]:
-        """Return the entries on which the manifests of all recordings agree."""
+        """Return the entries on which the manifests of all recordings agree.
+
+        Where topics are left out or have other names, a log of an exploration is a recording like any other.
+        """
         first, *others = (
             {key: value for key, value in reader.manifest.items() if key not in (*RESERVED, PART)}
             for reader in self.readers
         )
-        return {key: value for key, value in first.items() if all(other.get(key) == value for other in others)}
+        found = {key: value for key, value in first.items() if all(other.get(key) == value for other in others)}
+        there = {topic: topic for reader in self.readers for topic in reader.topics}
+        if "kind" in found and {topic: channel.topic for topic, channel in self.channels.items()} != there:
+            found["kind"] = "recording"
+        return found
 
     def digests(self) -> list[dict[str, Any]]:
         """Return name and SHA-256 of each file of each recording."""
@@ -127,9 +135,15 @@ class Sources:
         """Return those that are not MCAP as it is."""
         return [reader for reader in self.readers if not isinstance(reader, LogReader | SessionReader)]
 
-    def _channel(self, topic: str) -> DeclaredChannel:
+    def _recorded_channels(self) -> dict[str, list[tuple[DeclaredChannel, Reader]]]:
+        found: dict[str, list[tuple[DeclaredChannel, Reader]]] = {}
+        for reader in self.readers:
+            for channel in reader.channels:
+                found.setdefault(channel.topic, []).append((channel, reader))
+        return found
+
+    def _channel(self, topic: str, found: Sequence[tuple[DeclaredChannel, Reader]]) -> DeclaredChannel:
         """Return the one channel that a topic becomes, of all that it was recorded on."""
-        found = [(channel, reader) for reader in self.readers for channel in reader.channels if channel.topic == topic]
         defined = [channel for channel, _ in found if channel.schema is not None and channel.schema[2].strip()]
         first = (defined or [channel for channel, _ in found])[0]
         for channel, reader in found:

@@ -38,7 +38,7 @@ class BulkWriter:
     chunk_bytes : int
         Where a chunk ends [bytes].
     on_chunk : callable
-        Called with the number of messages written so far, after each chunk.
+        Called with the number of messages written so far, after each chunk and each large message.
 
     Attributes
     ----------
@@ -94,6 +94,8 @@ class BulkWriter:
                 self._write_large(record)
                 batch, size = _new_batch(), 0
                 heads, hashed, data_of, times_ns, channels = batch
+                if self._file.tell() >= most_bytes:
+                    return next(records, None)
                 continue
             self._any = True
             number = numbers[topic]
@@ -152,6 +154,7 @@ class BulkWriter:
             _indexes(batch, times),
         )
         self.log.add_chunk(chunk, self._compression)
+        self._on_chunk(self.counts.total())
 
     def _write_large(self, record: RecordedMessage) -> None:
         """Write a message beside the chunks, which readers hold whole."""
@@ -160,6 +163,7 @@ class BulkWriter:
         self.counts[self._names[number]] += 1
         self._content.add(self._names[number], record.sequence, record.log_time_ns, record.data)
         self.log.add_message_in_pieces(number, record.sequence, record.log_time_ns, record.log_time_ns, record.data)
+        self._on_chunk(self.counts.total())
 
 
 class _Batch(NamedTuple):

@@ -7,7 +7,9 @@ import bags
 import pytest
 from rosbags.rosbag2 import CompressionMode, StoragePlugin
 
+from recorders.containers import ros1_bag
 from recorders.containers.opening import open_log
+from recorders.containers.unpacked import copies
 from recorders.errors import LogError
 
 
@@ -150,6 +152,33 @@ def test_messages_that_were_not_moved_into_the_file_yet_are_read(tmp_path):
         assert sorted(path.parent.iterdir()) == before
     finally:
         connection.close()
+
+
+def test_files_are_copied_once_as_long_as_they_are_as_they_were(tmp_path):
+    bag, journal = tmp_path / "bag.db3", tmp_path / "bag.db3-wal"
+    bag.write_bytes(b"1")
+    journal.write_bytes(b"22")
+    first = copies(bag, journal)
+    assert copies(bag, journal) == first
+    journal.write_bytes(b"333")
+    second = copies(bag, journal)
+    assert second != first
+    assert second.with_name(journal.name).read_bytes() == b"333"
+    assert first.with_name(journal.name).read_bytes() == b"22"
+
+
+def test_ros1_chunks_without_the_topics_that_are_asked_for_are_not_read(tmp_path, monkeypatch):
+    path = bags.ros1_bag(tmp_path / "log.bag", order=sorted)
+    whole = [record for record in open_log(path) if record.topic == bags.POSE]
+    offsets = []
+    chunk_data = ros1_bag._chunk_data
+    monkeypatch.setattr(ros1_bag, "_chunk_data", lambda file, at: offsets.append(at) or chunk_data(file, at))
+    assert list(open_log(path).records(topics=[bags.POSE])) == whole
+    read, offsets[:] = len(offsets), []
+    assert sorted(open_log(path).records(topics=[bags.POSE], file_order=True)) == sorted(whole)
+    assert len(offsets) == read
+    list(open_log(path))
+    assert 0 < read < len(offsets) - read
 
 
 def test_nothing_is_written_beside_a_bag(tmp_path):

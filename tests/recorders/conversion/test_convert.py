@@ -13,6 +13,7 @@ from rosbags.rosbag2 import StoragePlugin
 from recorders.containers.opening import open_as_it_is, open_log
 from recorders.conversion.config import ConvertConfig
 from recorders.conversion.convert import convert
+from recorders.conversion.sources import Sources
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import PoseStamped, String
 from recorders.reading.parts import find_log
@@ -198,6 +199,60 @@ def test_large_messages_stand_beside_the_chunks(tmp_path):
         writer.finish()
     assert ours(path) == list(LogReader(path))
     assert summarise(tmp_path / "out.mcap").sound
+
+
+def test_a_size_is_looked_at_after_large_messages_too(tmp_path):
+    path = tmp_path / "large.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        channel = writer.register_channel("/x", "", 0)
+        for step in range(3):
+            writer.add_message(channel, step, bytes([step]) * 17_000_000, step, step)
+        writer.finish()
+    result = convert([path], tmp_path / "out.mcap", ConvertConfig(split_bytes=10_000_000))
+    assert [LogReader(part).counts for part in result.paths] == [{"/x": 1}] * 3
+
+
+@pytest.mark.parametrize("config", [{}, {"split_bytes": 1}, {"topics": frozenset(["/b"])}])
+def test_progress_is_the_share_of_the_messages(tmp_path, config):
+    rows = [("/b" if step % 2 else "/a", String("n" * 70_000), step) for step in range(120)]
+    fractions = []
+    convert(
+        [long_log(tmp_path / "whole.mcap", rows)],
+        tmp_path / "out.mcap",
+        ConvertConfig(**config),
+        on_progress=fractions.append,
+    )
+    assert len(fractions) > 2
+    assert fractions == sorted(set(fractions))
+    assert (fractions[0] > 0.0, fractions[-1]) == (True, 1.0)
+
+
+def test_channels_are_listed_once_however_many_topics_there_are(tmp_path, monkeypatch):
+    rows = [(f"/{number}", String("x"), number) for number in range(20)]
+    source = long_log(tmp_path / "whole.mcap", rows)
+    listed = []
+    channels = LogReader.channels.fget
+    monkeypatch.setattr(LogReader, "channels", property(lambda self: listed.append(self) or channels(self)))
+    assert len(Sources([source], ConvertConfig()).channels) == 20
+    assert len(listed) == 1
+
+
+def test_an_excerpt_of_an_exploration_is_a_recording(tmp_path):
+    source = tmp_path / "ours.mcap"
+    with LogWriter(source, manifest={"kind": "exploration", "robot": "asimo"}) as writer:
+        for step, topic in enumerate(("/remarks", "/notes")):
+            writer.write(topic, String("x"), log_time_ns=step)
+    kinds = {
+        "exploration": [{}, {"compression": "zstd"}, {"start_ns": 1}],
+        "recording": [{"topics": frozenset(["/remarks"])}, {"renames": {"/notes": "/n"}}],
+    }
+    for kind, configs in kinds.items():
+        for config in configs:
+            convert([source], tmp_path / "out.mcap", ConvertConfig(**config), overwrite=True)
+            manifest = LogReader(tmp_path / "out.mcap").manifest
+            assert (manifest["kind"], manifest["robot"]) == (kind, "asimo")
 
 
 def test_bags_without_definitions_get_those_of_ros(tmp_path):
