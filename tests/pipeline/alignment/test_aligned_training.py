@@ -27,6 +27,8 @@ from pipeline.serving.served_controller import ServedController
 from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
+from recorders.conversion.config import ConvertConfig
+from recorders.conversion.convert import convert
 from recorders.messages.message_types import JointState, PoseStamped, String, TFMessage, TransformStamped
 from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
@@ -140,6 +142,21 @@ def test_what_is_aligned_may_be_written_and_trained(robot: Path, trained: Any, t
     assert {key: again[key] for key in ("digest", "stream_digest", "ticks")} == {
         key: result[key] for key in ("digest", "stream_digest", "ticks")
     }
+
+
+def test_raw_joints_and_poses_out_of_an_exploration_are_aligned(
+    log: Path, robot: Path, trained: Any, tmp_path: Path
+) -> None:
+    """A log of ours that was converted without its ticks is aligned as a lab's is, with the robot that it carries."""
+    whole, raw = tmp_path / "whole.mcap", tmp_path / "raw.mcap"
+    texts = load_robot(robot).toml_text, load_robot(robot).urdf_text
+    attachments = {name: text.encode() for name, text in zip(("robot.toml", "robot.urdf"), texts, strict=True)}
+    with LogWriter(whole, manifest={"kind": "exploration"}, attachments=attachments) as writer:
+        for record in recording(robot):
+            writer.copy(record)
+        writer.write("/notes", String("x"), log_time_ns=START)
+    convert([whole], raw, ConvertConfig(topics=frozenset(["/joint_states", "/tracker"])))
+    assert trained(raw, *MAPPED)[0]["digest"] == trained(log, *MAPPED)[0]["digest"]
 
 
 @pytest.mark.parametrize("period_ns", [None, 20 * MS, 33_333_333])
