@@ -170,9 +170,14 @@ def test_files_are_copied_once_as_long_as_they_are_as_they_were(tmp_path):
 def test_ros1_chunks_without_the_topics_that_are_asked_for_are_not_read(tmp_path, monkeypatch):
     path = bags.ros1_bag(tmp_path / "log.bag", order=sorted)
     whole = [record for record in open_log(path) if record.topic == bags.POSE]
-    offsets = []
+    offsets: list[int] = []
     chunk_data = ros1_bag._chunk_data
-    monkeypatch.setattr(ros1_bag, "_chunk_data", lambda file, at: offsets.append(at) or chunk_data(file, at))
+
+    def noted(file, offset):
+        offsets.append(offset)
+        return chunk_data(file, offset)
+
+    monkeypatch.setattr(ros1_bag, "_chunk_data", noted)
     assert list(open_log(path).records(topics=[bags.POSE])) == whole
     read, offsets[:] = len(offsets), []
     assert sorted(open_log(path).records(topics=[bags.POSE], file_order=True)) == sorted(whole)

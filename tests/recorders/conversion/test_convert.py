@@ -16,8 +16,9 @@ from recorders.conversion.convert import convert
 from recorders.conversion.sources import Sources
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import PoseStamped, String
-from recorders.reading.parts import find_log
+from recorders.reading.parts import Parts, find_log
 from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import SessionReader
 from recorders.recovery.log_info import summarise
 from recorders.writing.writer import LogWriter
 
@@ -217,7 +218,7 @@ def test_a_size_is_looked_at_after_large_messages_too(tmp_path):
 @pytest.mark.parametrize("config", [{}, {"split_bytes": 1}, {"topics": frozenset(["/b"])}])
 def test_progress_is_the_share_of_the_messages(tmp_path, config):
     rows = [("/b" if step % 2 else "/a", String("n" * 70_000), step) for step in range(120)]
-    fractions = []
+    fractions: list[float] = []
     convert(
         [long_log(tmp_path / "whole.mcap", rows)],
         tmp_path / "out.mcap",
@@ -229,13 +230,18 @@ def test_progress_is_the_share_of_the_messages(tmp_path, config):
     assert (fractions[0] > 0.0, fractions[-1]) == (True, 1.0)
 
 
-def test_channels_are_listed_once_however_many_topics_there_are(tmp_path, monkeypatch):
+def test_channels_are_listed_once_however_many_topics_there_are(tmp_path):
     rows = [(f"/{number}", String("x"), number) for number in range(20)]
     source = long_log(tmp_path / "whole.mcap", rows)
-    listed = []
-    channels = LogReader.channels.fget
-    monkeypatch.setattr(LogReader, "channels", property(lambda self: listed.append(self) or channels(self)))
-    assert len(Sources([source], ConvertConfig()).channels) == 20
+    reader, listed = LogReader(source), []
+
+    class Counted(SessionReader):
+        @property
+        def channels(self):
+            listed.append(self)
+            return reader.channels
+
+    assert len(Sources([Counted(Parts((source,)))], ConvertConfig()).channels) == 20
     assert len(listed) == 1
 
 
