@@ -28,7 +28,7 @@ def align_logs(
 ) -> tuple[list[Opened], Mapping[str, str]]:
     """Return logs of ticks, and the renames that are still to be made in them.
 
-    Logs whose stamps meet are returned as they are. If a log does not carry ticks, or anything is set, all are aligned.
+    Logs that all carry ticks are returned as they are. If one does not, or an option is given, all are aligned.
 
     Parameters
     ----------

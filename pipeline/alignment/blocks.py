@@ -36,6 +36,7 @@ class Dropped(IntEnum):
     LATE = 7
     OUT_OF_RANGE = 8
     AHEAD = 9
+    NO_LOG_TIME = 10
 
     @property
     def text(self) -> str:
@@ -53,6 +54,7 @@ _TEXTS = {
     Dropped.NO_STAMP: "without a stamp",
     Dropped.LATE: "late, no later by stamp than one before",
     Dropped.OUT_OF_RANGE: "with a time outside 0 to 2^31 s",
+    Dropped.NO_LOG_TIME: "recorded at time 0",
     Dropped.AHEAD: "more than 60 s ahead of all before, with none that goes on there",
 }
 

@@ -41,12 +41,13 @@ class AlignmentConfig:
     ticks_of : str, optional
         Topic, by its name in the log, whose stamps are the ticks. Without it and without a period: the first hand's
         targets, else the first hand as measured, else `DEFAULT_PERIOD_NS`.
-    tolerance_ns : int
-        A tick is made where each topic has a message at most so long before it, and one at most so long after it [ns].
+    tolerance_ns : int, optional
+        A tick is made where each topic has a message at most so long before it, and one at most so long after it [ns];
+        `DEFAULT_TOLERANCE_NS` if left out.
     latencies_ns : mapping of str to int
         By topic: how much later its stamps are than what they are of [ns].
-    clock : str
-        "header" for the stamps of the producers, "log" for the times of recording.
+    clock : str, optional
+        "header" for the stamps of the producers, as if left out, "log" for the times of recording.
     frames : mapping of str to Transform
         By topic: the pose, in the robot's world, of the frame that its messages are in.
 
@@ -58,36 +59,45 @@ class AlignmentConfig:
 
     period_ns: int | None = None
     ticks_of: str | None = None
-    tolerance_ns: int = DEFAULT_TOLERANCE_NS
+    tolerance_ns: int | None = None
     latencies_ns: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
-    clock: str = "header"
+    clock: str | None = None
     frames: Mapping[str, Transform] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         """Check what the parsing of options does not."""
         if self.period_ns is not None and self.ticks_of is not None:
             raise ConfigError("expected one of --tick-rate and --ticks-of, found both")
-        if self.clock not in ("header", "log"):
+        if self.clock not in (None, "header", "log"):
             raise ConfigError(f"--clock: expected header or log, found {value_text(self.clock)}")
-        if not 0 <= self.tolerance_ns <= MAX_TOLERANCE_NS:
+        if not 0 <= self.nearness_ns <= MAX_TOLERANCE_NS:
             raise ConfigError(
-                f"--tolerance: expected 0 to {seconds_text(MAX_TOLERANCE_NS)} s, "
-                f"found {seconds_text(self.tolerance_ns)}"
+                f"--tolerance: expected 0 to {seconds_text(MAX_TOLERANCE_NS)} s, found {seconds_text(self.nearness_ns)}"
             )
 
     @property
+    def nearness_ns(self) -> int:
+        """The tolerance, that which is asked for or the default [ns]."""
+        return DEFAULT_TOLERANCE_NS if self.tolerance_ns is None else self.tolerance_ns
+
+    @property
+    def by_log_time(self) -> bool:
+        """Whether messages are of the times of their recording."""
+        return self.clock == "log"
+
+    @property
     def asks(self) -> bool:
-        """Whether anything is set: a log that carries ticks is then aligned all the same."""
+        """Whether anything is asked for, be it the default: a log that carries ticks is then aligned all the same."""
         return self != AlignmentConfig()
 
     def to_dict(self) -> dict[str, Any]:
-        """Return the settings that are not left at their defaults, for JSON."""
+        """Return the tolerance and the settings that are not the defaults, for JSON."""
         return {
             **({} if self.period_ns is None else {"period_ns": self.period_ns}),
             **({} if self.ticks_of is None else {"ticks_of": self.ticks_of}),
-            "tolerance_ns": self.tolerance_ns,
+            "tolerance_ns": self.nearness_ns,
             **({"latencies_ns": dict(sorted(self.latencies_ns.items()))} if self.latencies_ns else {}),
-            **({} if self.clock == "header" else {"clock": self.clock}),
+            **({"clock": self.clock} if self.by_log_time else {}),
             **({"frames": {topic: list(pose) for topic, pose in sorted(self.frames.items())}} if self.frames else {}),
         }
 

@@ -136,7 +136,7 @@ class LiveAligner:
     def _stamp(self, record: RecordedMessage) -> int:
         """Return the time that a message is of [ns], as far as its first bytes say."""
         stamp: int | None = record.log_time_ns
-        if self._config.clock == "header":
+        if not self._config.by_log_time:
             try:
                 stamp = stamp_ns(JointState.TYPE, record.data)
             except MessageError:

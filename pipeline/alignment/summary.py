@@ -97,7 +97,7 @@ class Summary:
 
     def lines(self, name: str) -> Iterator[str]:
         """Yield lines for whoever aligned a log of some name."""
-        tolerance = seconds_text(self.config.tolerance_ns)
+        tolerance = seconds_text(self.config.nearness_ns)
         missed = f"; {self.missed} not made, as a topic had no message within {tolerance} s" if self.missed else ""
         episodes = "1 episode" if self.episodes == 1 else f"{self.episodes} episodes"
         yield f"{name}: aligned to {self.made} ticks {self.choice.ticks_at}, in {episodes}{missed}"
@@ -141,7 +141,7 @@ class Summary:
                 f"expected stamps of one clock, found those of {topics[late]} {seconds_text(apart)} s after those of "
                 f"{topics[early]}, with nothing in common; give --latency {topics[late]}=SECONDS, or --clock log"
             )
-        tolerance = seconds_text(self.config.tolerance_ns)
+        tolerance = seconds_text(self.config.nearness_ns)
         return (
             f"expected a tick with messages of {names_text(topics)} within {tolerance} s before it and after it, found "
             "none; give a larger --tolerance"

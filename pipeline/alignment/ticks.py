@@ -196,10 +196,11 @@ class Aligner:
     def _read(self, rank: int, records: Sequence[RecordedMessage], arrivals: list[int]) -> _Read:
         """Return messages of a source: arrivals, stamps [ns], and what they hold, in the robot's world."""
         block = self._readers[rank].read([records[place].data for place in arrivals])
-        stamps = block.stamps_ns
-        if self._config.clock == "log":
+        stamps, nothing = block.stamps_ns, Dropped.NO_STAMP
+        if self._config.by_log_time:
+            nothing = Dropped.NO_LOG_TIME
             stamps = np.array([min(records[place].log_time_ns, -NEVER) for place in arrivals], np.int64)
-        block.dropped[(block.dropped == Dropped.NOT) & (stamps <= 0)] = Dropped.NO_STAMP
+        block.dropped[(block.dropped == Dropped.NOT) & (stamps <= 0)] = nothing
         stamps = stamps - self._latencies[rank]
         block.dropped[(block.dropped == Dropped.NOT) & ((stamps < 0) | (stamps >= _END_NS))] = Dropped.OUT_OF_RANGE
         self._place(rank, block)
@@ -272,7 +273,7 @@ class Aligner:
         if limit <= self._done_ns:
             return []
         ticks = self._due(limit)
-        spans = [track.span(ticks, self._config.tolerance_ns) for track in self._tracks]
+        spans = [track.span(ticks, self._config.nearness_ns) for track in self._tracks]
         near = np.logical_and.reduce([span.near for span in spans])
         made = self._made(ticks, near, spans) if near.any() else None
         if self._period_ns is None:
@@ -291,7 +292,7 @@ class Aligner:
             cuts = skipped > 0
         else:
             skipped = np.diff(np.flatnonzero(near), prepend=-1 - self._since) - 1
-            cuts = (skipped > 0) | (apart > max(_PAUSES * self._config.tolerance_ns, _PAUSE_NS))
+            cuts = (skipped > 0) | (apart > max(_PAUSES * self._config.nearness_ns, _PAUSE_NS))
         if self._made_ns == NEVER:
             cuts[0] = self.made > 0  # in a cycle before
             skipped[0] = 0
@@ -308,7 +309,7 @@ class Aligner:
         """Return the times at which there may be a tick, up to a limit [ns], that were not looked at yet."""
         stamps = self._tracks[self._pivot].stamps_ns
         if self._period_ns is not None:
-            stamps = _multiples(stamps, self._period_ns, self._config.tolerance_ns, self._done_ns, limit_ns)
+            stamps = _multiples(stamps, self._period_ns, self._config.nearness_ns, self._done_ns, limit_ns)
         return stamps[(stamps > self._done_ns) & (stamps <= limit_ns)]
 
 

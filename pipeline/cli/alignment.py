@@ -65,7 +65,6 @@ class AlignmentOptions:
     def config(self) -> "AlignmentConfig":
         """Return the settings; raises ConfigError if one cannot be read or two exclude each other."""
         from pipeline.alignment.config import (
-            DEFAULT_TOLERANCE_NS,
             AlignmentConfig,
             parse_frames,
             parse_latencies,
@@ -76,9 +75,9 @@ class AlignmentOptions:
         return AlignmentConfig(
             period_ns=None if self.tick_rate is None else parse_rate(self.tick_rate),
             ticks_of=self.ticks_of,
-            tolerance_ns=DEFAULT_TOLERANCE_NS if self.tolerance is None else parse_tolerance(self.tolerance),
+            tolerance_ns=None if self.tolerance is None else parse_tolerance(self.tolerance),
             latencies_ns=parse_latencies(self.latency or ()),
-            clock=self.clock or "header",
+            clock=self.clock,
             frames=parse_frames(self.frame or ()),
         )
 

@@ -136,7 +136,11 @@ def split_log(log: Opened, share: Fraction, renames: Mapping[str, str]) -> tuple
     learned = ticks - round(ticks * share)
     if not 1 <= learned < ticks:
         raise LogError(f"{reader.path}: expected ticks to learn and ticks to leave aside, found {ticks} in all")
-    first = next(islice(reader.records(topics=[joints]), learned, None))
+    first = next(islice(reader.records(topics=[joints]), learned, None), None)
+    if first is None:
+        raise LogError(
+            f"{reader.path}: expected {ticks} messages on {joints}, as the log counts, found at most {learned}"
+        )
     cut_ns = stamp_ns(first.type, first.data) or 0
     return Excerpt(reader, before_ns=cut_ns), Excerpt(reader, from_ns=cut_ns)
 

@@ -466,6 +466,8 @@ def test_a_topic_of_two_types_and_targets_that_are_not_there_are_one_line(
         (("--clock", "sun"), "--clock: expected header or log, found 'sun'"),
         (("--tolerance", "60"), "--tolerance: expected seconds within 5 of 0, such as 0.02, found '60'"),
         (("--tick-rate", "10", "--as-recorded"), "--as-recorded: expected none of --tick-rate"),
+        (("--tolerance", "0.1", "--as-recorded"), "--as-recorded: expected none of --tick-rate"),
+        (("--clock", "header", "--as-recorded"), "--as-recorded: expected none of --tick-rate"),
     ],
 )
 def test_a_wrong_option_is_one_line(

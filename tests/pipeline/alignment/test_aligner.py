@@ -210,6 +210,11 @@ def test_a_time_that_no_message_can_have_is_dropped(records, config):
     assert aligner.counts[0].dropped == {Dropped.OUT_OF_RANGE: 1}
 
 
+def test_what_was_recorded_at_time_0_has_no_time_on_the_log_clock():
+    aligner, _ = aligned([pose(START, (0, 0, 0))._replace(log_time_ns=0)], clock="log")
+    assert aligner.counts[0].dropped == {Dropped.NO_LOG_TIME: 1}
+
+
 def test_bits_are_these():
     """Every operation is one that IEEE 754 fixes, in an order that is fixed here."""
     rng = np.random.default_rng(3)
