@@ -13,16 +13,14 @@ from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairs import Samples, read_samples
 from recorders.cdr.codec import stamp_ns
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Opened, Reader
+from recorders.containers.reader import DelegatingReader, Opened, Reader
 from recorders.errors import ConfigError, LogError
-from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SAMPLE_JOINTS
-from recorders.reading.parts import Log
 from recorders.reading.raw_messages import FOREVER_NS
 
 
-class Excerpt:
+class Excerpt(DelegatingReader):
     """The messages of a log from one stamp on and before another; those without a stamp are in every excerpt.
 
     Parameters
@@ -33,13 +31,9 @@ class Excerpt:
         Stamps [ns].
     """
 
-    protected = True
-
     def __init__(self, reader: Reader, *, from_ns: int = 0, before_ns: int = FOREVER_NS) -> None:
-        self._reader, self._from_ns, self._before_ns = reader, from_ns, before_ns
-
-    def __iter__(self) -> Iterator[RecordedMessage]:
-        return self.records()
+        super().__init__(reader)
+        self._from_ns, self._before_ns = from_ns, before_ns
 
     def records(
         self,
@@ -55,45 +49,6 @@ class Excerpt:
             stamp = stamp_ns(record.type, record.data)
             if stamp is None or self._from_ns <= stamp < self._before_ns:
                 yield record
-
-    @property
-    def path(self) -> Log:
-        """The recording."""
-        return self._reader.path
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """The manifest of the whole log."""
-        return self._reader.manifest
-
-    @property
-    def by_file(self) -> bool:
-        """Whether its messages go by the order of the file."""
-        return self._reader.by_file
-
-    @property
-    def topics(self) -> dict[str, str]:
-        """The type of each topic of the whole log."""
-        return self._reader.topics
-
-    @property
-    def channels(self) -> tuple[DeclaredChannel, ...]:
-        """The channels of the whole log."""
-        return self._reader.channels
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """The number of messages on each topic of the whole log."""
-        return self._reader.counts
-
-    @property
-    def attachments(self) -> tuple[str, ...]:
-        """The names of the attachments."""
-        return self._reader.attachments
-
-    def attachment(self, name: str) -> bytes:
-        """Return an attachment; raises LogError if there is none."""
-        return self._reader.attachment(name)
 
 
 def parse_share(text: str) -> Fraction:

@@ -5,12 +5,12 @@ from types import MappingProxyType
 
 from pipeline.robot.config import RobotConfig, parse_robot
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Opened, Reader
+from recorders.containers.reader import DelegatingReader, Opened, Reader
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.messages.topics import hands_among, is_target
 from recorders.text.wording import names_text
 from recorders.wire.stream import Offer
-from replay.sources.scheduled import read_robot
+from replay.sources.scheduled import ROBOT_FILES, read_robot
 
 _SIDES = ("left", "right")
 
@@ -19,6 +19,45 @@ def recorded_robot(reader: Reader) -> RobotConfig | None:
     """Return the robot that a log carries, None if it carries none; raises RobotError if it cannot be used."""
     files = read_robot(reader)
     return parse_robot(files["toml"], files["urdf"], origin=reader.path) if files else None
+
+
+class _OfRobot(DelegatingReader):
+    """Reader of a log that carries a robot, whatever the log itself carries.
+
+    Parameters
+    ----------
+    reader : Reader
+        The log.
+    texts : mapping of str to str
+        The robot's `toml` and `urdf`.
+    """
+
+    def __init__(self, reader: Reader, texts: Mapping[str, str]) -> None:
+        super().__init__(reader)
+        self._files = {ROBOT_FILES[key]: text.encode() for key, text in texts.items()}
+
+    @property
+    def attachments(self) -> tuple[str, ...]:
+        """The names of the attachments, with those of the robot."""
+        return tuple(dict.fromkeys((*self._reader.attachments, *self._files)))
+
+    def attachment(self, name: str) -> bytes:
+        """Return an attachment, or a file of the robot; raises LogError if there is none."""
+        return self._files[name] if name in self._files else self._reader.attachment(name)
+
+
+def with_robot(log: Opened, robot: RobotConfig | None) -> Opened:
+    """Return a log that carries a robot, if one is given; the same log if it carries that one already.
+
+    Raises
+    ------
+    LogError
+        If the log cannot be read.
+    """
+    if robot is None:
+        return log
+    reader, texts = open_log(log), {"toml": robot.toml_text, "urdf": robot.urdf_text}
+    return log if read_robot(reader) == texts else _OfRobot(reader, texts)
 
 
 def require_recorded_robot(reader: Reader, *, has_option: bool = False) -> RobotConfig:

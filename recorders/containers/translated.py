@@ -3,20 +3,18 @@
 from collections import Counter
 from collections.abc import Callable, Collection, Iterable, Iterator
 from functools import cached_property
-from typing import Any
 
 from recorders.cdr.codec import decode, encode
 from recorders.cdr.message_format import FORMATS
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.decoding import ENCODINGS, Decoding, find_decoding, pose_decoding
 from recorders.containers.definitions import is_standard
-from recorders.containers.reader import Reader
+from recorders.containers.reader import DelegatingReader, Reader
 from recorders.containers.ros1_to_cdr import transcoder
 from recorders.errors import MessageError, ReenactError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.errors import DamagedLog
 from recorders.messages.record import RecordedMessage
-from recorders.reading.parts import Log
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import SessionReader
@@ -41,7 +39,7 @@ def as_poses(reader: Reader, topics: Collection[str]) -> Reader:
     return TranslatedReader(reader, poses=poses) if poses else reader
 
 
-class TranslatedReader:
+class TranslatedReader(DelegatingReader):
     """Reads another reader's log and translates what can be; everything else is as it is.
 
     Parameters
@@ -53,12 +51,8 @@ class TranslatedReader:
     """
 
     def __init__(self, reader: Reader, *, poses: Collection[str] = ()) -> None:
-        self._reader, self._poses = reader, frozenset(poses)
-
-    @property
-    def path(self) -> Log:
-        """The recording."""
-        return self._reader.path
+        super().__init__(reader)
+        self._poses = frozenset(poses)
 
     @cached_property
     def _decodings(self) -> dict[str, Decoding | ReenactError]:
@@ -113,9 +107,6 @@ class TranslatedReader:
             self._reader.records(topics=wanted, start_ns=start_ns, end_ns=end_ns, file_order=file_order),
         )
 
-    def __iter__(self) -> Iterator[RecordedMessage]:
-        return self.records()
-
     def _translate(self, record: RecordedMessage) -> RecordedMessage:
         decoding = self._decodings.get(record.topic)
         if not isinstance(decoding, Decoding):
@@ -149,35 +140,6 @@ class TranslatedReader:
             topic: found.type if isinstance(found := self._decodings.get(topic), Decoding) else kind
             for topic, kind in types.items()
         }
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """The number of messages on each topic that has any."""
-        return self._reader.counts
-
-    @property
-    def protected(self) -> bool:
-        """Whether CRCs cover every message and the summary."""
-        return self._reader.protected
-
-    @property
-    def manifest(self) -> dict[str, Any]:
-        """The manifest given to the log's writer."""
-        return self._reader.manifest
-
-    @property
-    def by_file(self) -> bool:
-        """Whether its messages go by the order of the file, whatever their log times."""
-        return self._reader.by_file
-
-    @property
-    def attachments(self) -> tuple[str, ...]:
-        """The names of the attachments."""
-        return self._reader.attachments
-
-    def attachment(self, name: str) -> bytes:
-        """Return an attachment; raises LogError if there is none."""
-        return self._reader.attachment(name)
 
 
 def _unreadable(type_name: str, data: bytes) -> bytes:

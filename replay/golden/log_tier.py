@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import LogError
 from recorders.files.whole_files import file_sha256
 from recorders.messages.topics import (
@@ -19,7 +19,6 @@ from recorders.messages.topics import (
     hand_target,
     hands_among,
 )
-from recorders.reading.parts import Log
 from recorders.reading.reader import LogReader
 from recorders.writing.writer import RESERVED, LogWriter
 from replay.golden.finding import LOG, Finding, error_text
@@ -54,13 +53,13 @@ class _Key(NamedTuple):
 
 
 def strip_topics(
-    source: Log, target: Path, *, physics: bool, tick: tuple[str, ...] = COMMANDED_TICK, file_order: bool = False
+    source: Opened, target: Path, *, physics: bool, tick: tuple[str, ...] = COMMANDED_TICK, file_order: bool = False
 ) -> None:
     """Copy a log with the topics that a case needs; one that was cut down before is copied to the byte.
 
     Parameters
     ----------
-    source : Path or Parts
+    source : Path, Parts or Reader
         The log, or a session in parts, which becomes one log.
     target : Path
         Where the copy goes.

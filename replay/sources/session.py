@@ -6,7 +6,7 @@ from itertools import islice
 
 from recorders.cdr.codec import decode
 from recorders.containers.opening import open_log
-from recorders.containers.reader import Reader
+from recorders.containers.reader import Opened, Reader
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
@@ -25,7 +25,7 @@ class RecordedSession:
 
     Parameters
     ----------
-    path : Path or Parts
+    path : Path, Parts or Reader
         A log or a session in parts, with phase markers.
     epochs : int, optional
         How many epochs the session had; needed if the log does not state it, as the rates fall over them.
@@ -47,7 +47,7 @@ class RecordedSession:
 
     def __init__(
         self,
-        path: Log,
+        path: Opened,
         *,
         epochs: int | None = None,
         renames: Mapping[str, str] = _NO_RENAMES,
@@ -64,10 +64,10 @@ class RecordedSession:
             self._count += 1
             check_size(message, self.path)
             if message.topic == SESSION_PHASE:
-                runs.append(_phase(path, message).run)
+                runs.append(_phase(self.path, message).run)
         if len(set(runs)) != 1:
             found = f"those of {len(set(runs))}" if runs else "none"
-            raise LogError(f"{path}: expected the phase markers of one recorded run, found {found}")
+            raise LogError(f"{self.path}: expected the phase markers of one recorded run, found {found}")
         self.run = runs[0]
         self.schedule = self._find_schedule(epochs, topics).to_dict()
 

@@ -104,25 +104,25 @@ def add(
 def _found(
     logs: list[Path], robot: str | None, alignment: AlignmentOptions, pairing: "PairingRule", *, session: bool
 ) -> "Sequence[Opened]":
-    """Return the recordings, as ticks where they are aligned."""
+    """Return the recordings, as ticks where they are aligned, with the robot that is given."""
     from pipeline.robot.config import load_robot
-    from pipeline.robot.recorded import recorded_hands
+    from pipeline.robot.recorded import recorded_hands, with_robot
     from recorders.reading.parts import one_session, recordings
 
     config = None if robot is None else load_robot(robot)
     found = [one_session(logs)] if session and logs else recordings(logs)
     if session or not found:
         alignment.refuse("--as-recorded" if session else "golden add without logs")
-        return found
+        return [with_robot(log, config) for log in found]
     hands = recorded_hands(found[0], robot=config, renames=alignment.renames)
     aligned, names = alignment.align(found, robot=config, tick=pairing.topics(hands))
     if names:
         raise ConfigError("--map: expected logs that are to be aligned, found ticks; a case has our names alone")
-    return aligned
+    return [with_robot(log, config) for log in aligned]
 
 
 def _as_files(found: "Sequence[Opened]", folder: Path, *, session: bool) -> list[Path]:
-    """Return the recordings as one log each; sessions in parts are joined in a folder, as a case needs them."""
+    """Return the recordings as one log each, as a case needs them: parts are joined, and bags copied, in a folder."""
     from pipeline.alignment.aligned_log import AlignedLog, write_episodes
     from recorders.reading.parts import Parts
     from replay.golden.log_tier import strip_topics
@@ -131,13 +131,13 @@ def _as_files(found: "Sequence[Opened]", folder: Path, *, session: bool) -> list
     for index, log in enumerate(found):
         if isinstance(log, AlignedLog):
             files += write_episodes(log, folder / str(index))
-        elif isinstance(log, Parts):
-            joined = folder / str(index) / log.name
-            joined.parent.mkdir()
-            strip_topics(log, joined, physics=True, file_order=session)
-            files.append(joined)
         elif isinstance(log, Path):
             files.append(log)
+        else:
+            copied = folder / str(index) / f"{(log if isinstance(log, Parts) else log.path).stem}.mcap"
+            copied.parent.mkdir()
+            strip_topics(log, copied, physics=True, file_order=session)
+            files.append(copied)
     return files
 
 

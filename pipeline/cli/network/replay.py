@@ -199,7 +199,7 @@ def _presented(
 ) -> "Source":
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
-    from pipeline.robot.recorded import recorded_hands
+    from pipeline.robot.recorded import recorded_hands, with_robot
     from pipeline.samples.pairing import find_pairing
     from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
@@ -218,11 +218,12 @@ def _presented(
         if schedule.pairs is not None:
             asked = find_pairing(schedule.pairs)
             topics = pairing_for(asked, [log], robot=config, renames=names, as_recorded=True).topics(hands)
-        return RecordedSession(log, epochs=schedule.epochs, renames=names, topics=topics)
+        return RecordedSession(with_robot(log, config), epochs=schedule.epochs, renames=names, topics=topics)
     found: Sequence[Opened] = recordings(logs)
     learner = default_config(schedule.rule)
     asked = pairing_of(learner, schedule.pairs)
     hands = recorded_hands(found[0], robot=config, renames=names)
     found, names = alignment.align(found, robot=config, tick=asked.topics(hands))
     topics = pairing_for(asked, found, robot=config, renames=names).topics(hands)
-    return Replay(found, learner.schedule(schedule.epochs, topics), renames=names)
+    presented = [with_robot(log, config) for log in found]
+    return Replay(presented, learner.schedule(schedule.epochs, topics), renames=names)

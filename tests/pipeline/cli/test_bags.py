@@ -7,12 +7,15 @@ from typing import Any
 import bags
 import pytest
 from episodes import write_episode
+from processes import start, wait_for_line
 from typer.testing import CliRunner
 
 from pipeline.cli import app as cli
 from recorders.errors import ReenactError
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.reading.reader import LogReader
+from recorders.wire.loopback import free_endpoint
+from replay.sources.playback import Playback
 
 FORMS = ["bag", "log.bag"]
 
@@ -72,6 +75,36 @@ def test_a_demonstration_is_taken_from_a_bag(folder: Path, form: str, tmp_path: 
     for name, out in zip((form, "log.mcap"), outs, strict=True):
         reenact("demonstrate", folder / name, *words, "--out", out)
     assert list(LogReader(outs[0])) == list(LogReader(outs[1]))
+
+
+def test_a_golden_case_of_a_bag_is_that_of_the_log(folder: Path, tmp_path: Path) -> None:
+    settings = tmp_path / "learner.toml"
+    settings.write_text("reservoir = 30\nseed = 4\n")
+    words = ["--config", settings, "--epochs", 1, "--robot", "asimo", "--cases", tmp_path / "golden"]
+    names = [*FORMS, "log.mcap"]
+    added = [reenact("golden", "add", folder / name, "--name", f"case_{k}", *words) for k, name in enumerate(names)]
+    assert len({case["digest"] for case in added}) == 1
+    assert [case["name"] for case in reenact("golden", "check", tmp_path / "golden")["cases"]] == [
+        f"case_{k}" for k in range(len(names))
+    ]
+
+
+@pytest.mark.parametrize("form", FORMS)
+def test_what_is_played_of_a_bag_is_what_is_played_of_the_log(folder: Path, form: str) -> None:
+    played, expected = (list(Playback([folder / name]).stream()) for name in (form, "log.mcap"))
+    assert [(m.topic, m.type, m.data) for m in played] == [(m.topic, m.type, m.data) for m in expected] != []
+
+
+def test_a_bag_is_replayed_into_a_learner_with_the_robot_that_is_given(
+    folder: Path, trained: dict[str, Any], tmp_path: Path
+) -> None:
+    """A bag carries none; the learner comes to the digest of training from the log."""
+    endpoint = free_endpoint()
+    with start("learn", "--listen", endpoint, "--out", tmp_path / "fed.npz", "--json", cwd=tmp_path) as learner:
+        wait_for_line(learner, "waits for a replay")
+        reenact("replay", folder / "bag", "--epochs", 1, "--robot", "asimo", "--connect", endpoint)
+        fed = json.loads(learner.communicate(timeout=120)[0])
+    assert {name: fed[name] for name in ("digest", "ticks")} == {name: trained[name] for name in ("digest", "ticks")}
 
 
 def test_ticks_that_were_converted_train_as_the_recording_does(folder: Path, tmp_path: Path) -> None:
