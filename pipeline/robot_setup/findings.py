@@ -9,6 +9,7 @@ from pipeline.robot.config import TOML_FILE, RobotConfig, load_robot, robot_name
 from pipeline.robot.coordinates import centre_rows
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_setup.box import BoxSearch, reach_bound_m
+from pipeline.robot_setup.moved_hands import idle_joints_text
 from pipeline.robot_setup.statics import Statics
 from pipeline.teacher.teacher import Teacher, approach
 from recorders.errors import RobotError
@@ -70,8 +71,10 @@ def _boxes(robot: RobotConfig) -> Iterator[str]:
     yield f"boxes of the hands: expected every corner within reach, found that {obstacle}; {advice}"
 
 
-def check_robot(name_or_folder: str) -> list[str]:
-    """Return what is wrong with a robot that comes with the program, or with a folder; an empty list if nothing is.
+def check_robot(name_or_folder: str) -> tuple[list[str], str | None]:
+    """Return what is wrong with a robot that comes with the program, or with a folder, and what is not but of note.
+
+    The list is empty if nothing is wrong.
 
     Raises
     ------
@@ -83,6 +86,7 @@ def check_robot(name_or_folder: str) -> list[str]:
     if name_or_folder not in names and not (folder / TOML_FILE).is_file():
         raise RobotError(f"{folder}: expected a robot's folder, with {TOML_FILE} in it, or one of {names_text(names)}")
     try:
-        return list(findings(load_robot(name_or_folder)))
+        robot = load_robot(name_or_folder)
+        return list(findings(robot)), idle_joints_text(robot)
     except RobotError as error:
-        return [str(error)]
+        return [str(error)], None

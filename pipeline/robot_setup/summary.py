@@ -2,12 +2,14 @@
 
 from typing import Any
 
+from pipeline.robot_setup.moved_hands import moved_hands
 from pipeline.robot_setup.new_robot import NewRobot
 
 
 def summary(made: NewRobot) -> dict[str, Any]:
     """Return joints, hands, rigid joints and all else that was found, in plain values."""
     config, freedom = made.config, made.freedom
+    moved = moved_hands(config)
     joints = [
         {
             "joint": joint.name,
@@ -18,9 +20,9 @@ def summary(made: NewRobot) -> dict[str, Any]:
             "effort": joint.limits.effort,
             "limits": _origin(joint.given is not None, joint.assumed),
             "comfort": float(comfort),
-            "hands": list(joint.hands),
+            "hands": [hand for hand, moves in zip(config.hand_names, moving, strict=True) if moves],
         }
-        for joint, comfort in zip(made.joints, config.comfort, strict=True)
+        for joint, comfort, moving in zip(made.joints, config.comfort, moved, strict=True)
     ]
     hands = [
         {

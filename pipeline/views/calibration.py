@@ -20,6 +20,13 @@ _CM_PER_M = 100.0
 _MOST = 3.0  # deviations
 
 
+class _PlainFormatter(LogFormatter):
+    """Labels of a logarithmic axis as plain numbers, between powers of ten where it spans few of them."""
+
+    def __call__(self, x: float, pos: int | None = None) -> str:
+        return f"{x:g}" if super().__call__(x, pos) else ""
+
+
 def draw_calibration(path: Path, trial: Trial) -> None:
     """Draw expected deviations and true distances of a trial as PNG.
 
@@ -59,7 +66,7 @@ def _draw_points(panel: Axes, trial: Trial) -> None:
     panel.set(xscale="log", yscale="log", xlabel="expected deviation [cm]", ylabel="true distance from the target [cm]")
     for axis in (panel.xaxis, panel.yaxis):
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
-        axis.set_minor_formatter(LogFormatter(minor_thresholds=(2.0, 0.5)))
+        axis.set_minor_formatter(_PlainFormatter(minor_thresholds=(2.0, 0.5)))
     panel.legend(frameon=False, loc="upper left")
 
 

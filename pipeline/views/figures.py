@@ -182,7 +182,7 @@ def _figure(
         below, right = below.subfigures(1, 2, width_ratios=[len(tests) - 1, 1])
         _draw_panels([right.subplots()], [beside], low, high)
         right.axes[0].set_ylabel("")  # as above it
-    draw_errors(below.subplots(), curve, levels)
+    draw_errors(below.subplots(), curve, levels, name="last epoch")
     return figure
 
 

@@ -89,6 +89,7 @@ def new(
     Joints, limits, comfort posture, centres and boxes are found and shown, with a picture of the reach.
     """
     from pipeline.robot_setup.findings import findings
+    from pipeline.robot_setup.moved_hands import idle_joints_text
     from pipeline.robot_setup.new_robot import check_folder, make_robot
     from pipeline.robot_setup.summary import summary
 
@@ -100,6 +101,7 @@ def new(
         console.show(shown, as_json=True)
     else:
         _show(shown)
+    _note(idle_joints_text(written))
 
 
 def check(
@@ -112,14 +114,20 @@ def check(
     """
     from pipeline.robot_setup.findings import check_robot
 
-    found = check_robot(folder)
+    found, note = check_robot(folder)
     if as_json:
         console.show({"robot": folder, "findings": found}, as_json=True)
     else:
         for line in found or [f"{folder}: nothing wrong found"]:
             console.line(line)
+    _note(note)
     if found:
         raise typer.Exit(CheckFailed.exit_status)
+
+
+def _note(line: str | None) -> None:
+    if line is not None:
+        console.notice(line)
 
 
 def _draw(made: "NewRobot", out: Path) -> str | None:

@@ -270,7 +270,15 @@ def test_the_command_shows_what_it_found(written: tuple[Path, dict], capsys: pyt
     assert shown["rigid"] == {"r_grip": "rigid at 0.5", "turn": "rigid at 0", "l_grip": "rigid at 0.6"}
     assert shown["findings"] == []
     assert reenact("robot", "check", folder) == 0
-    assert capsys.readouterr().out == f"{folder}: nothing wrong found\n"
+    checked = capsys.readouterr()
+    assert checked.out == f"{folder}: nothing wrong found\n"
+    assert checked.err.startswith("l_wrist: moves no hand, as its axis goes through it; ")  # the hand is its own link
+    assert {row["joint"]: row["hands"] for row in shown["joints"]} == {
+        "l_shoulder": ["hand"],
+        "l_swing": ["hand"],
+        "l_elbow": ["hand"],
+        "l_wrist": [],
+    }
 
 
 def test_made_again_it_is_the_same_and_the_table_fits_80_columns(
@@ -317,7 +325,7 @@ def test_check_names_what_is_wrong_in_one_line(
     assert reenact("robot", "check", tmp_path) == 1
     found = capsys.readouterr()
     assert expected in found.out.splitlines()[0]
-    assert found.err == ""
+    assert all(line.startswith("l_wrist: moves no hand") for line in found.err.splitlines())
 
 
 def test_check_of_no_robot_is_bad_input(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
