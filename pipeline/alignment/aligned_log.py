@@ -13,6 +13,7 @@ from pipeline.alignment.rows import RowFormat
 from pipeline.alignment.sources import TopicChoice
 from pipeline.alignment.summary import Extents, Summary
 from pipeline.alignment.ticks import Aligner
+from pipeline.alignment.track import NEVER
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.urdf.description import WORLD, parse_urdf, root_link
 from recorders.cdr.rosbags_types import schema_text
@@ -81,13 +82,15 @@ class AlignedLog:
         )
         self._format = RowFormat(choice.sources, robot.joints)
         self._store = RowStore(self._format.size)
-        extents, cuts = Extents.of(choice.sources), 0
+        extents, cuts, restarts, last_ns = Extents.of(choice.sources), 0, 0, NEVER
         for records in _blocks(reader.records(topics=aligner.topics)):
             for ticks in aligner.feed(records):
                 extents.add(ticks)
                 cuts += int(ticks.cuts.sum())
+                restarts += int(ticks.stamps_ns[0]) <= last_ns
+                last_ns = int(ticks.stamps_ns[-1])
                 self._store.append(self._format.rows(ticks))
-        self.summary = Summary.of(aligner, choice, config, cuts=cuts)
+        self.summary = Summary.of(aligner, choice, config, cuts=cuts, restarts=restarts)
         if fault := self.summary.fault(extents):
             raise LogError(f"{self.path}: {fault}")
 

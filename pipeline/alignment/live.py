@@ -76,7 +76,7 @@ class LiveAligner:
         self._config, self._pivot = config, sources[pivot].topic
         self._waiting: list[RecordedMessage] = []
         self._warned = set[str]()  # topics
-        self.topics = self._aligner.topics
+        self.topics = self._aligner.topics - {SESSION_PHASE}
         self.begin()
 
     @property

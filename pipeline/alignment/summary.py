@@ -69,11 +69,11 @@ class Summary:
     restarts: int
 
     @classmethod
-    def of(cls, aligner: Aligner, choice: Choice, config: AlignmentConfig, *, cuts: int) -> "Summary":
-        """Return the summary of an aligner that has taken in all messages."""
+    def of(cls, aligner: Aligner, choice: Choice, config: AlignmentConfig, *, cuts: int, restarts: int) -> "Summary":
+        """Return the summary of an aligner that has taken in all messages: its ticks went back at `restarts`."""
         episodes = cuts + 1 if aligner.made else 0
         counts = tuple(aligner.counts)
-        return cls(choice, config, counts, aligner.made, aligner.missed, episodes, aligner.restarts)
+        return cls(choice, config, counts, aligner.made, aligner.missed, episodes, max(restarts, aligner.restarts))
 
     def to_dict(self) -> dict[str, Any]:
         """Return the summary for JSON, and for a controller."""

@@ -16,8 +16,10 @@ from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
 from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import SESSION_PHASE
 
 _END_NS = 2**31 * 10**9  # no message has a stamp from here on
+_MARKERS = frozenset((TF_STATIC, SESSION_PHASE))  # what comes after them is not as what came before
 _MAX_FRAMES = 100  # that are remembered of a topic
 _PAUSE_NS = 10**9
 _PAUSES = 10  # tolerances: ticks of a topic that are farther apart follow upon a pause
@@ -148,7 +150,7 @@ class Aligner:
     @property
     def topics(self) -> frozenset[str]:
         """Topics whose messages are wanted."""
-        return frozenset((*self._ranks, TF_STATIC))
+        return frozenset((*self._ranks, TF_STATIC, SESSION_PHASE))
 
     def begin(self) -> None:
         """Begin a cycle: stamps start anew, and what waits is forgotten."""
@@ -169,14 +171,20 @@ class Aligner:
         return int(later[0]) if len(later) else None
 
     def feed(self, records: Sequence[RecordedMessage]) -> list[Ticks]:
-        """Take in messages, in order of arrival, and return the ticks that they complete; others are passed over."""
+        """Take in messages, in order of arrival, and return the ticks that they complete; others are passed over.
+
+        A phase marker begins a cycle.
+        """
         found, start, topics = list[Ticks](), 0, [record.topic for record in records]
-        if TF_STATIC in topics:
+        if not _MARKERS.isdisjoint(topics):
             for place, topic in enumerate(topics):
-                if topic == TF_STATIC:  # from here on it is known
+                if topic in _MARKERS:
                     found += self._feed(records[start:place], topics[start:place])
-                    self._frames.learn(records[place])
                     start = place + 1
+                    if topic == SESSION_PHASE:
+                        self.begin()
+                    else:  # from here on it is known
+                        self._frames.learn(records[place])
         return found + self._feed(records[start:], topics[start:])
 
     def _feed(self, records: Sequence[RecordedMessage], topics: Sequence[str]) -> list[Ticks]:

@@ -15,7 +15,7 @@ from sessions import write_foreign
 
 from pipeline.alignment.aligned_log import AlignedLog
 from pipeline.alignment.config import AlignmentConfig
-from pipeline.alignment.live import LiveAligner
+from pipeline.alignment.live import LiveAligner, LiveInputs
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import RobotConfig, load_robot
@@ -29,7 +29,9 @@ from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
 from recorders.conversion.config import ConvertConfig
 from recorders.conversion.convert import convert
+from recorders.errors import LogError
 from recorders.messages.message_types import JointState, PoseStamped, String, TFMessage, TransformStamped
+from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
 from recorders.writing.writer import LogWriter
@@ -198,6 +200,36 @@ def test_a_frame_is_known_from_its_transform_on_live_as_in_the_file(
         "/tracker: expected poses in the robot's frame or one that /tf_static joins to it, found cam; give "
         "--frame /tracker=x,y,z,qx,qy,qz,qw"
     ]
+
+
+@pytest.mark.parametrize("period_ns", [None, 20 * MS])
+def test_a_phase_marker_cuts_live_as_in_the_file(robot: Path, period_ns: int | None) -> None:
+    records = recording(robot)
+    message = Phase("lab", 0, 0, LEARN, log="").to_message()
+    marker = RecordedMessage("/session/phase", message.TYPE, encode(message), 0, records[500].log_time_ns)
+    tick, renames = ("/hand/tip/measured", "/sample/joint_states"), {"/tracker": "/hand/tip/measured"}
+    config = AlignmentConfig(period_ns=period_ns)
+    log = write_foreign(robot.parent / "marked.mcap", [*records[:500], marker, *records[500:]])
+    inputs = LiveInputs(load_robot(robot), config, renames=renames, tick=tick)
+    arrived = open_log(log).records(file_order=True)
+    live = [made for record in arrived for made, _ in inputs.feed(record, numbered=True)]
+    by_file = AlignedLog(open_log(log), load_robot(robot), config=config, renames=renames, wanted=tick)
+    assert [made for made in live if made.topic != "/session/phase"] == list(by_file)
+    assert by_file.summary.episodes == 2
+
+
+def test_a_log_whose_stamps_begin_anew_with_a_phase_is_one_line(robot: Path) -> None:
+    records = recording(robot)[:400]
+    message = Phase("lab", 0, 0, LEARN, log="").to_message()
+    marker = RecordedMessage("/session/phase", message.TYPE, encode(message), 0, records[-1].log_time_ns)
+    again = [record._replace(log_time_ns=record.log_time_ns + 10 * 10**9) for record in records]
+    log = write_foreign(robot.parent / "again.mcap", [*records, marker, *again])
+    tick, renames = ("/hand/tip/measured", "/sample/joint_states"), {"/tracker": "/hand/tip/measured"}
+    with pytest.raises(LogError, match="found a clock that began anew; take the times of recording with --clock log"):
+        AlignedLog(open_log(log), load_robot(robot), config=AlignmentConfig(), renames=renames, wanted=tick)
+    config = AlignmentConfig(clock="log")
+    by_log_time = AlignedLog(open_log(log), load_robot(robot), config=config, renames=renames, wanted=tick)
+    assert by_log_time.summary.episodes == 2
 
 
 def test_a_clock_that_begins_anew_is_followed_live(robot: Path) -> None:
