@@ -14,6 +14,10 @@ from pipeline.trigonometry import cosine, sine
 REGULAR_RAD = 2.6
 """Largest turn about a centre that is taken [rad]: 149 degrees; at 180 a rotation vector would jump."""
 
+SHORTEST = 1e-6
+"""A quaternion shorter than this has no direction, and is no rotation."""
+
+_STRAIGHT_RAD = 1e-7  # the great arc between rotations nearer than this is a straight line, to the last bit
 _QUARTER_TURN = float.fromhex("0x1.921fb54442d18p+0")
 _HALVINGS = 3  # of an angle of at most an eighth of a turn, before its series
 _ARC_TANGENT = [(-1) ** n / (2 * n + 1) for n in range(1, 10)]  # at a tangent of 0.099 the next term is below 1e-20
@@ -94,6 +98,55 @@ def product(first: ArrayLike, second: ArrayLike) -> Floats:
     )
 
 
+def unit(quaternions: Floats) -> Floats:
+    """Return quaternions, shape (..., 4), with length 1."""
+    return quaternions / length(quaternions)[..., np.newaxis]
+
+
+def length(quaternions: Floats) -> Floats:
+    """Return the lengths of quaternions, shape (..., 4), as (...)."""
+    return np.asarray(np.sqrt(_dot(quaternions, quaternions)))
+
+
+def rotated(quaternions: Floats, points: Floats) -> Floats:
+    """Return points [m], shape (..., 3), turned by unit quaternions, shape (..., 4)."""
+    (x, y, z, w), (px, py, pz) = _parts(quaternions), _parts(points)
+    tx, ty, tz = 2.0 * (y * pz - z * py), 2.0 * (z * px - x * pz), 2.0 * (x * py - y * px)
+    return np.stack(
+        [
+            (px + w * tx) + (y * tz - z * ty),
+            (py + w * ty) + (z * tx - x * tz),
+            (pz + w * tz) + (x * ty - y * tx),
+        ],
+        axis=-1,
+    )
+
+
+def great_arc(start: Floats, end: Floats, fraction: Floats) -> Floats:
+    """Return rotations on the shorter great arc between two (slerp: K. Shoemake, 1985, DOI 10.1145/325165.325242).
+
+    Parameters
+    ----------
+    start, end : ndarray, shape (..., 4)
+        Unit quaternions.
+    fraction : ndarray, shape (...)
+        How much of the way is gone, from 0 to 1.
+
+    Returns
+    -------
+    ndarray, shape (..., 4)
+        Unit quaternions.
+    """
+    near = np.where((_dot(start, end) < 0.0)[..., np.newaxis], -end, end)
+    # The angle between the two from chord and sum, which is exact near 0: at most a quarter of a turn.
+    angle = 2.0 * _arc_tangent(length(near - start), length(near + start))
+    straight = angle < _STRAIGHT_RAD
+    whole = sine(np.where(straight, 1.0, angle))
+    gone = np.where(straight, fraction, sine(fraction * angle) / whole)
+    left = np.where(straight, 1.0 - fraction, sine((1.0 - fraction) * angle) / whole)
+    return unit(left[..., np.newaxis] * start + gone[..., np.newaxis] * near)
+
+
 def inverse(quaternions: ArrayLike) -> Floats:
     """Return the quaternions that turn back, shape (..., 4)."""
     turned_back: Floats = np.asarray(quaternions, dtype=np.float64) * np.array([-1.0, -1.0, -1.0, 1.0])
@@ -110,6 +163,12 @@ def turns_between(vectors: ArrayLike, others: ArrayLike) -> Floats:
 def _parts(values: ArrayLike) -> list[Floats]:
     array = np.asarray(values, dtype=np.float64)
     return [array[..., part] for part in range(array.shape[-1])]
+
+
+def _dot(some: Floats, others: Floats) -> Floats:
+    """Return the sums of products of quaternions, shape (..., 4) each, as (...)."""
+    (ax, ay, az, aw), (bx, by, bz, bw) = _parts(some), _parts(others)
+    return np.asarray(ax * bx + ay * by + az * bz + aw * bw)
 
 
 def _arc_tangent(sines: Floats, cosines: Floats) -> Floats:

@@ -7,8 +7,8 @@ from typing import NamedTuple, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from pipeline.alignment.rotations import SHORTEST, length
 from pipeline.arrays import Floats
+from pipeline.rotations import SHORTEST, length
 from recorders.cdr.codec import decode_as
 from recorders.cdr.layouts import write_message
 from recorders.cdr.stream import ENCAPSULATION

@@ -5,8 +5,8 @@ from collections.abc import Collection
 import numpy as np
 
 from pipeline.alignment.config import Transform
-from pipeline.alignment.rotations import product, rotated, unit
 from pipeline.arrays import Floats
+from pipeline.rotations import product, rotated, unit
 from recorders.cdr.codec import decode_as
 from recorders.errors import MessageError
 from recorders.messages.message_types import TFMessage

@@ -6,8 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from pipeline.alignment.blocks import Times
-from pipeline.alignment.rotations import great_arc
 from pipeline.arrays import Floats
+from pipeline.rotations import great_arc
 
 WAIT_NS = 10 * 10**9
 """A tick waits for a topic until another is so far ahead of it [ns]: one that falls silent must not fill the memory."""

@@ -10,7 +10,16 @@ from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
 from pipeline.arrays import Floats
-from pipeline.rotations import inverse, product, quaternions_of, quaternions_of_matrices, turns_between, vectors_of
+from pipeline.rotations import (
+    great_arc,
+    inverse,
+    product,
+    quaternions_of,
+    quaternions_of_matrices,
+    rotated,
+    turns_between,
+    vectors_of,
+)
 
 AXES = arrays(np.float64, 3, elements=st.floats(-1.0, 1.0))
 ANGLES = st.one_of(st.floats(0.0, math.pi * (1.0 - 1e-9)), st.floats(0.0, 1e-6), st.just(0.0))
@@ -47,6 +56,25 @@ def test_matrices_have_the_same_vectors(axis: Floats, angle: float) -> None:
     turned = vector(axis, angle)
     found = vectors_of(quaternions_of_matrices(Rotation.from_rotvec(turned).as_matrix()))
     np.testing.assert_allclose(found, turned, rtol=0.0, atol=3e-15)
+
+
+@given(AXES, ANGLES, AXES)
+def test_points_are_turned_as_by_scipy(axis: Floats, angle: float, point: Floats) -> None:
+    turned = vector(axis, angle)
+    expected = Rotation.from_rotvec(turned).apply(point)
+    np.testing.assert_allclose(rotated(quaternions_of(turned), point), expected, rtol=0.0, atol=4e-15)
+
+
+@given(AXES, ANGLES, AXES, ANGLES, st.floats(0.0, 1.0), st.booleans())
+def test_a_part_of_the_great_arc_is_that_part_of_the_turn(
+    axis: Floats, angle: float, other: Floats, further: float, fraction: float, minus: bool
+) -> None:
+    start, way = quaternions_of(vector(axis, angle)), min(further, 3.0)
+    end = product(quaternions_of(vector(other, way)), start)
+    found = great_arc(start, -end if minus else end, np.asarray(fraction))
+    expected = product(quaternions_of(fraction * vector(other, way)), start)
+    nearer = expected if float(expected @ found) >= 0.0 else -expected
+    np.testing.assert_allclose(found, nearer, rtol=0.0, atol=1e-13)
 
 
 @given(AXES, ANGLES, AXES, ANGLES)
