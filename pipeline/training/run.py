@@ -18,6 +18,7 @@ from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
 from pipeline.samples.pairing import COMMANDED, PairingRule, find_pairing
 from pipeline.samples.pairs import Presentation
+from pipeline.training.joint_extent import JointExtent
 from recorders.cdr.codec import decode
 from recorders.errors import ControllerError, MessageError
 from recorders.messages.message_types import String
@@ -112,6 +113,11 @@ class LearningRun:
         Pairs that it learns from; the paper's if left out.
     on_steps : callable, optional
         Called with the steps, some at a time; the arrays are the run's own, to be read at once.
+
+    Attributes
+    ----------
+    extent : JointExtent
+        How far the joints moved in the steps of this process.
     """
 
     def __init__(
@@ -129,6 +135,7 @@ class LearningRun:
         self.robot = robot
         self.learner: OnlineLearner = make_learner(config, input_centre=robot.input_centre, output_centre=output_centre)
         self.counts = _Counts()
+        self.extent = JointExtent(robot)
         self._run = run
         self._on_steps = on_steps
         self._kinematics = Kinematics(robot)
@@ -324,6 +331,8 @@ class LearningRun:
         phase = self._phase.phase if self._phase else ""
         learning = phase == LEARN
         outputs = self.learner.step(u, d, learning=learning)
+        if len(d):
+            self.extent.take(d[:, u.shape[1] :])
         if phase == EVALUATE:
             errors = hand_errors(self._kinematics, outputs[:, u.shape[1] :], u)
             check_errors(errors)

@@ -13,6 +13,7 @@ from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import recorded_hands, recorded_robot
 from pipeline.samples.pairing import PairingRule
 from pipeline.samples.pairs import read_samples
+from pipeline.training.joint_extent import JointExtent
 from pipeline.training.pairing_choice import pairing_for, pairing_of
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened
@@ -35,6 +36,8 @@ class Trainability:
         Why it would learn nothing, or why that was not looked at; of the usual rule, where another one would learn.
     rule : str
         Name of the learning rule that `train` is to be given; none where the usual one learns.
+    notes : tuple of str
+        What of it teaches little, in lines.
     """
 
     samples: int | None = None
@@ -42,6 +45,7 @@ class Trainability:
     alignment: tuple[str, ...] = ()
     reason: str = ""
     rule: str = ""
+    notes: tuple[str, ...] = ()
 
     @property
     def possible(self) -> bool | None:
@@ -63,8 +67,8 @@ class Trainability:
 
     def to_dict(self) -> dict[str, object]:
         """Return the same as JSON values."""
-        found = {"possible": self.possible, "samples": self.samples, "pairs": self.pairs or None}
-        found |= {"rule": self.rule or None}
+        found: dict[str, object] = {"possible": self.possible, "samples": self.samples, "pairs": self.pairs or None}
+        found |= {"rule": self.rule or None, "notes": list(self.notes)}
         return found | {"alignment": list(self.alignment), "reason": self.reason or None}
 
 
@@ -104,10 +108,16 @@ def trainability(
     first = found_with(rule or DEFAULT)
     if rule is not None or first.possible is not False:
         return first
+    reasons = [first.reason]
     for other in rule_names():
-        if other != DEFAULT and (found := found_with(other)).possible:
+        if other == DEFAULT:
+            continue
+        found = found_with(other)
+        if found.possible:
             return replace(found, reason=first.reason, rule=other)
-    return first
+        if found.reason != first.reason:
+            reasons.append(f"with --rule {other}: {found.reason}")
+    return replace(first, reason="; ".join(reasons))
 
 
 def _trainability(
@@ -125,9 +135,13 @@ def _trainability(
         (aligned,), left = align_logs([log], alignment, robot=robot, renames=renames, tick=tick)
         pairing = pairing_for(asked, [aligned], robot=robot, renames=left)
         samples = read_samples(aligned, robot=robot, pairs=pairing.name, renames=left)
+        extent = JointExtent(samples.robot)
+        extent.take(samples.joints)
+        extent.check_moved(len(samples.targets))
     except ConfigError:
         raise
     except ReenactError as error:
         return Trainability(samples=0, reason=str(error))
-    lines = tuple(aligned.summary.lines(aligned.path.name)) if isinstance(aligned, AlignedLog) else ()
-    return Trainability(len(samples.targets), pairing.name, lines)
+    lines = aligned.summary.lines(aligned.path.name) if isinstance(aligned, AlignedLog) else ()
+    count = len(samples.targets)
+    return Trainability(count, pairing.name, tuple(lines), notes=tuple(extent.notes(count)))

@@ -197,6 +197,13 @@ class Trainer:
                 f"nothing was learned: expected a phase '{LEARN}', found {counts.steps} steps, all in other phases{why}"
             )
 
+    def check_moved(self) -> list[str]:
+        """Return lines on what teaches little, as `JointExtent.notes` does; raises LearningError if nothing moved."""
+        run, schedule = self._running(), Schedule.from_dict(self._offer.schedule if self._offer else {})
+        samples = run.counts.steps // (schedule.epochs * schedule.cycles)
+        run.extent.check_moved(samples)
+        return run.extent.notes(samples)
+
     def _check_steps(self, why: str = "") -> None:
         counts = self._running().counts
         if counts.steps == 0:

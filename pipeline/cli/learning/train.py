@@ -88,10 +88,11 @@ def train(
         else _from_logs(found, config, learner, epochs, names, pairing, as_recorded=as_recorded)
     )
     trainer = _trained(learner, config, pairing, source)
+    notes = _notes(trainer, as_json=as_json)
     controller = _saved(trainer, out)
     left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
     shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
-    console.show(trainer.result() | shown | left, as_json=as_json)
+    console.show(trainer.result() | shown | left | notes, as_json=as_json)
 
 
 def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_recorded: bool, as_live: bool) -> None:
@@ -102,6 +103,16 @@ def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_r
         raise ConfigError("--hold-out: expected neither --as-recorded nor --as-live beside it")
     if as_recorded:
         alignment.refuse("--as-recorded")
+
+
+def _notes(trainer: "Trainer", *, as_json: bool) -> dict[str, object]:
+    """Check that the robot moved, and print what teaches little, or return it if the result is JSON."""
+    notes = trainer.check_moved()
+    if as_json and notes:
+        return {"notes": notes}
+    for line in notes:
+        console.notice(line)
+    return {}
 
 
 def _saved(trainer: "Trainer", out: Path) -> "Controller":

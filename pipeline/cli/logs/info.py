@@ -57,5 +57,7 @@ def info(
             for line in training.alignment:
                 console.line(line)
             console.line(f"can be trained: {training.text()}")
+            for line in training.notes:
+                console.line(line)
     if not summary.sound:
         raise typer.Exit(CheckFailed.exit_status)

@@ -42,6 +42,7 @@ def write_joints(path: Path, names: tuple[str, ...]) -> Path:
 def test_a_log_of_ours_has_as_many_samples_as_train_learns_from(log: Path, rule: str | None) -> None:
     found = trainability(log, rule=rule, alignment=AS_IT_IS)
     assert (found.possible, found.samples, found.pairs, found.alignment) == (True, 12, "commanded", ())
+    assert [note.split(":")[0] for note in found.notes] == ["12 samples are few"]
     trainer = Trainer(LearnerConfig())
     train_on(Replay([log], Schedule(epochs=1, phases=((LEARN, 1),))), trainer)
     assert trainer.result()["steps"] == found.samples
