@@ -106,13 +106,9 @@ def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_r
 
 
 def _notes(trainer: "Trainer", *, as_json: bool) -> dict[str, object]:
-    """Check that the robot moved, and print what teaches little, or return it if the result is JSON."""
+    """Check that the robot moved, and return what teaches little as an entry of the result."""
     notes = trainer.check_moved()
-    if as_json and notes:
-        return {"notes": notes}
-    for line in notes:
-        console.notice(line)
-    return {}
+    return {"notes": notes if as_json else "; ".join(notes)} if notes else {}
 
 
 def _saved(trainer: "Trainer", out: Path) -> "Controller":

@@ -64,7 +64,7 @@ def test_train_names_few_samples(tmp_path: Path) -> None:
     log, out = write_episode(tmp_path / "log.mcap", samples=12), tmp_path / "few.npz"
     arguments = ["train", str(log), "--epochs", "1", "--overwrite", "--out", str(out)]
     shown = CliRunner().invoke(app, arguments)
-    assert "12 samples are few" in shown.stderr
+    assert "12 samples are few" in shown.stdout
     assert json.loads(CliRunner().invoke(app, [*arguments, "--json"]).stdout)["notes"][0].startswith("12 samples")
 
 
