@@ -63,7 +63,7 @@ def convert(
 ) -> Conversion:
     """Write recordings in any containers to one MCAP file, or to several that are one session.
 
-    Messages keep bytes, encodings, numbers and log times; several recordings are merged by log time. Attachments and
+    Messages keep bytes, encodings, numbers and times; several recordings are merged by log time. Attachments and
     metadata of MCAP come along.
 
     Parameters

@@ -156,11 +156,11 @@ class Sources:
 
 
 def _reads(reader: Reader, *, sort: bool) -> Sequence[Callable[..., Iterator[RecordedMessage]]]:
-    if sort and isinstance(reader, LogReader):
-        return [reader.by_log_time]
-    if sort and isinstance(reader, SessionReader):
-        return [part.by_log_time for part in reader.parts]
-    return [reader.records]
+    if not isinstance(reader, LogReader | SessionReader):
+        return [reader.records]  # no other container has publish times
+    parts = [reader] if isinstance(reader, LogReader) else reader.parts
+    reads = [part.by_log_time for part in parts] if sort else [reader.records]
+    return [partial(read, publish_times=True) for read in reads]
 
 
 def _first_ns(reader: Reader) -> int | None:

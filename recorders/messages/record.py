@@ -25,3 +25,29 @@ class RecordedMessage(NamedTuple):
     data: bytes
     sequence: int
     log_time_ns: int
+
+
+class PublishedMessage(RecordedMessage):
+    """A message whose publish time in the log is another than its log time, for who asks for it: else the same.
+
+    Attributes
+    ----------
+    publish_time_ns : int
+        Time of publication [ns], by its recorder.
+    """
+
+    publish_time_ns: int
+
+
+def published(record: RecordedMessage, publish_time_ns: int) -> RecordedMessage:
+    """Return a message with its publish time [ns]; as it is if that is its log time."""
+    if publish_time_ns == record.log_time_ns:
+        return record
+    found = PublishedMessage(*record)
+    found.publish_time_ns = publish_time_ns
+    return found
+
+
+def publish_time_ns(record: RecordedMessage) -> int:
+    """Return the publish time of a message [ns]: its log time if no other is known."""
+    return record.publish_time_ns if isinstance(record, PublishedMessage) else record.log_time_ns

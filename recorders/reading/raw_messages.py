@@ -16,7 +16,7 @@ from recorders.mcap_format.chunk_contents import MESSAGE, body_at, check_others
 from recorders.mcap_format.errors import DamagedLog, damaged
 from recorders.mcap_format.records import RawRecord
 from recorders.mcap_format.summary import ChannelTable
-from recorders.messages.record import RecordedMessage
+from recorders.messages.record import RecordedMessage, published
 
 WRONG_TIMES = (
     "expected log times as the chunks and their indexes state them, found others: the order of the messages cannot be "
@@ -27,6 +27,7 @@ FOREVER_NS = 2**64
 """Later than every log time [ns]."""
 
 _MESSAGE = struct.Struct("<BQHIQ8x")  # opcode, length, channel, sequence, log time; the publish time is not asked for
+_TIMES = struct.Struct("<9xH4xQQ")  # channel, log time, publish time
 _TIME = struct.Struct("<BQ6xQ")  # opcode, length, log time
 _BATCH = 2**15  # bytes of a run: they fit the processor's cache, and one step of a generator serves many messages
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
@@ -49,6 +50,8 @@ class MessageScanner:
         Log time of the last message met, asked for or not [ns].
     ordered : bool
         Whether the messages of a chunk are to come in order of log time, those of one time in the order of the chunk.
+    publish_times : bool
+        Whether messages whose publish times are not their log times come as `PublishedMessage`.
     """
 
     channels: ChannelTable = field(default_factory=ChannelTable)
@@ -56,6 +59,7 @@ class MessageScanner:
     end_ns: int = FOREVER_NS
     last_time_ns: int | None = None
     ordered: bool = False
+    publish_times: bool = False
     _fell: bool = False  # whether the time of a message was before that of the one before
 
     def chunk(self, data: bytes, offset: int, states_order: Callable[[int], bool]) -> Iterator[list[RecordedMessage]]:
@@ -115,24 +119,25 @@ class MessageScanner:
         """Return the message at a position where a sound one of a known channel stands, which is asked for."""
         _, length, channel, sequence, log_time_ns = _MESSAGE.unpack_from(data, position)
         topic, type_name = self.channels.topics[channel]
-        return RecordedMessage(
+        record = RecordedMessage(
             topic, type_name, data[position + _MESSAGE.size : position + 9 + length], sequence, log_time_ns
         )
+        return published(record, _TIMES.unpack_from(data, position)[2]) if self.publish_times else record
 
     def bare(self, record: RawRecord) -> list[RecordedMessage]:
         """Return the message that a record outside of chunks is, as a list that is empty if it is not asked for."""
         if len(record.body) < MESSAGE.size:
             raise damaged(record.offset, "a message is too short")
-        channel, sequence, log_time_ns, _ = MESSAGE.unpack_from(record.body)
+        channel, sequence, log_time_ns, publish_time_ns = MESSAGE.unpack_from(record.body)
         if channel not in self.channels.chosen:
             raise _undeclared(record.offset, channel)
         self.last_time_ns = log_time_ns
         declared = self.channels.chosen[channel]
         if declared is None or not self.start_ns <= log_time_ns < self.end_ns:
             return []
-        return [
-            RecordedMessage(*declared, record.part(MESSAGE.size, record.size - MESSAGE.size), sequence, log_time_ns)
-        ]
+        data = record.part(MESSAGE.size, record.size - MESSAGE.size)
+        found = RecordedMessage(*declared, data, sequence, log_time_ns)
+        return [published(found, publish_time_ns) if self.publish_times else found]
 
     @property
     def sliced(self) -> bool:
@@ -143,6 +148,8 @@ class MessageScanner:
         position = others = 0
         while position < len(data):
             batch, then = self._run(data, position)
+            if self.publish_times:
+                batch = self._published(batch, data, position)
             if batch:
                 yield self._of_time(batch)
             if then == position:
@@ -207,6 +214,18 @@ class MessageScanner:
             self._fell |= fell
         return batch, position
 
+    def _published(self, batch: list[RecordedMessage], data: bytes, position: int) -> list[RecordedMessage]:
+        """Return the messages of a run from `position` on, with their publish times."""
+        chosen, unpack, found = self.channels.chosen, _TIMES.unpack_from, list[RecordedMessage]()
+        for record in batch:
+            channel, log_time_ns, publish_time_ns = unpack(data, position)
+            while chosen[channel] is None:
+                position = _end(data, position)
+                channel, log_time_ns, publish_time_ns = unpack(data, position)
+            found.append(record if log_time_ns == publish_time_ns else published(record, publish_time_ns))
+            position += _MESSAGE.size + len(record.data)
+        return found
+
     def _other(self, data: bytes, position: int, offset: int) -> int:
         """Take in the record at `position`, which is no sound message, and return where the next one stands."""
         opcode, start, end = body_at(data, position, offset)
@@ -220,6 +239,11 @@ def in_order(times_ns: "array[int]", positions: "array[int]") -> "array[int]":
     """Return positions by time, those of one time in the order in which they came."""
     order = np.argsort(np.asarray(times_ns), kind="stable")
     return array(positions.typecode, np.asarray(positions)[order].tobytes())
+
+
+def _end(data: bytes, position: int) -> int:
+    """Return where the record at a position ends."""
+    return position + 9 + int(_TIME.unpack_from(data, position)[1])
 
 
 def _is_in_order(data: bytes) -> bool:

@@ -66,6 +66,7 @@ class LogReader:
         start_ns: int = 0,
         end_ns: int = FOREVER_NS,
         file_order: bool = False,
+        publish_times: bool = False,
     ) -> Iterator[RecordedMessage]:
         """Yield the messages in order of log time, undecoded; those of one time in the order of the file.
 
@@ -83,6 +84,8 @@ class LogReader:
             Yield those of log time [start_ns, end_ns) only.
         file_order : bool
             Whether they come in the order of the file instead.
+        publish_times : bool
+            Whether those whose publish times are not their log times come as `PublishedMessage`.
 
         Raises
         ------
@@ -91,7 +94,8 @@ class LogReader:
         LogError
             If more of it overlaps in time than may be held, or its chunks are of other times than they state.
         """
-        walk = MessageScanner(ChannelTable(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
+        channels = ChannelTable(wanted=None if topics is None else frozenset(topics))
+        walk = MessageScanner(channels, start_ns, end_ns, publish_times=publish_times)
         order = _BY_FILE if file_order else self._order
         if not order.by_file and (walk.sliced or not order.risen):
             return self._merged(walk)
@@ -102,12 +106,16 @@ class LogReader:
         return self._walk(walk, skip_ranges, lambda record: None)
 
     def by_log_time(
-        self, *, topics: Iterable[str] | None = None, start_ns: int = 0, end_ns: int = FOREVER_NS
+        self,
+        *,
+        topics: Iterable[str] | None = None,
+        start_ns: int = 0,
+        end_ns: int = FOREVER_NS,
+        publish_times: bool = False,
     ) -> Iterator[RecordedMessage]:
         """Yield the messages in order of log time, also of a log of our own writer; raises as `records` does."""
-        return self._merged(
-            MessageScanner(ChannelTable(wanted=None if topics is None else frozenset(topics)), start_ns, end_ns)
-        )
+        channels = ChannelTable(wanted=None if topics is None else frozenset(topics))
+        return self._merged(MessageScanner(channels, start_ns, end_ns, publish_times=publish_times))
 
     @property
     def protected(self) -> bool:

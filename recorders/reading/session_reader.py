@@ -45,6 +45,7 @@ class SessionReader:
         start_ns: int = 0,
         end_ns: int = FOREVER_NS,
         file_order: bool = False,
+        publish_times: bool = False,
     ) -> Iterator[RecordedMessage]:
         """Yield the messages, undecoded: see `LogReader.records`.
 
@@ -53,7 +54,14 @@ class SessionReader:
         """
         wanted = None if topics is None else frozenset(topics)
         reads = [
-            partial(part.records, topics=wanted, start_ns=start_ns, end_ns=end_ns, file_order=file_order)
+            partial(
+                part.records,
+                topics=wanted,
+                start_ns=start_ns,
+                end_ns=end_ns,
+                file_order=file_order,
+                publish_times=publish_times,
+            )
             for part in self.parts
         ]
         in_turn = file_order or self._recorded_here

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.manifest import FRAME, METADATA_NAME, ContentHash, to_metadata, topic_frame
-from recorders.messages.record import RecordedMessage
+from recorders.messages.record import RecordedMessage, publish_time_ns
 from recorders.writing.chunk_encoder import BuiltChunk
 from recorders.writing.mcap_writer import McapWriter
 
@@ -99,7 +99,8 @@ class BulkWriter:
                 continue
             self._any = True
             number = numbers[topic]
-            heads.append(pack(_OPCODE, length + _BODY, number, sequence, time_ns, time_ns))
+            published_ns = time_ns if type(record) is RecordedMessage else publish_time_ns(record)
+            heads.append(pack(_OPCODE, length + _BODY, number, sequence, time_ns, published_ns))
             hashed.append(frames[topic] + hash_pack(sequence, time_ns, length))
             data_of.append(data)
             times_ns.append(time_ns)
@@ -162,7 +163,9 @@ class BulkWriter:
         number = self._numbers[record.topic]
         self.counts[self._names[number]] += 1
         self._content.add(self._names[number], record.sequence, record.log_time_ns, record.data)
-        self.log.add_message_in_pieces(number, record.sequence, record.log_time_ns, record.log_time_ns, record.data)
+        self.log.add_message_in_pieces(
+            number, record.sequence, record.log_time_ns, publish_time_ns(record), record.data
+        )
         self._on_chunk(self.counts.total())
 
 

@@ -6,7 +6,7 @@ from collections import Counter
 import bags
 import numpy as np
 import pytest
-from mcap.reader import make_reader
+from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
 
@@ -261,6 +261,31 @@ def test_an_excerpt_of_an_exploration_is_a_recording(tmp_path):
             assert (manifest["kind"], manifest["robot"]) == (kind, "asimo")
 
 
+@pytest.mark.parametrize("config", [{}, {"sort": True}, {"start_ns": 1}, {"topics": frozenset(["/x"])}])
+@pytest.mark.parametrize("log_times_ns", [[1000, 2000, 3000, 4000], [1000, 3000, 2000, 4000]])
+@pytest.mark.parametrize("size", [10, 200_000])
+def test_publish_times_stay(tmp_path, config, log_times_ns, size):
+    path = tmp_path / "source.mcap"
+    with path.open("wb") as file:
+        writer = McapWriter(file, chunk_size=100 if size == 10 else 2**20)
+        writer.start()
+        channels = [writer.register_channel(topic, "", 0) for topic in ("/x", "/y")]
+        for step, log_time_ns in enumerate(log_times_ns):
+            for place, channel in enumerate(channels):
+                published_ns = log_time_ns if step == 3 else log_time_ns - 500 + place
+                writer.add_message(channel, log_time_ns, bytes(size + step), published_ns, step)
+        writer.add_message(channels[0], 5000, bytes(17_000_000 if size > 10 else 1), 4500, 9)
+        writer.finish()
+    ours(path, tmp_path / "out.mcap", **config)
+    times = []
+    for log in (path, tmp_path / "out.mcap"):
+        with log.open("rb") as file:
+            found = NonSeekingReader(file).iter_messages(log_time_order=True)
+            times.append([(channel.topic, message.log_time, message.publish_time) for _, channel, message in found])
+    start_ns, topics = config.get("start_ns", 0) + 1000, config.get("topics", ("/x", "/y"))
+    assert times[1] == [row for row in times[0] if row[1] >= start_ns and row[0] in topics]
+
+
 def test_bags_without_definitions_get_those_of_ros(tmp_path):
     source = bags.bag_folder(tmp_path / "bag", count=2) / "bag.db3"
     import sqlite3
@@ -299,7 +324,7 @@ def test_bad_input_is_one_line_and_leaves_no_file(written, tmp_path):
     assert "text.bag: expected an MCAP file" in complaint(LogError, [text], out)
     missing = bags.bag_folder(tmp_path / "missing", storage=StoragePlugin.MCAP, count=1)
     (missing / "missing.mcap").unlink()
-    with pytest.raises(LogError, match=r"missing.mcap missing: expected the 1 files"):
+    with pytest.raises(LogError, match=r"missing.mcap missing: expected the file that"):
         find_log(missing)
     source = long_log(tmp_path / "ours.mcap", [("/notes", String("x"), 1)])
     assert "is one of the recordings" in complaint(LogError, [source], source)
