@@ -27,6 +27,14 @@ class MessageError(ReenactError):
     """A message is of the wrong type, does not decode, holds NaN, or comes out of order."""
 
 
+class OutOfRange(MessageError):
+    """Number that cannot be the robot's; `finite` is False if it is NaN or infinite."""
+
+    def __init__(self, line: str, *, finite: bool = True) -> None:
+        super().__init__(line)
+        self.finite = finite
+
+
 class JointError(ReenactError):
     """Joint names or counts are not those of the robot."""
 

@@ -16,7 +16,7 @@ from pipeline.robot.size import SLIDING, chain_length_m, joint_types
 from pipeline.rotations import REGULAR_RAD
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened
-from recorders.errors import MessageError
+from recorders.errors import MessageError, OutOfRange
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import COMMANDED_TICK, hand_measured, hand_target
 from recorders.text.wording import hand_text
@@ -32,14 +32,6 @@ _MAX_PASSED = 8192  # values remembered to have passed: training takes the same 
 _LENGTH_UNITS = (("millimetres", 1e-3), ("centimetres", 1e-2), ("inches", 0.0254))
 _UNIT = 1e-2  # the length of a unit quaternion may differ from 1 by this much: sensors have a resolution
 _FULL_TURN = 2.0 * math.pi  # rad: where no joint stands farther from 0, they are no degrees
-
-
-class OutOfRange(MessageError):
-    """Number that cannot be the robot's; `finite` is False if it is NaN or infinite."""
-
-    def __init__(self, line: str, *, finite: bool = True) -> None:
-        super().__init__(line)
-        self.finite = finite
 
 
 class RangeCheck:

@@ -2,11 +2,11 @@
 
 import math
 
-from pipeline.robot.range_check import OutOfRange, RangeCheck, is_within
+from pipeline.robot.range_check import RangeCheck, is_within
 from pipeline.serving.rejections import Rejection, undecodable, unusable, wrong_type
 from recorders.cdr.codec import decode_as
 from recorders.cdr.templates import Position
-from recorders.errors import JointError, MessageError
+from recorders.errors import JointError, MessageError, OutOfRange
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of

@@ -4,8 +4,7 @@ from collections import Counter
 from collections.abc import Callable
 from enum import StrEnum
 
-from pipeline.robot.range_check import OutOfRange
-from recorders.errors import MessageError
+from recorders.errors import MessageError, OutOfRange
 from recorders.messages.record import RecordedMessage
 from recorders.text.wording import escape_control
 from recorders.ticks.stamp_joiner import RejectionError

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeAlias
 import numpy as np
 
 from recorders.cdr.codec import decode_as
-from recorders.errors import ConfigError, JointError, MessageError
+from recorders.errors import ConfigError, JointError, MessageError, OutOfRange
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, is_measured, type_of
@@ -255,12 +255,16 @@ class TickInput:
         MessageError
             If it has the wrong type, does not decode, or is a position that holds NaN or infinity: which of the joints
             are a robot's is not known here.
+        OutOfRange
+            If it holds a pose that cannot be the robot's.
         """
         if record.type != self._type:
             raise MessageError(f"{name_of(record)}: expected {self._type}, found {record.type!r}")
         data = record.data
         try:
             return self._read_remembered(data) if len(data) <= _MAX_REMEMBERED_SIZE else self._read(data)
+        except OutOfRange as error:
+            raise OutOfRange(f"{name_of(record)}: {error}", finite=error.finite) from None
         except MessageError as error:
             raise MessageError(f"{name_of(record)}: {error}") from None
 

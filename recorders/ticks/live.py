@@ -5,7 +5,7 @@ from itertools import combinations
 from typing import NamedTuple
 
 from recorders.cdr.codec import stamp_ns
-from recorders.errors import JointError, MessageError
+from recorders.errors import JointError, MessageError, OutOfRange
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, is_measured
 from recorders.ticks.joiner import NO_POSES, Check, PoseReader, TickInput, joints_rank, pass_all
@@ -164,7 +164,8 @@ class LiveTicks:
         try:
             stamp, value = tick_input.read(record)
         except MessageError as error:
-            raise RejectionError("unreadable", str(error)) from None
+            kind = "implausible" if isinstance(error, OutOfRange) else "unreadable"
+            raise RejectionError(kind, str(error)) from None
         try:
             self._check(value)
         except (JointError, MessageError) as error:

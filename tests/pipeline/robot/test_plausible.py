@@ -15,12 +15,12 @@ from pipeline.cli import app
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import load_robot, robot_names
-from pipeline.robot.range_check import OutOfRange, range_check
+from pipeline.robot.range_check import range_check
 from pipeline.serving.config import ServingConfig
 from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import encode
-from recorders.errors import JointError
+from recorders.errors import JointError, OutOfRange
 from recorders.messages.message_types import JointState, Message, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, SAMPLE_JOINTS

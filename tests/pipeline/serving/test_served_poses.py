@@ -119,5 +119,6 @@ def test_a_pose_that_cannot_be_is_refused_and_changes_nothing(
     assert reason in status["last_refusal"]
     check = range_check(robot)
     ticks = LiveTicks(check, commanded_tick(ONE), check.poses)
-    with pytest.raises(RejectionError, match=reason):
+    with pytest.raises(RejectionError, match=reason) as refused:
         ticks.feed(pose_record(hand_target(TIP), wrong_poses(robot)[reason]), numbered=False)
+    assert refused.value.kind == ("implausible" if reason == "within 149 degrees" else "unreadable")
