@@ -78,6 +78,7 @@ def evaluate(
     loaded, result = Loaded.load(controller), dict[str, Any]()
     if own_time:
         _deploy_in_own_time(loaded, motion, as_json=as_json)
+        _note_outside(loaded, motion)
         return
     if deploy:
         result |= _deployed(loaded, motion)
@@ -89,6 +90,20 @@ def evaluate(
     if not (deploy or as_json):
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
+    _note_outside(loaded, motion)
+
+
+def _note_outside(controller: "Learned", motion: str) -> None:
+    """Print a line for a motion, not a recording, that leaves the boxes of the robot's hands."""
+    from pipeline.evaluation.outside_boxes import outside_boxes_text
+    from pipeline.evaluation.trials import robot_of
+    from pipeline.motions.motion import is_recorded, load_motion
+
+    if not is_recorded(motion):
+        robot = robot_of(controller)
+        loaded = load_motion(motion, robot)
+        if (line := outside_boxes_text(robot, loaded.name, loaded.targets)) is not None:
+            console.notice(line)
 
 
 def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignment: AlignmentOptions) -> "Trial":
