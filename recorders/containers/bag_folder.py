@@ -13,7 +13,7 @@ from recorders.containers.unpacked import unpack_zstd
 from recorders.errors import LogError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.decompression import DECOMPRESS_ERRORS, decompress_frames
-from recorders.messages.record import RecordedMessage
+from recorders.messages.record import RecordedMessage, publish_time_ns, published
 from recorders.reading.bag_metadata import read_bag_metadata
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.reading.reader import LogReader
@@ -63,11 +63,18 @@ class BagFolder(ForeignReader):
         start_ns: int = 0,
         end_ns: int = FOREVER_NS,
         file_order: bool = False,
+        publish_times: bool = False,
     ) -> Iterator[RecordedMessage]:
         """Yield the messages: see `recorders.reading.reader.LogReader.records`."""
         wanted = None if topics is None else frozenset(topics)
         reads = [
-            partial(part.records, topics=wanted, start_ns=start_ns, end_ns=end_ns, file_order=file_order)
+            partial(
+                partial(part.records, publish_times=publish_times) if isinstance(part, LogReader) else part.records,
+                topics=wanted,
+                start_ns=start_ns,
+                end_ns=end_ns,
+                file_order=file_order,
+            )
             for part in self._parts
         ]
         found = chain.from_iterable(read() for read in reads) if file_order else merged_by_time(reads)
@@ -87,6 +94,10 @@ class BagFolder(ForeignReader):
 
     def _unpacked(self, record: RecordedMessage) -> RecordedMessage:
         try:
-            return record._replace(data=decompress_frames(record.data, _MOST_MESSAGE))
+            data = decompress_frames(record.data, _MOST_MESSAGE)
+            return published(
+                RecordedMessage(record.topic, record.type, data, record.sequence, record.log_time_ns),
+                publish_time_ns(record),
+            )
         except DECOMPRESS_ERRORS as error:
             raise LogError(f"{self.path}: a message of {record.topic} does not decompress: {error}") from None

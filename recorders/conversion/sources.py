@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.cdr.rosbags_types import is_known, schema_text
+from recorders.containers.bag_folder import BagFolder
 from recorders.containers.definitions import channel_definitions, ros_name
 from recorders.containers.opening import open_as_it_is
 from recorders.containers.reader import Opened, Reader
@@ -156,6 +157,8 @@ class Sources:
 
 
 def _reads(reader: Reader, *, sort: bool) -> Sequence[Callable[..., Iterator[RecordedMessage]]]:
+    if isinstance(reader, BagFolder):
+        return [partial(reader.records, publish_times=True)]
     if not isinstance(reader, LogReader | SessionReader):
         return [reader.records]  # no other container has publish times
     parts = [reader] if isinstance(reader, LogReader) else reader.parts

@@ -6,6 +6,7 @@ from collections import Counter
 import bags
 import numpy as np
 import pytest
+import zstandard
 from mcap.reader import NonSeekingReader, make_reader
 from mcap.writer import Writer as McapWriter
 from rosbags.rosbag2 import StoragePlugin
@@ -284,6 +285,28 @@ def test_publish_times_stay(tmp_path, config, log_times_ns, size):
             times.append([(channel.topic, message.log_time, message.publish_time) for _, channel, message in found])
     start_ns, topics = config.get("start_ns", 0) + 1000, config.get("topics", ("/x", "/y"))
     assert times[1] == [row for row in times[0] if row[1] >= start_ns and row[0] in topics]
+
+
+@pytest.mark.parametrize("mode", ["file", "message"])
+def test_publish_times_of_compressed_bags_stay(tmp_path, mode):
+    folder, compress = tmp_path / "bag", zstandard.ZstdCompressor().compress
+    folder.mkdir()
+    with (folder / "bag.mcap").open("wb") as file:
+        writer = McapWriter(file)
+        writer.start()
+        channel = writer.register_channel("/x", "", 0)
+        writer.add_message(channel, 1000, b"1" if mode == "file" else compress(b"1"), 500)
+        writer.finish()
+    if mode == "file":
+        (folder / "bag.mcap.zstd").write_bytes(compress((folder / "bag.mcap").read_bytes()))
+        (folder / "bag.mcap").unlink()
+    about = f"storage_identifier: mcap, compression_format: zstd, compression_mode: {mode}"
+    name = "bag.mcap.zstd" if mode == "file" else "bag.mcap"
+    (folder / "metadata.yaml").write_text(f"rosbag2_bagfile_information: {{{about}, relative_file_paths: [{name}]}}")
+    convert([folder], tmp_path / "out.mcap")
+    with (tmp_path / "out.mcap").open("rb") as file:
+        found = [(message.data, message.publish_time) for _, _, message in make_reader(file).iter_messages()]
+    assert found == [(b"1", 500)]
 
 
 def test_bags_without_definitions_get_those_of_ros(tmp_path):
