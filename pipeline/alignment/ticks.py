@@ -188,6 +188,18 @@ class Aligner:
         return found + self._feed(records[start:], topics[start:])
 
     def _feed(self, records: Sequence[RecordedMessage], topics: Sequence[str]) -> list[Ticks]:
+        found = list[Ticks]()
+        ticks, restart = self._try(records, topics)
+        while restart is not None:
+            found += self._try(records[:restart], topics[:restart])[0]
+            self.begin()
+            self.restarts += 1
+            records, topics = records[restart:], topics[restart:]
+            ticks, restart = self._try(records, topics)
+        return found + ticks
+
+    def _try(self, records: Sequence[RecordedMessage], topics: Sequence[str]) -> tuple[list[Ticks], int | None]:
+        """Take in messages and return the ticks that they complete; if the clock begins anew at one, which it is."""
         arrivals: list[list[int]] = [[] for _ in self.sources]
         ranks = self._ranks
         for place, topic in enumerate(topics):
@@ -195,11 +207,8 @@ class Aligner:
                 arrivals[ranks[topic]].append(place)
         read = [self._read(rank, records, places) for rank, places in enumerate(arrivals)]
         if (restart := self._check_order(read, len(records))) is not None:
-            found = self._feed(records[:restart], topics[:restart])
-            self.begin()
-            self.restarts += 1
-            return found + self._feed(records[restart:], topics[restart:])
-        return self._take(read, len(records))
+            return [], restart
+        return self._take(read, len(records)), None
 
     def _read(self, rank: int, records: Sequence[RecordedMessage], arrivals: list[int]) -> _Read:
         """Return messages of a source: arrivals, stamps [ns], and what they hold, in the robot's world."""

@@ -100,7 +100,7 @@ CASES = given(
 )
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(stalled_logs(), st.sampled_from([5, 100]), st.sampled_from([None, 100]), st.sampled_from([0, 1]), st.just(1))
 def test_ticks_of_stalled_topics_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
@@ -188,6 +188,47 @@ def test_a_clock_that_begins_anew_is_followed(block, first):
     anew = [record.log_time_ns - START + 1000 * 10**9 for record in found[::2] if record.log_time_ns < START]
     assert anew == [index * 10 * MS for index in range(10, 100)]
     assert aligner.made == len(anew) + (50 if first == "steady" else 0)
+
+
+def test_a_clock_that_begins_anew_all_the_time_is_followed_in_one_block():
+    """Hundreds of times in one block, as one by one."""
+    records = [
+        joints(START - turn * 100 * 10**9 + index * 10 * MS, (0.0, 0.0)) for turn in range(300) for index in range(20)
+    ]
+    aligner, found = aligned(records, sources=SOURCES[1:], period=10 * MS)
+    assert aligner.restarts == 299
+    assert found == aligned(records, sources=SOURCES[1:], period=10 * MS, block=1)[1]
+
+
+@settings(max_examples=40, deadline=None)
+@given(
+    st.lists(
+        st.tuples(
+            st.sampled_from(["joints", "tracker", "both"]),
+            st.sampled_from([0, 0, 0, -5, 5, 30, 100, -100, 10**6, -(10**6)]),
+            st.integers(1, 25),
+        ),
+        max_size=12,
+    ),
+    st.sampled_from([None, 100]),
+    st.sampled_from([2, 7]),
+)
+def test_odd_clocks_are_the_same_in_whatever_blocks(parts, period_ms, block):
+    """Messages of one topic or both, on clocks that leap ahead and back [s], for some messages each."""
+    records, now = [], START
+    for topics, leap_s, count in parts:
+        for index in range(count):
+            stamp = now + leap_s * 10**9 + index * 50 * MS
+            records += [joints(stamp, (0.1 * index, 0.0))] if topics != "tracker" else []
+            records += [pose(stamp + 1, (0.1 * index, 0.0, 0.0))] if topics != "joints" else []
+        now += count * 50 * MS
+    options = {"period": None if period_ms is None else period_ms * MS}
+    one, by_one = aligned(records, block=1, **options)
+    for size in (block, 8192):
+        aligner, found = aligned(records, block=size, **options)
+        assert found == by_one
+        assert (aligner.made, aligner.missed, aligner.restarts) == (one.made, one.missed, one.restarts)
+        assert [counts.dropped for counts in aligner.counts] == [counts.dropped for counts in one.counts]
 
 
 def shifted(record, by_ns):
