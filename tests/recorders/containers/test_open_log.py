@@ -107,7 +107,9 @@ def test_a_tracker_of_transforms_is_one_of_poses(tmp_path):
     assert pose.position.tolist() + pose.orientation.tolist() == [1, 2, 3, 0, 0, 0.6, 0.8]
 
 
-@pytest.mark.parametrize("form", ["foxglove json", "foxglove protobuf", "ros1 mcap"])
+@pytest.mark.parametrize(
+    "form", ["foxglove json", pytest.param("foxglove protobuf", marks=NEEDS_PROTOBUF), "ros1 mcap"]
+)
 def test_a_malformed_message_ends_nothing_and_is_no_message_of_its_type(tmp_path, form):
     source = open_as_it_is(bags.CONTAINERS[form](tmp_path))
     channels = {channel.topic: channel for channel in source.channels}
