@@ -160,10 +160,13 @@ def test_a_folder_with_the_urdf_itself_is_the_same_robot(tmp_path: Path) -> None
 
 
 def test_the_pages_examples_are_what_the_program_reads() -> None:
-    config, source = re.findall(r"```toml\n(.*?)```", data_path("robots", "README.md").read_text(), re.DOTALL)
+    config, pose_hand, source = re.findall(
+        r"```toml\n(.*?)```", data_path("robots", "README.md").read_text(), re.DOTALL
+    )
     assert parse_source(source).virtual[0].name == "hip_height"
-    with pytest.raises(RobotError, match="joints torso_yaw, left_shoulder of the robot config are not movable joints"):
-        parse_robot(config, load_robot("asimo").urdf_text)  # read to the end, and then of another robot
+    for text in (config, config.partition("[[hands]]")[0] + pose_hand):
+        with pytest.raises(RobotError, match="joints torso_yaw, left_shoulder of the robot config are not movable"):
+            parse_robot(text, load_robot("asimo").urdf_text)  # read to the end, and then of another robot
 
 
 @pytest.mark.campaign

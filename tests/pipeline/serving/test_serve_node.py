@@ -318,8 +318,7 @@ def test_a_trajectory_controller_gets_what_moves_the_robot_slowly(
             for record in targets(stamp, samples.targets[0]):
                 watcher.put(record)
         answers = [commands.get(timeout=WAIT_S) for _ in range(2)]
-        summary, said = stop(process)
-    assert f"serves reenact{topic} at" in said
+        summary, _ = stop(process)
     assert {str(answer.encoding) for answer in answers} == {f"application/cdr;{JointTrajectory.TYPE}"}
     payloads = [answer.payload.to_bytes() for answer in answers]
     first, second = (decode_as(JointTrajectory, payload) for payload in payloads)
