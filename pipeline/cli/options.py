@@ -38,7 +38,7 @@ Pairs = Annotated[
     ),
 ]
 Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
-Logs = Annotated[list[Path], typer.Argument(help="Logs, presented in this order.", metavar="LOG.mcap")]
+Logs = Annotated[list[Path], typer.Argument(help="Logs or bags, presented in this order.", metavar="LOG.mcap")]
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
 Robot = Annotated[
     str,

@@ -28,6 +28,12 @@ from recorders.text.wording import names_text
 REACHED = "reached"
 """Name of the pairing rule of hands as measured."""
 
+EXPECTED_WITHIN = 0.6
+"""Share of distances that should be within one deviation."""
+
+LEAST_WITHIN = EXPECTED_WITHIN / 2.0
+"""Share of them below which the deviations are not to be relied on."""
+
 _NO_RENAMES: Mapping[str, str] = MappingProxyType({})
 
 
@@ -72,6 +78,16 @@ class Trial:
     def distances(self) -> Floats:
         """Distances of the hands from their targets [m], shape (T, hands)."""
         return np.asarray(np.linalg.norm(self.reached - self.asked, axis=2))
+
+    @property
+    def doubt(self) -> str:
+        """A line for where far fewer distances are within the deviations than should be; empty elsewhere."""
+        if self.deviations is None or (within := float((self.distances <= self.deviations).mean())) >= LEAST_WITHIN:
+            return ""
+        return (
+            f"not to be relied on here: {within:.0%} of the distances are within one deviation, where about "
+            f"{EXPECTED_WITHIN:.0%} should be"
+        )
 
     def summary(self) -> dict[str, Any]:
         """Return the errors as plain JSON, those of teacher and baseline under names that begin with theirs."""

@@ -221,8 +221,14 @@ def recipe(
     return case if epochs is None else replace(case, schedule=replace(case.schedule, epochs=epochs))
 
 
+def check_new_case(logs: Sequence[Path], config: Path | None, *, rule: str | None) -> None:
+    """Check that a new case has what it needs; raises ConfigError, which names what is missing."""
+    missing = ["no logs"] * (not logs) + ["no --config"] * (config is None and rule is None)
+    if missing:
+        raise ConfigError(f"expected logs and --config for a new case, found {' and '.join(missing)}")
+
+
 def _new_case(logs: Sequence[Path], config: Path | None, *, rule: str | None, pairs: str | None) -> CaseSpec:
-    if not logs or (config is None and rule is None):
-        raise ConfigError("expected logs and --config for a new case")
+    check_new_case(logs, config, rule=rule)
     settings = without_pairs(read_settings(config, rule=rule, pairs=pairs))
     return CaseSpec(tuple(logs), {}, settings.schedule(_EPOCHS))

@@ -125,7 +125,9 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = names_text([*MOTIONS.names(), *drawings()])
-        raise MotionError(f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file")
+        raise MotionError(
+            f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file; there is no file of this name"
+        )
     middles = {hand.name: hand.orientation for hand in robot.hands if hand.orientation is not None}
     motion = read_motion_csv(path, robot.hand_names, middles=middles)
     check_targets(motion, robot)

@@ -110,6 +110,6 @@ class Deviations:
             f"{hand} {_CM_PER_M * deviation:.2g}" for hand, deviation in zip(self._hands, deviations, strict=True)
         )
         return (
-            f"targets beyond what was explored: the hands may be off by {expected} cm, more than {BEYOND:g} times what "
-            "the controller errs where it was taught"
+            f"targets beyond what was explored: the deviation expected of the hands, {expected} cm, is more than "
+            f"{BEYOND:g} times that where the controller was taught; so far from there they may be off by far more"
         )

@@ -31,7 +31,7 @@ def overview(summary: LogSummary) -> dict[str, str]:
         "size": f"{_bytes(found.size)}; chunks: {compression or 'none'}",
         "written by": f"{found.library or 'unknown'}; profile {found.profile or 'none'}",
         "state": _state(summary),
-        "protection": "CRCs protect every message" if summary.protected else _unprotected(summary),
+        "protection": _protection(summary),
         "content": _CONTENT[summary.content_holds] + _counts(summary),
         "time": _times(summary),
         "attachments": names_text(f"{each.name} ({_bytes(each.size)})" for each in found.attachments) or "none",
@@ -113,7 +113,11 @@ def _state(summary: LogSummary) -> str:
     return state + whole + ("" if summary.sound else "; damaged")
 
 
-def _unprotected(summary: LogSummary) -> str:
+def _protection(summary: LogSummary) -> str:
+    if summary.times_ns is None:
+        return "no messages"
+    if summary.protected:
+        return "CRCs protect every message"
     return f"no CRC protects {_messages(summary.unprotected)}: damage to them would pass unseen"
 
 

@@ -193,7 +193,10 @@ class _Copy:
     def _account(self, out: Path) -> Recovery:
         found, tally = self._found, self._tally
         if found.damage and not (tally.saved or found.attachments or found.manifest):
-            raise CheckFailed(f"{found.path}: nothing in it can be believed: {found.damage[0].reason}")
+            raise CheckFailed(
+                f"{found.path}: nothing in it can be believed: {found.damage[0].reason}; "
+                f"expected messages that are whole, found none in {found.size} bytes, nor attachments, nor a manifest"
+            )
         lost, exact = tally.lost(found)
         expected = Counter(found.summary.attachments if found.summary else ())
         expected.subtract(entry.name for entry in found.attachments)

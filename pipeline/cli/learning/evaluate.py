@@ -32,7 +32,7 @@ def evaluate(
     motion: Annotated[
         str,
         typer.Argument(
-            help=f"A log, a CSV file, or one of {MOTIONS}; samples are taken in order.",
+            help=f"A log or a bag, a CSV file, or one of {MOTIONS}; samples are taken in order.",
             metavar="MOTION|LOG.mcap",
             autocompletion=complete_motion,
         ),
@@ -86,7 +86,7 @@ def evaluate(
         trial = _tried(loaded, motion, linear_from, alignment)
         if plot is not None:
             _draw(plot, trial)
-        result |= trial.summary()
+        result |= trial.summary() | _doubts(trial, as_json=as_json)
     if not (deploy or as_json):
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
@@ -104,6 +104,11 @@ def _note_outside(controller: "Learned", motion: str) -> None:
         loaded = load_motion(motion, robot)
         if (line := outside_boxes_text(robot, loaded.name, loaded.targets)) is not None:
             console.notice(line)
+
+
+def _doubts(trial: "Trial", *, as_json: bool) -> dict[str, str]:
+    """Return a line on deviations that do not hold as an entry of a result that is read."""
+    return {"deviations": doubt} if not as_json and (doubt := trial.doubt) else {}
 
 
 def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignment: AlignmentOptions) -> "Trial":

@@ -79,7 +79,7 @@ def add(
     An existing case keeps whatever is not given anew: its logs, settings, epochs, tolerances and what is checked. Of
     logs that are aligned it has the ticks, each episode as a log of its own.
     """
-    from pipeline.golden.runner import GoldenRunner, asked_pairing, recipe
+    from pipeline.golden.runner import GoldenRunner, asked_pairing, check_new_case, recipe
     from replay.golden.add import add_case
     from replay.golden.case import check_name, load_case
     from replay.golden.folder import roll_back
@@ -90,6 +90,8 @@ def add(
             raise ConfigError(f"{path}: expected a folder, found a file, which stays as it is; choose another name")
     roll_back(folder)
     old = load_case(folder).recipe if folder.exists() else None
+    if old is None:
+        check_new_case(logs or [], config, rule=case.rule)
     with TemporaryDirectory() as temporary, console.progress("golden add") as advance:
         pairs = asked_pairing(config, old, rule=case.rule, pairs=case.pairs)
         found = _found(logs or [], robot, alignment, pairs, session=bool(case.as_recorded))

@@ -16,7 +16,8 @@ from recorders.text.wording import names_text
 @grouped
 def info(
     logs: Annotated[
-        list[Path], typer.Argument(help="A log, finished or not, or the parts of a session.", metavar="LOG.mcap")
+        list[Path],
+        typer.Argument(help="A log or a bag, finished or not, or the parts of a session.", metavar="LOG.mcap"),
     ],
     *,
     robot: StreamsRobot = None,

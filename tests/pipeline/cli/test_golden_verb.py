@@ -121,6 +121,8 @@ def test_a_case_made_anew_keeps_what_is_not_said(
     assert changed[1] == "resume_after: 12 -> 9"
     assert "--reason" in run_verb(capsys, "add", "--name", "b", "--reason", "  ")[1]
     assert "expected logs and --config for a new case" in run_verb(capsys, "add", "--name", "c")[1]
+    unread = "there-is-none.mcap"  # what is missing is named before logs are read
+    assert "for a new case, found no --config" in run_verb(capsys, "add", unread, "--name", "c")[1]
 
 
 @pytest.mark.parametrize(
