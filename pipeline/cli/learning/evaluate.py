@@ -123,8 +123,9 @@ def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignme
     logs = [open_log(one_session([path])) for path in (*recorded, linear_from) if path is not None]
     if not logs:
         alignment.refuse(motion, renames=True)
-    topics = {topic for log in logs for topic in log.topics}
-    check_renames(alignment.renames, topics, where=names_text(str(log.path) for log in logs))
+    else:
+        topics = {topic for log in logs for topic in log.topics}
+        check_renames(alignment.renames, topics, where=names_text(str(log.path) for log in logs))
     aligned = [_aligned(controller, log, alignment.among(log.topics)) for log in logs]
     linear, linear_renames = (None, {}) if linear_from is None else aligned.pop()
     tried, renames = aligned.pop() if aligned else (motion, {})

@@ -12,6 +12,7 @@ from mcap.writer import Writer
 from more_hands import ONE, write_robot
 from processes import start, wait_for_line
 from sessions import write_foreign
+from typer.testing import CliRunner
 
 from pipeline.alignment.aligned_log import AlignedLog
 from pipeline.alignment.config import AlignmentConfig
@@ -289,6 +290,16 @@ def test_where_nothing_is_aligned_its_options_are_refused(
     ):
         assert run("evaluate", tmp_path / "out.npz", "circles", *options) == 2
         assert line in capsys.readouterr().err
+
+
+def test_names_of_a_projects_settings_are_none_of_a_motions(
+    log: Path, trained: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    trained(log, *MAPPED)
+    (tmp_path / "reenact.toml").write_text(f'map = ["{MAPPED[1]}"]\n')
+    monkeypatch.chdir(tmp_path)
+    result = CliRunner().invoke(app.app, ["evaluate", "out.npz", "circles", "--json"])
+    assert result.exit_code == 0, result.exception
 
 
 def holed(robot: Path, path: Path) -> Path:
