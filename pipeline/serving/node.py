@@ -39,6 +39,7 @@ _RECENT = 4096  # commands of which the latency is remembered
 _RATE_OVER_NS = 2 * 10**9
 _HELD_S = 0.05
 _LOOK_S = 0.1  # longest single wait for the end
+_LOOKS_ALONE = 50  # before it is reported that nobody takes the commands
 
 
 def serve(
@@ -80,7 +81,7 @@ def serve(
             with (
                 open_session(session) as opened,
                 low_latency(),
-                node.declared(opened) as robot,
+                node.declared(opened, where=", ".join(session.listen or session.connect)) as robot,
                 running_node(
                     opened,
                     node.source(),
@@ -89,9 +90,6 @@ def serve(
                     metrics_port=config.metrics_port,
                 ),
             ):
-                where = ", ".join(session.listen or session.connect)
-                key = message_key(config.namespace, config.serving.commands.topic)
-                logger.info(f"{config.name} serves {key} at {where}")
                 node.wait(robot)
     finally:
         if node is not None and node.serves:
@@ -157,8 +155,17 @@ class Node:
         self._recent: deque[tuple[int, int]] = deque(maxlen=_RECENT)  # (arrival, latency) [ns]
 
     @contextmanager
-    def declared(self, session: zenoh.Session) -> Iterator[RobotCheck]:
+    def declared(self, session: zenoh.Session, *, where: str) -> Iterator[RobotCheck]:
         """Declare publisher, subscribers, status and, last, the liveliness token: who sees it may send targets.
+
+        Before that the line is logged that it serves.
+
+        Parameters
+        ----------
+        session : zenoh.Session
+            An open session.
+        where : str
+            Its endpoints.
 
         Yields
         ------
@@ -195,6 +202,7 @@ class Node:
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
             )
             self.serves = True  # before anybody can know, and end it
+            logger.info(f"{name} serves {message_key(namespace, commands.topic)} at {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             stack.enter_context(self._looking_after_held())
             yield robot
@@ -207,13 +215,13 @@ class Node:
         robot : RobotCheck
             Looks at robots that come meanwhile.
         """
-        noted = False
+        alone = 0
         while self._failure is None:
             time.sleep(_LOOK_S)  # a signal that comes just before a wait begins does not end it
             robot.check_newcomer()
-            if self._commands and not noted and not has_subscribers(self._publisher):
+            alone = alone + 1 if self._commands and not has_subscribers(self._publisher) else 0
+            if alone == _LOOKS_ALONE:
                 logger.warning(f"nobody subscribes to {self._publisher.key_expr}: commands move nothing")
-            noted = noted or self._commands > 0
         raise self._failure
 
     def source(self) -> NodeSource:
