@@ -10,7 +10,7 @@ from pipeline.cli.interrupts import exit_line
 from pipeline.cli.learning import demo, evaluate, golden, paper, train
 from pipeline.cli.logs import cat, convert, diff, export, info, recover, view
 from pipeline.cli.network import learn, record, replay, serve, status
-from pipeline.cli.project_settings import find_settings
+from pipeline.cli.project_settings import project_defaults
 from pipeline.cli.robot import demonstrate, explore, robot
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
@@ -35,8 +35,7 @@ class _Program(TyperGroup):
         """Run the verb with the project's settings, and print what is logged meanwhile."""
         try:
             with logging_to_terminal():
-                if (settings := find_settings()) is not None:
-                    ctx.default_map = settings.default_map(self, ctx.meta[_ARGUMENTS])
+                ctx.default_map = project_defaults(self, ctx.meta[_ARGUMENTS])
                 return super().invoke(ctx)
         except (KeyboardInterrupt, SystemExit) as stop:
             _fail(*exit_line(stop))

@@ -69,7 +69,6 @@ class ProjectSettings:
         tables = dict(self._tables(verbs))
         found: dict[str, Any] = {}
         used: set[str] = set()
-        _OF_FILE.set(frozenset())
         for verb, options in verbs.items():
             own = tables.pop(verb, {})
             if unknown := [key for key in own if key not in options]:
@@ -118,6 +117,13 @@ class ProjectSettings:
         """Return the path of a file or folder that stands beside the settings, any other text as it is."""
         relative = text.startswith(("./", "../")) or text.endswith("/")
         return str(self.path.parent / text) if relative else text
+
+
+def project_defaults(program: Any, arguments: Sequence[str]) -> dict[str, Any]:
+    """Return the defaults that the project of the working folder sets; see `ProjectSettings.default_map`."""
+    _OF_FILE.set(frozenset())  # an earlier command of this process may have had some
+    settings = find_settings()
+    return {} if settings is None else settings.default_map(program, arguments)
 
 
 def of_settings(option: str) -> bool:

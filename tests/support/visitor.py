@@ -1,6 +1,7 @@
 """One end of a session in a process of its own: takes a stream, feeds one, or tries everything a peer can try."""
 
 import json
+import os
 import signal
 import subprocess
 import sys
@@ -150,7 +151,8 @@ def idle(session: zenoh.Session, seconds: float) -> dict[str, Any]:
 
 
 def say(line: str) -> None:
-    print(line, flush=True)
+    """Print a line whole, also where another thread prints one."""
+    os.write(sys.stdout.fileno(), f"{line}\n".encode())
 
 
 def main() -> None:

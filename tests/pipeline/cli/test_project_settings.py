@@ -9,7 +9,7 @@ from episodes import write_episode
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app
-from pipeline.cli.project_settings import find_settings
+from pipeline.cli.project_settings import find_settings, of_settings
 from recorders.errors import ConfigError
 from recorders.wire.loopback import free_endpoint
 
@@ -111,3 +111,16 @@ def test_a_setting_that_a_command_has_no_use_for_is_no_error_and_the_same_on_the
     (tmp_path / "reenact.toml").write_text('robot = "asimo"\n')
     assert CliRunner().invoke(app, ["convert", "log.mcap", "--out", "b.mcap"]).exit_code == 0
     assert CliRunner().invoke(app, ["convert", "log.mcap", "--out", "c.mcap", "--robot", "asimo"]).exit_code != 0
+
+
+def test_the_settings_of_one_command_are_none_of_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """In one process, such as that of tests, in folders with and without a file."""
+    (tmp_path / "with").mkdir()
+    (tmp_path / "without").mkdir()
+    (tmp_path / "with" / "reenact.toml").write_text('map = ["/a=/b"]\n')
+    monkeypatch.chdir(tmp_path / "with")
+    CliRunner().invoke(app, ["info", "nowhere.mcap"])
+    assert of_settings("map")
+    monkeypatch.chdir(tmp_path / "without")
+    CliRunner().invoke(app, ["info", "nowhere.mcap"])
+    assert not of_settings("map")
