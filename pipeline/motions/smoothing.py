@@ -56,11 +56,6 @@ def resampled(times_s: Floats, points: Floats, at_s: Floats) -> Floats:
 
 def peak_jerk(points: Floats, period_s: float) -> float:
     """Return the largest third difference quotient of points (T, ..., D), one every `period_s` [s]; 0 of fewer than 4.
-
-    Examples
-    --------
-    >>> peak_jerk(np.array([[0.0], [0.0], [0.0], [0.125]]), 0.5)
-    1.0
     """
     if len(points) <= _DEGREE:
         return 0.0
