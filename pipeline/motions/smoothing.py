@@ -55,8 +55,7 @@ def resampled(times_s: Floats, points: Floats, at_s: Floats) -> Floats:
 
 
 def peak_jerk(points: Floats, period_s: float) -> float:
-    """Return the largest third difference quotient of points (T, ..., D), one every `period_s` [s]; 0 of fewer than 4.
-    """
+    """Return the largest third difference quotient of points (T, ..., D), `period_s` [s] apart; 0 of fewer than 4."""
     if len(points) <= _DEGREE:
         return 0.0
     return float(np.linalg.norm(np.diff(points, n=3, axis=0), axis=-1).max() / period_s**3)
