@@ -10,7 +10,7 @@ from mcap.reader import make_reader
 from recorders.writing.chunk_writer import FLUSH_EVERY
 from recorders.writing.writer import LogWriter
 
-WARM_UP, MORE = 200, 800  # chunks
+WARM_UP, MORE = 200, 3200  # chunks
 
 
 def write(log: LogWriter, chunks: int) -> None:
