@@ -1,6 +1,5 @@
 """Writes messages that are all there already, many at a time; a conversion is begun anew after a crash."""
 
-import struct
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
 from typing import BinaryIO, NamedTuple
@@ -12,12 +11,12 @@ from numpy.typing import NDArray
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.manifest import FRAME, METADATA_NAME, ContentHash, to_metadata, topic_frame
+from recorders.mcap_format.records import HEAD
 from recorders.messages.record import RecordedMessage, publish_time_ns
-from recorders.writing.chunk_encoder import BuiltChunk
+from recorders.writing.chunk_encoder import RECORD, RECORD_SIZE, BuiltChunk
 from recorders.writing.mcap_writer import McapWriter
 
-_MESSAGE = struct.Struct("<BQHIQQ")  # opcode, length, channel, sequence, log time, publish time
-_BODY = _MESSAGE.size - 9  # bytes of a message's record before its data
+_BODY = RECORD_SIZE - HEAD.size  # bytes of a message's body before its data
 _OPCODE = int(Opcode.MESSAGE)
 _ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
 
@@ -81,7 +80,7 @@ class BulkWriter:
         RecordedMessage or None
             The first that is not written any more.
         """
-        pack, hash_pack, numbers, frames = _MESSAGE.pack, FRAME.pack, self._numbers, self._frames
+        pack, hash_pack, numbers, frames = RECORD.pack, FRAME.pack, self._numbers, self._frames
         batch, size = _new_batch(), 0
         heads, hashed, data_of, times_ns, channels = batch
         for record in records:
@@ -105,7 +104,7 @@ class BulkWriter:
             data_of.append(data)
             times_ns.append(time_ns)
             channels.append(number)
-            size += length + _MESSAGE.size
+            size += length + RECORD_SIZE
             if size >= self._chunk_bytes:
                 self._end_chunk(batch)
                 batch, size = _new_batch(), 0
@@ -192,7 +191,7 @@ def _interleaved(heads: list[bytes], data: list[bytes]) -> list[bytes]:
 def _indexes(batch: _Batch, times: NDArray[np.uint64]) -> dict[int, bytes]:
     """Return the entries of the message index of each channel, in order of time."""
     channels = np.array(batch.channels)
-    ends = np.cumsum(np.fromiter(map(len, batch.data), np.int64, len(batch.data)) + _MESSAGE.size)
+    ends = np.cumsum(np.fromiter(map(len, batch.data), np.int64, len(batch.data)) + RECORD_SIZE)
     entries = np.zeros(len(channels), _ENTRY)
     entries["time"], entries["place"][1:] = times, ends[:-1]
     found = {}

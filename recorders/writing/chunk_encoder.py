@@ -24,8 +24,10 @@ _PACK: dict[str, Callable[[bytes], bytes]] = {
     "zstd": lambda data: zstandard.ZstdCompressor().compress(data),
 }
 
-_RECORD = struct.Struct(HEAD.format + MESSAGE.format.removeprefix("<"))  # a message up to its data
-RECORD_SIZE = _RECORD.size
+RECORD = struct.Struct(HEAD.format + MESSAGE.format.removeprefix("<"))
+"""A message's record up to its data: opcode, length, channel, sequence, log and publish time."""
+
+RECORD_SIZE = RECORD.size
 """What a message takes in a chunk beside its data, before that is compressed [bytes]."""
 
 _CHUNK = struct.Struct("<QQQII")  # first and last time, size, CRC, length of the compression's name
@@ -72,7 +74,7 @@ def build_chunk(pending: Sequence[Pending], declared: Sequence[tuple[int, bytes]
     channels, sequences, times, publish_times, datas = zip(*pending, strict=True)
     lengths = list(map(len, datas))
     bodies = map(add, lengths, repeat(MESSAGE.size))
-    heads = map(_RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
+    heads = map(RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
     sizes = [length + RECORD_SIZE for length in lengths]
     offsets: Iterator[int]
     if declared:

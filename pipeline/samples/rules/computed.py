@@ -10,14 +10,15 @@ from pipeline.robot.coordinates import POSITION_SIZE, row_size, to_inputs
 from pipeline.robot.hand_kinematics import HandKinematics
 from pipeline.rotations import quaternions_of_matrices
 from pipeline.samples.pairing import PairingRule
+from pipeline.samples.rules.reached import ReachedPairs
 from recorders.messages.topics import SAMPLE_JOINTS
-from recorders.ticks.joiner import JointMap, Tick
+from recorders.ticks.joiner import Tick
 
 
-class ComputedPairs:
+class ComputedPairs(ReachedPairs):
     """Makes a step of every tick: x(k) is where the robot's kinematics has the hands at q(k), and d(k) = (x(k); q(k)).
 
-    As with hands as measured, no lag of a teacher or a servo is in these pairs. Nothing waits for a later tick.
+    All else is as with hands as measured.
 
     Parameters
     ----------
@@ -26,30 +27,13 @@ class ComputedPairs:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
+        super().__init__(robot)
         self._kinematics, self._robot = HandKinematics(robot), robot
         self._of_positions = row_size(robot) == POSITION_SIZE
-        self.stamp_ns = 0
 
-    @property
-    def pending(self) -> Floats:
-        """Nothing, shape (0,)."""
-        return np.empty(0)
-
-    def resume(self, pending: Floats) -> None:
-        """Go on: nothing is ever pending."""
-
-    def begin(self) -> None:
-        """Start a cycle: nothing is pending."""
-
-    def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
-        """Complete the step of this tick."""
-        joints = self._joints.positions(tick.joints)
+    def fill_hands(self, tick: Tick, joints: Floats, u: Floats) -> None:
+        """Write the hands that are computed of the posture into the inputs."""
         u[:] = self._kinematics.positions(joints).ravel() if self._of_positions else self._inputs(joints)
-        d[: self._size] = u
-        d[self._size :] = joints
-        self.stamp_ns = tick.stamp_ns
-        return True
 
     def _inputs(self, joints: Floats) -> Floats:
         """Return the inputs (inputs,) at a posture (n,) [rad or m]."""

@@ -38,11 +38,15 @@ class ReachedPairs:
     def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
         """Complete the step of this tick."""
         joints = self._joints.positions(tick.joints)
-        np.concatenate(tick.hands, out=u)
+        self.fill_hands(tick, joints, u)
         d[: self._size] = u
         d[self._size :] = joints
         self.stamp_ns = tick.stamp_ns
         return True
+
+    def fill_hands(self, tick: Tick, joints: Floats, u: Floats) -> None:
+        """Write the hands at the instant of a posture (n,) into the inputs `u` (inputs,)."""
+        np.concatenate(tick.hands, out=u)
 
 
 RULE = PairingRule("reached", reached_tick, ReachedPairs, otherwise="computed")
