@@ -67,12 +67,7 @@ def evaluate(
     """
     from pipeline.learner.controller import Controller as Loaded
 
-    if deploy and linear_from is not None:
-        raise ConfigError("expected one of --deploy and --linear-from, found both")
-    if deploy and plot is not None:
-        raise ConfigError("expected one of --deploy and --plot, found both")
-    if own_time and not deploy:
-        raise ConfigError("--own-time: expected --deploy beside it")
+    _check_ways(linear_from, plot, deploy=deploy, own_time=own_time)
     if deploy:
         alignment.refuse("--deploy", renames=True)
     loaded, result = Loaded.load(controller), dict[str, Any]()
@@ -91,6 +86,16 @@ def evaluate(
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
     _note_outside(loaded, motion)
+
+
+def _check_ways(linear_from: Path | None, plot: Path | None, *, deploy: bool, own_time: bool) -> None:
+    """Raise ConfigError if options exclude each other, or one lacks another."""
+    if deploy and linear_from is not None:
+        raise ConfigError("expected one of --deploy and --linear-from, found both")
+    if deploy and plot is not None:
+        raise ConfigError("expected one of --deploy and --plot, found both")
+    if own_time and not deploy:
+        raise ConfigError("--own-time: expected --deploy beside it")
 
 
 def _note_outside(controller: "Learned", motion: str) -> None:
