@@ -1,0 +1,46 @@
+"""The attachment of a message in rmw_zenoh: number, time and publisher."""
+
+import struct
+from typing import NamedTuple
+
+from recorders.errors import MessageError
+
+_LAYOUT = struct.Struct("<qqB16s")  # sequence number, source time, length of the GID, GID
+
+
+class Attachment(NamedTuple):
+    """What a publisher attaches to a message.
+
+    Parameters
+    ----------
+    sequence : int
+        Number of the message, from 1 on; gap-free for each publisher.
+    source_time_ns : int
+        The publisher's time [ns].
+    gid : bytes
+        16 bytes that name the publisher.
+    """
+
+    sequence: int
+    source_time_ns: int
+    gid: bytes
+
+    def pack(self) -> bytes:
+        """Return the 33 bytes."""
+        return _LAYOUT.pack(self.sequence, self.source_time_ns, len(self.gid), self.gid)
+
+
+def unpack(data: bytes) -> tuple[Attachment, bytes]:
+    """Read an attachment, and return it with the bytes that follow it.
+
+    Raises
+    ------
+    MessageError
+        If it is none.
+    """
+    if len(data) < _LAYOUT.size:
+        raise MessageError(f"expected an attachment of {_LAYOUT.size} bytes, found {len(data)}")
+    sequence, source_time_ns, length, gid = _LAYOUT.unpack_from(data)
+    if length != len(gid) or sequence < 0:
+        raise MessageError(f"expected a publisher's name of {len(gid)} bytes, found {length}, and number {sequence}")
+    return Attachment(sequence, source_time_ns, gid), data[_LAYOUT.size :]
