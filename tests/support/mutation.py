@@ -55,26 +55,30 @@ class Mutant(NamedTuple):
 
 
 class _Site(NamedTuple):
-    """A node where it stands: `parent.field`, or `parent.field[index]`."""
+    """A node where it stands: `parent.field`, or `parent.field[position]`."""
 
     parent: ast.AST
     field: str
-    index: int | None
+    position: int | None
     node: ast.AST
     function: str
 
+    @property
+    def line(self) -> int:
+        return getattr(self.node, "lineno", 0)
+
     def put(self, node: ast.AST) -> None:
-        if self.index is None:
+        if self.position is None:
             setattr(self.parent, self.field, node)
         else:
-            getattr(self.parent, self.field)[self.index] = node
+            getattr(self.parent, self.field)[self.position] = node
 
 
 def find_mutants(source: str) -> list[Mutant]:
     """Return every mutant of a module's text, in the order of the text.
 
-    Nothing is changed in docstrings, annotations, decorators, f-strings, assertions, the words of errors that are raised,
-    and strings.
+    Nothing is changed in docstrings, annotations, decorators, f-strings, assertions, the words of errors that are
+    raised, and strings.
 
     Examples
     --------
@@ -104,8 +108,7 @@ def mutated_tree(source: str, mutant: Mutant) -> ast.Module:
     changes = list(_changes(site)) if site else []
     if site is None or mutant.variant >= len(changes) or _text(site.node) != mutant.before:
         raise ValueError(f"mutant: expected one of this text, found {mutant}")
-    operator, changed = changes[mutant.variant]
-    site.put(ast.copy_location(changed, site.node))
+    site.put(ast.copy_location(changes[mutant.variant][1], site.node))
     return ast.fix_missing_locations(tree)
 
 
