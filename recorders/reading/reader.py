@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 from mcap.opcode import Opcode
+from mcap.records import Statistics
 
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
@@ -165,6 +166,12 @@ class LogReader:
     def counts(self) -> dict[str, int]:
         """The number of messages on each topic that has any."""
         return dict(+self._contents.counts)
+
+    @property
+    def statistics(self) -> Statistics | None:
+        """What the log's summary states of times and numbers; None if it states nothing."""
+        with self._open():
+            return self._contents.statistics
 
     @property
     def attachments(self) -> tuple[str, ...]:

@@ -118,15 +118,15 @@ class Qos:
             raise WireError(f"quality of service: expected policies of ROS 2, found {text[:100]!r}") from error
 
     def to_rosbag2(self) -> dict[str, Any]:
-        """Return the profile as rosbag2 writes it: an entry of the list under `offered_qos_profiles`."""
+        """Return the profile as rosbag2 writes it since Humble: an entry of the list under `offered_qos_profiles`."""
         return {
-            "history": self.history.name.lower(),
+            "history": int(self.history),
             "depth": self.depth,
-            "reliability": self.reliability.name.lower(),
-            "durability": self.durability.name.lower(),
+            "reliability": int(self.reliability),
+            "durability": int(self.durability),
             "deadline": _time(self.deadline),
             "lifespan": _time(self.lifespan),
-            "liveliness": self.liveliness.name.lower(),
+            "liveliness": int(self.liveliness),
             "liveliness_lease_duration": _time(self.lease),
             "avoid_ros_namespace_conventions": False,
         }

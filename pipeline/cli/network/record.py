@@ -12,7 +12,7 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json, Overwrite
 from pipeline.cli.sessions import ConnectingNode
 from pipeline.terminal import console
-from recorders.errors import LogError
+from recorders.errors import ConfigError, LogError
 
 if TYPE_CHECKING:
     from recorders.recording.config import RecordConfig, RecordingStats
@@ -52,6 +52,10 @@ def record(
             show_default=False,
         ),
     ] = None,
+    bag: Annotated[
+        Path | None,
+        typer.Option(help="New folder to record to, which `ros2 bag play` takes, in place of --out.", metavar="DIR"),
+    ] = None,
     topics: TopicOptions,
     stop_at_stream_end: Annotated[
         bool,
@@ -68,13 +72,20 @@ def record(
 ) -> None:
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from recorders.nodes.metrics import check_metrics
+    from recorders.recording.bag_folder import new_bag_folder
     from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
     config = topics.config()
+    if bag is not None:
+        if out is not None or overwrite:
+            raise ConfigError("--bag: expected a new folder and neither --out nor --overwrite")
+        out = new_bag_folder(bag)
     if out is not None and config.split_bytes is None and config.split_ns is None:
         check_place(out, overwrite=overwrite)  # before anybody is waited for
-    recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
+    recording = _record(
+        out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end, is_bag=bag is not None
+    )
     console.show(recording.to_dict(), as_json=as_json)
     console.notice(_outcome(recording, f"{node.namespace}/**"))
 
@@ -87,10 +98,12 @@ def _record(
     *,
     overwrite: bool,
     stop_at_stream_end: bool,
+    is_bag: bool,
 ) -> "RecordingStats":
     """Record until it is over, and return what there is of it."""
     from pipeline.terminal.signals import until_stopped
     from recorders.nodes.node import running_node
+    from recorders.recording.bag_folder import write_bag_metadata
     from recorders.recording.live_recorder import LiveRecorder
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
@@ -119,7 +132,11 @@ def _record(
         until_stopped() as stopped,
     ):
         console.notice(f"{name} records {key} at {where} to {recorder.out}; Ctrl-C ends it")
-        recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
+        try:
+            recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
+        finally:
+            if is_bag and all(path.is_file() for path in recorder.recording.paths):
+                write_bag_metadata(recorder.recording.paths)
     return recorder.recording
 
 

@@ -136,6 +136,30 @@ def test_a_producers_messages_keep_their_numbers_and_bytes(tmp_path: Path, numbe
     assert LogReader(tmp_path / "log.mcap").manifest["complete"] is True
 
 
+def test_a_bag_is_recorded_whose_parts_its_metadata_name(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session:
+        with start(
+            "record", "--bag", "run", "--split", "4kB", "--connect", endpoint, "--json", cwd=tmp_path
+        ) as process:
+            wait_for_line(process, "records reenact/**")
+            wait_for_subscriber(session)
+            with TopicPublisher(session) as producer:
+                sent = [producer.publish(LEFT_TARGET, pose(index), log_time_ns=0) for index in range(100)]
+            result = stop_once_all_is_there(session, process)
+    assert len(result["paths"]) > 1
+    found = list(open_log(tmp_path / "run"))
+    assert [bare(record) for record in found] == [bare(record) for record in sent]
+
+
+def test_a_bag_takes_no_other_name_and_no_folder_with_files(tmp_path: Path) -> None:
+    both = complaint(reenact("record", "--bag", "run", "--out", "a.mcap", cwd=tmp_path))
+    assert "--bag: expected a new folder" in both
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "old").touch()
+    assert "found old in it" in complaint(reenact("record", "--bag", "run", cwd=tmp_path))
+
+
 def test_gaps_are_counted(tmp_path: Path) -> None:
     with recorder(tmp_path) as (session, process):
         with TopicPublisher(session) as producer:

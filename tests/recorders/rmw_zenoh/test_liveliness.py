@@ -8,7 +8,7 @@ from recorders.errors import MessageError, WireError
 from recorders.rmw_zenoh.attachment import Attachment, unpack
 from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token
 from recorders.rmw_zenoh.names import NodeName
-from recorders.rmw_zenoh.qos import LATCHED, Durability, History, Qos, Reliability
+from recorders.rmw_zenoh.qos import Durability, History, Qos, Reliability
 from recorders.rmw_zenoh.type_hashes import dds_type, type_hash
 
 their_attachment = pytest.importorskip("zenoh_ros2_sdk.attachment")
@@ -116,8 +116,3 @@ def test_attachments_are_those_of_another_client(sequence, time_ns, gid):
 def test_an_attachment_of_another_form_is_refused(data):
     with pytest.raises(MessageError, match="expected"):
         unpack(data)
-
-
-def test_rosbag2_reads_the_profile():
-    assert LATCHED.to_rosbag2() | {"depth": 1, "durability": "transient_local"} == LATCHED.to_rosbag2()
-    assert LATCHED.to_rosbag2()["deadline"] == {"sec": 9223372036, "nsec": 854775807}

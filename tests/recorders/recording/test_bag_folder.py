@@ -1,0 +1,77 @@
+"""A recording's folder is a bag: rosbags, which reads what rosbag2 writes, finds every topic, number and byte in it."""
+
+from pathlib import Path
+
+import pytest
+from rosbags.highlevel import AnyReader
+from rosbags.rosbag2 import Reader
+
+from recorders.cdr.codec import encode
+from recorders.cdr.rosbags_types import schema_text
+from recorders.containers.opening import open_log
+from recorders.errors import LogError, TakenError
+from recorders.mcap_format.channels import DeclaredChannel
+from recorders.messages.message_types import PoseStamped, String
+from recorders.messages.topics import LEFT_TARGET
+from recorders.recording.bag_folder import QOS_METADATA, new_bag_folder, qos_text, write_bag_metadata
+from recorders.rmw_zenoh.qos import Durability, Qos, Reliability
+from recorders.writing.writer import LogWriter
+
+START_NS = 1_700_000_000_000_000_000
+
+
+def write(path: Path, first: int, count: int = 5) -> Path:
+    with LogWriter(path, manifest={}) as writer:
+        for index in range(first, first + count):
+            pose = PoseStamped(index * 1000, [0.1 * index, 0.2, 0.3])
+            writer.write(LEFT_TARGET, pose, log_time_ns=START_NS + index * 1000)
+    return path
+
+
+def test_another_reader_finds_every_message_of_all_parts(tmp_path):
+    parts = [write(tmp_path / f"run_{number:03}.mcap", 5 * number) for number in range(3)]
+    write_bag_metadata(parts)
+    with AnyReader([tmp_path]) as reader:
+        assert [(c.topic, c.msgtype) for c in reader.connections] == [(LEFT_TARGET, PoseStamped.TYPE)]
+        found = [(time_ns, bytes(data)) for _, time_ns, data in reader.messages()]
+        assert (reader.start_time, reader.message_count) == (START_NS, 15)
+    assert found == [(record.log_time_ns, record.data) for record in open_log(tmp_path)]
+
+
+def test_the_quality_of_service_that_publishers_offered_is_kept(tmp_path):
+    offered = qos_text(Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL, depth=3))
+    schema = ("std_msgs/msg/String", "ros2msg", schema_text(String.TYPE).encode())
+    channel = DeclaredChannel("/chatter", "cdr", ((QOS_METADATA, offered),), schema)
+    with LogWriter(tmp_path / "run.mcap", manifest={}) as writer:
+        writer.write("/chatter", encode(String("a")), log_time_ns=START_NS, declared=channel)
+    write_bag_metadata([tmp_path / "run.mcap"])
+    with Reader(tmp_path) as reader:
+        (connection,) = reader.connections
+        (profile,) = connection.ext.offered_qos_profiles
+        assert [bytes(data) for _, _, data in reader.messages()] == [encode(String("a"))]
+    assert (profile.depth, profile.reliability.value, profile.durability.value) == (3, 2, 1)
+
+
+def test_a_recording_without_a_message_is_a_bag_too(tmp_path):
+    with LogWriter(tmp_path / "run.mcap", manifest={}):
+        pass
+    write_bag_metadata([tmp_path / "run.mcap"])
+    with Reader(tmp_path) as reader:
+        assert (reader.message_count, reader.connections) == (0, [])
+
+
+def test_only_a_new_or_empty_folder_is_taken(tmp_path):
+    assert new_bag_folder(tmp_path / "a" / "run") == tmp_path / "a" / "run" / "run.mcap"
+    assert new_bag_folder(tmp_path / "a" / "run").parent.is_dir()
+    with pytest.raises(TakenError, match=r"found run in it"):
+        new_bag_folder(tmp_path / "a")
+    (tmp_path / "file").touch()
+    with pytest.raises(TakenError, match="found a file"):
+        new_bag_folder(tmp_path / "file")
+
+
+def test_a_damaged_file_is_no_part_of_a_bag(tmp_path):
+    path = write(tmp_path / "run.mcap", 0)
+    path.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(LogError, match=r"run\.mcap"):
+        write_bag_metadata([path])
