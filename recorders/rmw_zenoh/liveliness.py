@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from enum import StrEnum
 from typing import Self
 
+import xxhash
+
 from recorders.errors import MessageError, WireError
 from recorders.rmw_zenoh.keys import check_domain
 from recorders.rmw_zenoh.names import NodeName, check_topic
@@ -82,6 +84,11 @@ class Token:
             end = self.endpoint
             parts += [mangle(check_topic(end.topic)), dds_type(end.type), end.type_hash, end.qos.to_token()]
         return "/".join(parts)
+
+    @property
+    def gid(self) -> bytes:
+        """The 16 bytes that name a publisher in what it attaches: the hash of its token, as rmw_zenoh has it."""
+        return xxhash.xxh3_128_intdigest(self.to_key().encode()).to_bytes(16, "little")
 
     @classmethod
     def from_key(cls, key: str) -> Self:

@@ -1,6 +1,6 @@
 """Quality of service of an endpoint: as rmw_zenoh writes it into its tokens, and as rosbag2 writes it into a bag."""
 
-from dataclasses import astuple, dataclass
+from dataclasses import dataclass
 from enum import IntEnum
 from typing import Any, Self
 
@@ -80,14 +80,16 @@ class Qos:
         return self.durability is Durability.TRANSIENT_LOCAL
 
     def to_token(self) -> str:
-        """Return the last part of a liveliness token, every policy written out.
+        """Return the last part of a liveliness token, without what equals rmw_zenoh's defaults, as it writes it."""
+        usual = Qos()
 
-        rmw_zenoh leaves out what equals its own defaults, which have changed with its versions; it reads both forms.
-        """
-        reliability, durability, history, depth, deadline, lifespan, liveliness, lease = astuple(self)
+        def text(name: str) -> str:
+            value = getattr(self, name)
+            return "" if value == getattr(usual, name) else f"{value:d}"
+
         return (
-            f"{reliability:d}:{durability:d}:{history:d},{depth}:{_pair(deadline)}:{_pair(lifespan)}:"
-            f"{liveliness:d},{_pair(lease)}"
+            f"{text('reliability')}:{text('durability')}:{text('history')},{self.depth}:{_pair(self.deadline)}:"
+            f"{_pair(self.lifespan)}:{text('liveliness')},{_pair(self.lease)}"
         )
 
     @classmethod
@@ -137,7 +139,8 @@ LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
 
 
 def _pair(time: tuple[int, int]) -> str:
-    return f"{time[0]},{time[1]}"
+    seconds, nanoseconds = ("" if part == usual else str(part) for part, usual in zip(time, _INFINITE, strict=True))
+    return f"{seconds},{nanoseconds}"
 
 
 def _time(time: tuple[int, int]) -> dict[str, int]:

@@ -46,6 +46,7 @@ def test_the_token_of_a_talker_is_read():
     assert (token.domain, token.entity_id, token.entity) == (2, 10, EntityType.PUBLISHER)
     assert token.node.full_name == "/talker"
     assert token.endpoint == Endpoint("/chatter", STRING, type_hash(STRING), Qos(depth=7))
+    assert token.to_key() == TALKER
 
 
 @settings(max_examples=200)

@@ -1,0 +1,179 @@
+"""The graph of a ROS domain: who is in it, by liveliness tokens, and a node of ours in it."""
+
+import threading
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from itertools import count
+from typing import Self
+
+import zenoh
+
+from recorders.errors import WireError
+from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token, tokens_of
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.qos import Qos
+from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.session import watching_tokens
+
+MAX_TOKENS = 10_000
+"""As many tokens are remembered: anyone may declare them."""
+
+
+class RosGraph:
+    """Nodes, publishers and subscriptions of a ROS domain, kept up to date while the block runs.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    domain : int
+        The ROS domain.
+
+    Attributes
+    ----------
+    refused : int
+        How many tokens were none of rmw_zenoh, or too many.
+    """
+
+    def __init__(self, session: zenoh.Session, domain: int) -> None:
+        self._session = session
+        self._domain = domain
+        self._changed = threading.Condition()
+        self._tokens: dict[str, Token] = {}
+        self._stack = ExitStack()
+        self.refused = 0
+
+    def __enter__(self) -> Self:
+        watching = watching_tokens(self._session, tokens_of(self._domain), self._on_change, history=True)
+        self._stack.enter_context(watching)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    @property
+    def tokens(self) -> list[Token]:
+        """All tokens that are there, in the order of their keys."""
+        with self._changed:
+            return [self._tokens[key] for key in sorted(self._tokens)]
+
+    @property
+    def nodes(self) -> list[str]:
+        """Full names of the nodes, sorted; two of one name are there twice."""
+        return sorted(token.node.full_name for token in self.tokens if token.entity is EntityType.NODE)
+
+    @property
+    def topics(self) -> dict[str, list[str]]:
+        """Types by topic, both sorted, of everything that is published or subscribed to."""
+        types: dict[str, set[str]] = {}
+        for token in self.tokens:
+            if token.endpoint is not None and token.entity in (EntityType.PUBLISHER, EntityType.SUBSCRIPTION):
+                types.setdefault(token.endpoint.topic, set()).add(token.endpoint.type)
+        return {topic: sorted(types[topic]) for topic in sorted(types)}
+
+    def endpoints(self, topic: str, entity: EntityType) -> list[Token]:
+        """Return the publishers or the subscriptions of a topic."""
+        return [
+            token
+            for token in self.tokens
+            if token.entity is entity and token.endpoint is not None and token.endpoint.topic == topic
+        ]
+
+    def wait_for(self, topic: str, number: int, *, timeout_s: float) -> None:
+        """Wait until a topic has so many subscriptions.
+
+        Raises
+        ------
+        WireError
+            If it has fewer after the time [s].
+        """
+        with self._changed:
+            self._changed.wait_for(lambda: self._subscriptions(topic) >= number, timeout_s)
+            found = self._subscriptions(topic)
+        if found < number:
+            raise WireError(f"{topic}: expected {number} subscriptions within {timeout_s:g} s, found {found}")
+
+    def _subscriptions(self, topic: str) -> int:
+        return sum(
+            token.entity is EntityType.SUBSCRIPTION and token.endpoint is not None and token.endpoint.topic == topic
+            for token in self._tokens.values()
+        )
+
+    # From here on: Zenoh's threads.
+
+    def _on_change(self, key: str, present: bool) -> None:
+        with self._changed:
+            if not present:
+                self._tokens.pop(key, None)
+            elif len(self._tokens) >= MAX_TOKENS:
+                self.refused += 1
+            else:
+                self._add(key)
+            self._changed.notify_all()
+
+    def _add(self, key: str) -> None:
+        try:
+            self._tokens[key] = Token.from_key(key)
+        except WireError:
+            self.refused += 1
+
+
+class RosNode:
+    """A node of ours in the graph of a ROS domain, while the block runs.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    domain : int
+        The ROS domain.
+    name : NodeName
+        The node's name, namespace and remapping.
+    """
+
+    _numbers = count()  # of nodes; a session of ours has one, a test may have several
+
+    def __init__(self, session: zenoh.Session, domain: int, name: NodeName) -> None:
+        self.name = name
+        self._session = session
+        number = next(self._numbers)
+        self._token = Token(domain, str(session.info.zid()), number, number, EntityType.NODE, name)
+        self._entities = count(1)
+        self._stack = ExitStack()
+
+    def __enter__(self) -> Self:
+        self._stack.enter_context(self._declared(self._token))
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._stack.close()
+
+    def declare(self, entity: EntityType, topic: str, type_name: str, qos: Qos) -> Token:
+        """Declare a publisher or a subscription of this node, to the end of the block, and return its token.
+
+        Parameters
+        ----------
+        entity : EntityType
+            Which of both.
+        topic : str
+            Topic, as the node has it before remapping.
+        type_name : str
+            A standard ROS 2 type.
+        qos : Qos
+            Offered or requested.
+
+        Raises
+        ------
+        WireError, MessageError
+            If topic or type are none of ROS 2.
+        """
+        endpoint = Endpoint(self.name.resolve(topic), type_name, type_hash(type_name), qos)
+        node = self._token
+        token = Token(node.domain, node.session, node.node_id, next(self._entities), entity, self.name, endpoint)
+        self._stack.enter_context(self._declared(token))
+        return token
+
+    @contextmanager
+    def _declared(self, token: Token) -> Iterator[None]:
+        with self._session.liveliness().declare_token(token.to_key()):
+            yield

@@ -1,0 +1,78 @@
+"""The graph of a ROS domain: a client of others lists our nodes, we list its, and a node that dies is gone."""
+
+from collections.abc import Iterator
+
+import pytest
+import zenoh
+from ros_peer import RosPeer, ros_peer
+from waiting import wait_until
+
+from recorders.errors import WireError
+from recorders.messages.message_types import JointState, PoseStamped, String
+from recorders.rmw_zenoh.liveliness import EntityType
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.qos import LATCHED, Qos
+from recorders.wire.keys.ros_graph import RosGraph, RosNode
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+pytest.importorskip("zenoh_ros2_sdk")
+
+Graph = tuple[zenoh.Session, RosGraph, RosPeer]
+
+
+@pytest.fixture(scope="module")
+def graph() -> Iterator[Graph]:
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        RosGraph(session, 7) as graph,
+        ros_peer(endpoint, domain=7) as peer,
+    ):
+        yield session, graph, peer
+
+
+def test_a_client_of_others_lists_our_node_with_its_topics_and_types(graph: Graph) -> None:
+    session, _, peer = graph
+    with RosNode(session, 7, NodeName.remapped("serve", "/lab", ["/hand/left/target:=/goal"])) as node:
+        node.declare(EntityType.PUBLISHER, "/joint_commands", JointState.TYPE, Qos())
+        node.declare(EntityType.SUBSCRIPTION, "/hand/left/target", PoseStamped.TYPE, Qos(depth=3))
+        node.declare(EntityType.PUBLISHER, "/robot_description", String.TYPE, LATCHED)
+        found = dict(peer.ask("topics"))
+        assert found["/joint_commands"] == [JointState.TYPE]
+        assert found["/goal"] == [PoseStamped.TYPE]
+        info = peer.ask("info", topic="/robot_description")
+        (publisher,) = info["publishers"]
+        assert (publisher["node_name"], publisher["node_namespace"]) == ("serve", "/lab")
+        assert publisher["qos"] == ":1:,1:,:,:,,"
+    assert "/goal" not in dict(peer.ask("topics"))
+
+
+def test_we_list_a_client_of_others(graph: Graph) -> None:
+    _, ours, peer = graph
+    peer.ask("publisher", topic="/chatter", type_name=String.TYPE, name="talker")
+    peer.ask("subscribe", topic="/hand/right/target", type_name=PoseStamped.TYPE, name="listener")
+    wait_until(lambda: {"/chatter", "/hand/right/target"} <= set(ours.topics))
+    assert ours.topics["/chatter"] == [String.TYPE]
+    assert {"/talker", "/listener"} <= set(ours.nodes)
+    (token,) = ours.endpoints("/hand/right/target", EntityType.SUBSCRIPTION)
+    assert token.endpoint.qos == Qos()
+    ours.wait_for("/hand/right/target", 1, timeout_s=0.0)
+    with pytest.raises(WireError, match="/chatter: expected 2 subscriptions within 0 s, found 0"):
+        ours.wait_for("/chatter", 2, timeout_s=0.0)
+
+
+def test_a_node_that_dies_is_gone_from_the_graph(graph: Graph) -> None:
+    _, ours, peer = graph
+    peer.ask("publisher", topic="/mortal", type_name=String.TYPE, name="mortal")
+    wait_until(lambda: "/mortal" in ours.topics)
+    peer.process.kill()
+    wait_until(lambda: "/mortal" not in ours.topics)
+    assert "/mortal" not in ours.nodes
+
+
+def test_what_is_no_token_is_counted_and_does_no_harm(graph: Graph) -> None:
+    session, ours, _ = graph
+    with session.liveliness().declare_token("@ros2_lv/7/x/0/0/NN/%/%/1 2"):
+        wait_until(lambda: ours.refused)
+    assert "/1 2" not in ours.nodes
