@@ -7,11 +7,11 @@ import struct
 from collections.abc import Iterable, Mapping
 from functools import cache
 from importlib.metadata import PackageNotFoundError, version
-from itertools import chain
 from pathlib import Path
 from typing import Any
 
 from recorders.errors import DISTRIBUTION, LogError
+from recorders.mcap_format.message_columns import MessageColumns
 from recorders.mcap_format.migrations import upgrade
 from recorders.mcap_format.unread import Unread
 from recorders.messages.record import RecordedMessage
@@ -48,21 +48,13 @@ class ContentHash:
         for piece in rest.pieces() if rest else ():
             self._hash.update(piece)
 
-    def add_all(self, topics: Mapping[int, str], messages: Iterable[tuple[int, int, int, int, bytes]]) -> None:
-        """Take in messages: channel, sequence, log time [ns], publish time [ns] and data of each.
-
-        Parameters
-        ----------
-        topics : mapping of int to str
-            Topics of the channels.
-        messages : iterable of tuple
-            One or more messages, in their order.
-        """
-        channels, sequences, times, _, datas = zip(*messages, strict=True)
-        framed = {channel: self._framed(topics[channel]) for channel in set(channels)}
-        frames = map(FRAME.pack, sequences, times, map(len, datas))
-        parts = zip(map(framed.__getitem__, channels), frames, datas, strict=True)
-        self._hash.update(b"".join(chain.from_iterable(parts)))
+    def add_all(self, frames: Mapping[int, bytes], messages: MessageColumns) -> None:
+        """Take in messages, given the `topic_frame` of each of their channels."""
+        parts = [b""] * (3 * len(messages.data))
+        parts[::3] = map(frames.__getitem__, messages.channels)
+        parts[1::3] = map(FRAME.pack, messages.sequences, messages.log_times_ns, messages.sizes)
+        parts[2::3] = messages.data
+        self._hash.update(b"".join(parts))
 
     def _framed(self, topic: str) -> bytes:
         """Return a topic behind its length."""

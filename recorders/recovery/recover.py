@@ -174,7 +174,7 @@ class _Copy:
         number = self._channels.get(channel) or self._declare(channel)
         numbers = message.sequence, message.log_time_ns
         if len(message.data) + (message.rest.size if message.rest else 0) <= LARGE:
-            self._log.add_message(number, *numbers, message.publish_time_ns, message.data)
+            self._log.add_message((number, *numbers, message.publish_time_ns, message.data))
         else:
             self._log.add_message_in_pieces(number, *numbers, message.publish_time_ns, message.data, message.rest)
         self._content.add(channel.topic, *numbers, message.data, message.rest)

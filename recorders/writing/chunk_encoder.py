@@ -3,20 +3,17 @@
 import struct
 import zlib
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from itertools import accumulate, chain, repeat
-from operator import add
-from typing import NamedTuple, TypeAlias
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from itertools import accumulate, repeat
+from typing import NamedTuple
 
 import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
 from recorders.mcap_format.chunk_contents import MESSAGE
+from recorders.mcap_format.message_columns import MessageColumns
 from recorders.mcap_format.records import CRC, HEAD
-
-Pending: TypeAlias = tuple[int, int, int, int, bytes]
-"""Channel, sequence, log time [ns], publish time [ns] and data of a message."""
 
 _PACK: dict[str, Callable[[bytes], bytes]] = {
     "": lambda data: data,
@@ -61,32 +58,29 @@ class BuiltChunk(NamedTuple):
         return {channel: len(entries) // _ENTRY.size for channel, entries in self.indexes.items()}
 
 
-def build_chunk(pending: Sequence[Pending], declared: Sequence[tuple[int, bytes]] = ()) -> BuiltChunk:
+def build_chunk(messages: MessageColumns, declared: Sequence[tuple[int, bytes]] = ()) -> BuiltChunk:
     """Put the records of a chunk together.
 
     Parameters
     ----------
-    pending : sequence of Pending
-        One message or more, in their order.
+    messages : MessageColumns
+        One message or more.
     declared : sequence of (int, bytes)
         Records of schemas and channels, each with how many messages stand before it.
     """
-    channels, sequences, times, publish_times, datas = zip(*pending, strict=True)
-    lengths = list(map(len, datas))
-    bodies = map(add, lengths, repeat(MESSAGE.size))
-    heads = map(RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
-    sizes = [length + RECORD_SIZE for length in lengths]
-    offsets: Iterator[int]
+    channels, sequences, times, publish_times, datas, lengths = messages
+    bodies = [length + MESSAGE.size for length in lengths]
+    parts = [b""] * (2 * len(datas))
+    parts[::2] = map(RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
+    parts[1::2] = datas
+    offsets: Iterable[int] = accumulate([length + RECORD_SIZE for length in lengths], initial=0)
     if declared:
-        data, offsets = _with_declarations(heads, datas, sizes, declared)
-    else:
-        data = b"".join(chain.from_iterable(zip(heads, datas, strict=True)))
-        offsets = accumulate(sizes, initial=0)
+        parts, offsets = _with_declarations(parts, list(offsets), declared)
     entries: defaultdict[int, list[bytes]] = defaultdict(list)
     for channel, entry in zip(channels, map(_ENTRY.pack, times, offsets), strict=False):  # offsets has the end, too
         entries[channel].append(entry)
     indexes = {channel: b"".join(of_channel) for channel, of_channel in entries.items()}
-    return BuiltChunk(data, (min(times), max(times)), indexes)
+    return BuiltChunk(b"".join(parts), (min(times), max(times)), indexes)
 
 
 def encode_chunk(chunk: BuiltChunk, compression: str, offset: int) -> tuple[bytes, bytes]:
@@ -129,17 +123,24 @@ def _encoded_indexes(indexes: Mapping[int, bytes], offset: int) -> tuple[bytes, 
 
 
 def _with_declarations(
-    heads: Iterator[bytes], datas: Sequence[bytes], sizes: Sequence[int], declared: Sequence[tuple[int, bytes]]
-) -> tuple[bytes, Iterator[int]]:
-    """Return the content of a chunk in which schemas and channels stand, and where its messages are [bytes]."""
-    before: list[list[bytes]] = [[] for _ in range(len(datas) + 1)]
+    parts: Sequence[bytes], offsets: Sequence[int], declared: Sequence[tuple[int, bytes]]
+) -> tuple[list[bytes], list[int]]:
+    """Return heads and data of messages with schemas and channels among them, and where the messages then are [bytes].
+
+    Parameters
+    ----------
+    parts : sequence of bytes
+        Head and data of each message, in turn.
+    offsets : sequence of int
+        Where each message is, and where the last one ends, without declarations [bytes].
+    declared : sequence of (int, bytes)
+        As for `build_chunk`.
+    """
+    before: list[list[bytes]] = [[] for _ in offsets]
     for place, record in declared:
         before[place].append(record)
-    parts: list[bytes] = []
-    offsets, offset = [], 0
-    for records, head, data, size in zip(before, heads, datas, sizes, strict=False):
-        parts += (*records, head, data)
-        offset += sum(map(len, records))
-        offsets.append(offset)
-        offset += size
-    return b"".join((*parts, *before[-1])), iter(offsets)
+    added = accumulate(sum(map(len, records)) for records in before)
+    complete: list[bytes] = []
+    for place, records in enumerate(before):
+        complete += (*records, *parts[2 * place : 2 * place + 2])
+    return complete, [offset + more for offset, more in zip(offsets, added, strict=True)]

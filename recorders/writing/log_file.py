@@ -4,13 +4,13 @@ import errno
 import os
 import threading
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from recorders.errors import LogError
-from recorders.writing.chunk_encoder import Pending
+from recorders.mcap_format.message_columns import MessageColumns, Pending
 from recorders.writing.chunk_writer import ChunkWriter, rechunk_log
 from recorders.writing.part_file import PartFile
 from recorders.writing.periodic_thread import PeriodicThread
@@ -55,7 +55,7 @@ class LogFile:
         path: Path,
         *,
         end: Callable[[ChunkWriter, bool], None],
-        on_chunk: Callable[[Sequence[Pending]], None] = lambda messages: None,
+        on_chunk: Callable[[MessageColumns], None] = lambda messages: None,
         overwrite: bool,
         rechunk: bool,
     ) -> None:
@@ -79,7 +79,7 @@ class LogFile:
             PeriodicThread(self._sync, name="log sync", first_s=SYNC_EVERY_S),
         )
 
-    def change(self, write: Callable[[], None]) -> None:
+    def change(self, write: Callable[[], object]) -> None:
         """Call a function that writes whole records.
 
         Raises
@@ -99,21 +99,18 @@ class LogFile:
                 raise self._file.error(error) from error
             self._sound = True
 
-    def add_message(self, channel: int, sequence: int, log_time_ns: int, data: bytes) -> None:
-        """Write a message, as `change` with the chunks' own method would; raises as it does."""
-        with self._lock:
-            if not self._sound:
-                self._check()
-            chunks = self.chunks
-            if not chunks.pending:
-                self._oldest_s = time.monotonic()
-            self._sound = False
-            try:
-                chunks.add_message(channel, sequence, log_time_ns, data)
-            except OSError as error:
-                self._unreported = None
-                raise self._file.error(error) from error
-            self._sound = True
+    def add_message(self, message: Pending) -> None:
+        """Write a message; raises as `change` does.
+
+        Without the lock unless it ends a chunk: only one thread adds, and the others take whole messages.
+        """
+        if not self._sound:
+            self.check()
+        chunks = self.chunks
+        if not chunks.pending:
+            self._oldest_s = time.monotonic()
+        if chunks.gather(message):
+            self.change(chunks.end_chunk)
 
     def check(self) -> None:
         """Raise LogError if nothing can be written any more; why a thread failed is reported once."""

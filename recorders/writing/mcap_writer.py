@@ -2,7 +2,8 @@
 
 import struct
 import zlib
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache
 from typing import Any, BinaryIO
 
 from mcap.data_stream import RecordBuilder
@@ -12,12 +13,14 @@ from mcap.writer import CompressionType, Writer
 
 from recorders.mcap_format.attachments import AttachmentHead
 from recorders.mcap_format.chunk_contents import MESSAGE
+from recorders.mcap_format.message_columns import MessageColumns, Pending
 from recorders.mcap_format.records import CRC, HEAD
 from recorders.mcap_format.unread import Unread
-from recorders.writing.chunk_encoder import RECORD_SIZE, BuiltChunk, Pending, build_chunk, encode_chunk
+from recorders.writing.chunk_encoder import RECORD_SIZE, BuiltChunk, build_chunk, encode_chunk
 from recorders.writing.chunk_index_file import ChunkIndexFile, EncodedRecords
 
 _SIZE = struct.Struct("<Q")
+_NO_LIMIT = 2**63
 
 
 class McapWriter:
@@ -31,10 +34,17 @@ class McapWriter:
         What the log's messages are meant for.
     chunk_size : int
         A chunk ends with the record that makes it longer than this, before it is compressed [bytes].
+    chunk_messages : int
+        A chunk ends with every message whose number in the file is a multiple of this.
     index : ChunkIndexFile, optional
         Takes the chunks' index, which grows with the log; memory, if left out.
     on_chunk : callable, optional
         Given the messages of each chunk that is written.
+
+    Attributes
+    ----------
+    pending : list of Pending
+        Messages of the chunk that is gathered.
 
     Raises
     ------
@@ -48,8 +58,9 @@ class McapWriter:
         *,
         profile: str = "ros2",
         chunk_size: int = 2**20,
+        chunk_messages: int = _NO_LIMIT,
         index: ChunkIndexFile | None = None,
-        on_chunk: Callable[[Sequence[Pending]], None] = lambda messages: None,
+        on_chunk: Callable[[MessageColumns], None] = lambda messages: None,
     ) -> None:
         self._on_chunk = on_chunk
         self._file = file
@@ -57,9 +68,12 @@ class McapWriter:
         self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=chunk_size, enable_data_crcs=True)
         if index is not None:
             setattr(self._mcap, _private("chunk_indices"), index)
-        self._pending: list[Pending] = []
+        self.pending: list[Pending] = []
+        self._written = 0  # messages of the chunks that are written
+        self._chunk_messages = self._room = chunk_messages
         self._declared: list[tuple[int, bytes]] = []  # schemas and channels, and how many messages stand before each
-        self._chunk_size, self._size = chunk_size, 0
+        self._chunk_size = chunk_size
+        self._gathered, self._ended = 0, 0  # size of everything so far, and of the chunks that are written [bytes]
         self._mcap.start(profile=profile, library="reenact")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -85,12 +99,19 @@ class McapWriter:
         self.end_chunk()
         self._mcap.add_metadata(name, dict(texts))
 
-    def add_message(self, channel: int, sequence: int, log_time_ns: int, publish_time_ns: int, data: bytes) -> None:
+    def add_message(self, message: Pending) -> None:
         """Write a message into the chunk."""
-        self._pending.append((channel, sequence, log_time_ns, publish_time_ns, data))
-        self._size += RECORD_SIZE + len(data)
-        if self._size > self._chunk_size:
+        if self.gather(message):
             self.end_chunk()
+
+    def gather(self, message: Pending) -> bool:
+        """Take a message for the chunk; returns whether it is to be the chunk's last.
+
+        One thread may call this while another calls anything else.
+        """
+        self.pending.append(message)
+        self._gathered += RECORD_SIZE + len(message[-1])
+        return len(self.pending) >= self._room or self._gathered - self._ended > self._chunk_size
 
     def add_message_in_pieces(
         self,
@@ -102,7 +123,7 @@ class McapWriter:
         rest: Unread | None = None,
     ) -> None:
         """Write a message beside the chunks, of which a part may still be in another file."""
-        self.flush()
+        self.end_chunk()
         self.declare(channel)
         head = MESSAGE.pack(channel, sequence, log_time_ns, publish_time_ns)
         size = len(head) + len(data) + (rest.size if rest else 0)
@@ -120,7 +141,7 @@ class McapWriter:
 
     def add_attachment(self, head: AttachmentHead, data: Iterable[bytes | memoryview]) -> None:
         """Write an attachment; `start` of its head counts for nothing."""
-        self.flush()
+        self.end_chunk()
         name, media_type = head.name.encode(), head.media_type.encode()
         texts = b"".join(CRC.pack(len(text)) + text for text in (name, media_type))
         fields = _SIZE.pack(head.log_time_ns) + _SIZE.pack(head.create_time_ns) + texts + _SIZE.pack(head.size)
@@ -143,6 +164,11 @@ class McapWriter:
         )
 
     @property
+    def messages(self) -> int:
+        """Messages of all chunks so far."""
+        return self._written + len(self.pending)
+
+    @property
     def counts(self) -> Mapping[int, int]:
         """Messages by channel, of the chunks that are written and beside them."""
         found: Mapping[int, int] = self._of_library("statistics").channel_message_counts
@@ -158,21 +184,28 @@ class McapWriter:
         self.end_chunk()
         self._file.flush()
 
-    def end_chunk(self) -> None:
-        """Write the chunk that is gathered; declarations without a message wait for the next."""
-        if not self._pending:
-            return
-        chunk = build_chunk(self._pending, self._declared)
-        pending, self._pending, self._declared, self._size = self._pending, [], [], 0
-        self._on_chunk(pending)
+    def end_chunk(self) -> bool:
+        """Write the chunk that is gathered, and return whether there was one; declarations alone wait for the next."""
+        taken = self.pending[:]
+        if not taken:
+            return False
+        self._written += len(taken)
+        self._room = self._chunk_messages - self._written % self._chunk_messages
+        del self.pending[: len(taken)]  # one more may have come meanwhile
+        declared, self._declared = self._declared, []
+        messages = MessageColumns.of(taken)
+        self._on_chunk(messages)
+        chunk = build_chunk(messages, declared)
+        self._ended += len(chunk.data)
         self.add_chunk(chunk)
+        return True
 
     def _declare_in_chunk(self) -> None:
         """Take the declaration that the library has just put into a chunk of its own into this one."""
         record: bytes = self._of_library("chunk_builder").end()
-        self._declared.append((len(self._pending), record))
-        self._size += len(record)
-        if self._size > self._chunk_size:
+        self._declared.append((len(self.pending), record))
+        self._gathered += len(record)
+        if self._gathered - self._ended > self._chunk_size:
             self.end_chunk()
 
     def declare(self, channel: int) -> None:
@@ -206,6 +239,7 @@ class McapWriter:
         return getattr(self._mcap, _private(name))
 
 
+@cache  # for every chunk the same few
 def _private(name: str) -> str:
     """Return what an attribute that the library keeps to itself is called: it has no way to write in pieces."""
     return f"_{Writer.__name__}__{name}"

@@ -2,7 +2,7 @@
 
 import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
 from typing import Any, Self, TypeAlias
@@ -18,12 +18,13 @@ from recorders.mcap_format.manifest import (
     environment,
     stated_counts,
     to_metadata,
+    topic_frame,
 )
+from recorders.mcap_format.message_columns import MessageColumns
 from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.text.wording import names_text
-from recorders.writing.chunk_encoder import Pending
 from recorders.writing.chunk_writer import ChunkWriter
 from recorders.writing.log_file import LogFile
 
@@ -91,6 +92,7 @@ class LogWriter:
         self._manifest = _with_environment(manifest)
         self._content = ContentHash()
         self._topics: dict[int, str] = {}  # by the number of their channel
+        self._frames: dict[int, bytes] = {}  # the same as they are hashed
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[_Channel, int] = {}
         self._asked: dict[_Asked, int] = {}
@@ -158,7 +160,7 @@ class LogWriter:
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
         asked = (topic, kind, sequence is not None, opaque, declared)
         channel = self._asked.get(asked) or self._find_channel(asked)
-        self._file.add_message(channel, number, log_time_ns, data)
+        self._file.add_message((channel, number, log_time_ns, log_time_ns, data))
         if sequence is None:
             self._numbered[topic] = number + 1
 
@@ -174,7 +176,7 @@ class LogWriter:
 
     def attach(self, name: str, data: bytes) -> None:
         """Add an attachment that became known after the beginning; raises LogError if that fails."""
-        self._file.change(lambda: self._file.chunks.add_attachment(name, data))
+        self._file.change(lambda: self._file.chunks.attach(name, data))
 
     def note(self, entries: Mapping[str, Any]) -> None:
         """Add to the manifest what became known after the beginning; raises LogError if it is not JSON."""
@@ -202,18 +204,18 @@ class LogWriter:
     def _begin(self, attachments: Mapping[str, bytes]) -> None:
         self._describe()
         for name, data in attachments.items():
-            self._file.chunks.add_attachment(name, data)
+            self._file.chunks.attach(name, data)
 
-    def _add_content(self, messages: Sequence[Pending]) -> None:
+    def _add_content(self, messages: MessageColumns) -> None:
         """Take the messages of a chunk into the hash."""
-        self._content.add_all(self._topics, messages)
+        self._content.add_all(self._frames, messages)
 
     def _describe(self) -> None:
         """Write the manifest as it is before the end: what comes later in the file replaces it."""
         self._file.chunks.add_metadata(METADATA_NAME, to_metadata({**self._manifest, "complete": False}))
 
     def _end(self, chunks: ChunkWriter, complete: bool) -> None:
-        chunks.flush_messages()
+        chunks.end_messages()
         counts: Counter[str] = Counter()
         for channel, count in chunks.counts.items():
             counts[self._topics[channel]] += count
@@ -250,7 +252,7 @@ class LogWriter:
             self._schemas[declared.schema] = schema
         metadata = {**dict(declared.metadata), "sequence": "producer" if producer else "writer"}
         number = self._file.chunks.register_channel(topic, declared.encoding, schema, metadata)
-        self._channels[channel], self._topics[number] = number, topic
+        self._channels[channel], self._topics[number], self._frames[number] = number, topic, topic_frame(topic)
 
 
 def _opaque(topic: str) -> DeclaredChannel:

@@ -1,11 +1,13 @@
 """What the writer's threads do: late messages are handed over, and equal recordings are equal files nevertheless."""
 
 import os
+import sys
 import threading
 import time
 from pathlib import Path
 
 import pytest
+from mcap.reader import make_reader
 
 from recorders.errors import LogError
 from recorders.messages.message_types import String
@@ -74,6 +76,29 @@ def test_a_flush_leaves_no_trace_either(tmp_path):
                 assert handed_over(log.part) == 10
             phases(log, range(10))
     assert (tmp_path / "a.mcap").read_bytes() == (tmp_path / "b.mcap").read_bytes()
+
+
+def test_messages_that_come_while_a_thread_hands_over_are_all_there_once(tmp_path, monkeypatch):
+    numbers = range(100 * FLUSH_EVERY + 5)
+    with LogWriter(tmp_path / "straight.mcap", manifest={}) as log:
+        phases(log, numbers)
+    monkeypatch.setattr("recorders.writing.log_file.FLUSH_AFTER_S", 0.0)  # the thread does nothing else
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-5)
+    try:
+        with LogWriter(tmp_path / "live.mcap", manifest={}, rechunk=False) as log:
+            phases(log, numbers)
+        with LogWriter(tmp_path / "copied.mcap", manifest={}) as log:
+            phases(log, numbers)
+    finally:
+        sys.setswitchinterval(interval)
+    with (tmp_path / "live.mcap").open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert summary is not None
+    assert len(summary.chunk_indexes) > 101  # chunks did end early
+    assert list(LogReader(tmp_path / "live.mcap")) == list(LogReader(tmp_path / "straight.mcap"))
+    assert LogReader(tmp_path / "live.mcap").manifest == LogReader(tmp_path / "straight.mcap").manifest
+    assert (tmp_path / "copied.mcap").read_bytes() == (tmp_path / "straight.mcap").read_bytes()
 
 
 def test_what_a_thread_meets_is_raised_once_by_the_next_call(tmp_path):

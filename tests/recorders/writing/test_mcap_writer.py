@@ -51,7 +51,7 @@ def ours(steps: list[object], chunk_size: int) -> tuple[bytes, dict[int, int]]:
             case "flush":
                 writer.flush()
             case (int(place), int(sequence), int(log_time), int(publish_time), bytes(data)) if channels:
-                writer.add_message(1 + place % channels, sequence, log_time, publish_time, data)
+                writer.add_message((1 + place % channels, sequence, log_time, publish_time, data))
     writer.finish()
     return file.getvalue(), dict(writer.counts)
 
