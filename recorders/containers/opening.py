@@ -9,10 +9,11 @@ from recorders.containers.reader import Opened, Reader
 from recorders.containers.ros1_bag import Ros1Bag
 from recorders.containers.sqlite_bag import SqliteBag
 from recorders.containers.translated import translated
-from recorders.errors import LogError
+from recorders.errors import LogError, MissingExtra
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.bag_metadata import is_bag_folder
 from recorders.reading.file_kind import ROS1_MAGIC, SQLITE_MAGIC
+from recorders.reading.lerobot_info import is_lerobot_folder
 from recorders.reading.parts import Log, Parts, find_log
 from recorders.reading.reader import LogReader
 from recorders.reading.session_reader import SessionReader
@@ -36,8 +37,17 @@ class Container(NamedTuple):
     open: Callable[[Path], Reader]
 
 
+def _open_dataset(path: Path) -> Reader:
+    try:
+        from recorders.containers.lerobot.dataset import LeRobotDataset  # noqa: PLC0415  # of an extra
+    except ModuleNotFoundError:
+        raise MissingExtra("pyarrow", "parquet") from None
+    return LeRobotDataset(path)
+
+
 CONTAINERS = (
     Container("rosbag2 folder", lambda path, begin: path.is_dir() and is_bag_folder(path), BagFolder),
+    Container("LeRobotDataset", lambda path, begin: path.is_dir() and is_lerobot_folder(path), _open_dataset),
     Container("rosbag2 file (.db3)", lambda path, begin: begin.startswith(SQLITE_MAGIC), SqliteBag),
     Container("ROS 1 bag", lambda path, begin: begin.startswith(ROS1_MAGIC), Ros1Bag),
     Container("MCAP", lambda path, begin: True, LogReader),  # the last one refuses what no other opens
@@ -54,8 +64,8 @@ def open_log(log: Opened) -> Reader:
     Parameters
     ----------
     log : Path, Parts or Reader
-        A log, a session's parts, named one by one, by their folder or by their stem, or a folder of rosbag2; what
-        reads one already is returned.
+        A log, a session's parts, named one by one, by their folder or by their stem, or a folder of rosbag2 or of
+        LeRobot; what reads one already is returned.
 
     Raises
     ------

@@ -1,1 +1,1 @@
-"""Recordings as tables, a file for each topic: CSV, Parquet."""
+"""Recordings as tables, a file for each topic: CSV, Parquet; ticks as a LeRobotDataset."""

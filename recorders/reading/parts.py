@@ -12,6 +12,7 @@ from recorders.files.regular_file import begins_with
 from recorders.mcap_format.records import MAGIC
 from recorders.reading.bag_metadata import METADATA_FILE, is_bag_folder, read_bag_metadata
 from recorders.reading.file_kind import ROS1_MAGIC, SQLITE_MAGIC
+from recorders.reading.lerobot_info import INFO_FILE, is_lerobot_folder, read_lerobot_info
 from recorders.reading.reader import LogReader
 from recorders.text.wording import names_text
 
@@ -94,9 +95,11 @@ def find_log(path: Path) -> Log:
 
 
 def files_of(log: Log) -> tuple[Path, ...]:
-    """Return the files that a recording is in, in order; raises LogError if those of a bag cannot be found out."""
+    """Return the files that a recording is in, in order; raises LogError if those of a folder cannot be found out."""
     if isinstance(log, Parts):
         return log.paths
+    if is_lerobot_folder(log):
+        return (log / INFO_FILE, *read_lerobot_info(log).files)
     return (log / METADATA_FILE, *read_bag_metadata(log).files) if is_bag_folder(log) else (log,)
 
 
@@ -158,7 +161,7 @@ def is_followed(path: Path) -> bool:
 def is_log(path: Path) -> bool:
     """Whether a path names a recording: a file by its first bytes or its ending, or what `find_log` finds logs for."""
     if path.is_dir():
-        return is_bag_folder(path) or bool(_logs_in(path) or _logs_in(path, SQLITE_MAGIC))
+        return is_bag_folder(path) or is_lerobot_folder(path) or bool(_logs_in(path) or _logs_in(path, SQLITE_MAGIC))
     if path.is_file():
         return _ends_as_log(path) or any(begins_with(path, magic) for magic in _MAGICS)
     return _ends_as_log(path) or bool(parts_in(path.parent, path.name))
@@ -167,6 +170,8 @@ def is_log(path: Path) -> bool:
 def _in_folder(folder: Path) -> Log:
     if is_bag_folder(folder):
         return _bag(folder)
+    if is_lerobot_folder(folder):
+        return folder
     logs = _logs_in(folder) or _logs_in(folder, SQLITE_MAGIC)
     if logs and len(logs) > 1 and begins_with(logs[0], SQLITE_MAGIC):
         raise LogError(f"{folder}: expected {METADATA_FILE} beside its {len(logs)} files; `ros2 bag reindex` writes it")

@@ -54,7 +54,7 @@ def summarise_container(log: Path, on_progress: Callable[[float], None] = lambda
     """
     reader = open_as_it_is(log)
     channels = {channel.topic: channel for channel in reversed(reader.channels)}
-    files = (path for path in (log.iterdir() if log.is_dir() else (log,)) if path.is_file())
+    files = (path for path in (log.rglob("*") if log.is_dir() else (log,)) if path.is_file())
     summary = LogSummary(LogSurvey(log, sum(path.stat().st_size for path in files), finished=True))
     summary.survey.library = container_of(log).name
     total = sum(reader.counts.values()) or 1

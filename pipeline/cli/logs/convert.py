@@ -51,7 +51,7 @@ class Written:
 def convert(
     recordings: Annotated[
         list[Path],
-        typer.Argument(help="Recordings: MCAP, rosbag2 folders, .db3 files, ROS 1 bags.", metavar="RECORDING"),
+        typer.Argument(help="Recordings: MCAP, folders of rosbag2 or LeRobot, .db3, ROS 1 bags.", metavar="RECORDING"),
     ],
     *,
     out: Annotated[Path, typer.Option(help="Log to write.", metavar="LOG.mcap")],
