@@ -50,8 +50,8 @@ def export(
 ) -> None:
     """Write recordings as tables or as a LeRobotDataset.
 
-    Tables are a file for each topic. In a table a message is a row, with a column for each number or text in it; joints have columns by their names.
-    Topics that cannot be decoded are named and left out.
+    Tables are a file for each topic. In a table a message is a row, with a column for each number or text in it; joints
+    have columns by their names. Topics that cannot be decoded are named and left out.
 
     A LeRobotDataset has a frame for each tick, of joints, hands and actions; the ticks are those of the recording, or
     made by the options of alignment, and must be at one rate of whole Hz. An action is what was asked of the robot
