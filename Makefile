@@ -79,6 +79,7 @@ lock:
 	$(COMPILE) --extra sim --extra view --group build --group dev -c requirements.lock pyproject.toml -o requirements-dev.lock
 	$(COMPILE) --group build --group test -c requirements-dev.lock pyproject.toml -o requirements-core.lock
 	$(COMPILE) --group docs -c requirements-dev.lock -o requirements-docs.lock
+	$(COMPILE) --group build -c requirements-dev.lock pyproject.toml -o data/deploy/requirements.lock
 
 clean:
 	rm -rf .venv .venv-core-* out dist
