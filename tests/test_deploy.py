@@ -20,7 +20,11 @@ def tool(name: str) -> str:
     path = shutil.which(name)
     if path is None:
         reason = f"{name} is not installed"
-        pytest.fail(reason) if os.environ.get("REENACT_TEST_EVERYTHING") else pytest.skip(reason)
+        raise (
+            pytest.fail.Exception(reason)
+            if os.environ.get("REENACT_TEST_EVERYTHING")
+            else pytest.skip.Exception(reason)
+        )
     return path
 
 
