@@ -3,19 +3,20 @@
 import errno
 import os
 import threading
-import time
 from collections.abc import Callable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
 
 from recorders.errors import LogError
-from recorders.mcap_format.message_columns import MessageColumns, Pending
+from recorders.mcap_format.message_columns import MessageColumns
 from recorders.writing.chunk_writer import ChunkWriter, rechunk_log
 from recorders.writing.part_file import PartFile
 from recorders.writing.periodic_thread import PeriodicThread
 
-FLUSH_AFTER_S = 0.05  # half of the 100 ms that a crash may cost: the other half is for a machine that is busy
+LOOK_EVERY_S = (
+    0.025  # what waits at two looks is written: half of the 100 ms that a crash may cost are for a busy machine
+)
 SYNC_EVERY_S = 1.0
 
 
@@ -42,7 +43,9 @@ class LogFile:
     part : Path
         The file while it is written.
     chunks : ChunkWriter
-        What `change` may act on.
+        What `change` may act on. One thread may have it gather messages without that.
+    sound : bool
+        Whether the file ends with a whole record, and more may follow; False also while a thread writes.
 
     Raises
     ------
@@ -69,13 +72,13 @@ class LogFile:
         self._end = end
         self._rechunk = rechunk
         self._lock = threading.Lock()
-        self._sound = True  # the file ends with a whole record, and more may follow
+        self.sound = True
         self._closed = False
         # Until there is another:
         self._unreported: LogError | None = self._unwritable("an earlier write was interrupted")
-        self._oldest_s = 0.0  # when the first of the pending messages came
+        self._seen: int | None = None  # messages written when the last look found others that wait
         self._threads = (
-            PeriodicThread(self._flush_late, name="log flush", first_s=FLUSH_AFTER_S),
+            PeriodicThread(self._flush_late, name="log flush", first_s=LOOK_EVERY_S),
             PeriodicThread(self._sync, name="log sync", first_s=SYNC_EVERY_S),
         )
 
@@ -89,28 +92,13 @@ class LogFile:
         """
         with self._lock:
             self._check()
-            if not self.chunks.pending:
-                self._oldest_s = time.monotonic()
-            self._sound = False
+            self.sound = False
             try:
                 write()
             except OSError as error:
                 self._unreported = None
                 raise self._file.error(error) from error
-            self._sound = True
-
-    def add_message(self, message: Pending) -> None:
-        """Write a message; raises as `change` does.
-
-        Without the lock unless it ends a chunk: only one thread adds, and the others take whole messages.
-        """
-        if not self._sound:
-            self.check()
-        chunks = self.chunks
-        if not chunks.pending:
-            self._oldest_s = time.monotonic()
-        if chunks.gather(message):
-            self.change(chunks.end_chunk)
+            self.sound = True
 
     def check(self) -> None:
         """Raise LogError if nothing can be written any more; why a thread failed is reported once."""
@@ -118,7 +106,7 @@ class LogFile:
             self._check()
 
     def _check(self) -> None:
-        if self._sound:
+        if self.sound:
             return
         unreported, self._unreported = self._unreported, None
         raise unreported or self._unwritable("the log was closed, or an earlier write failed")
@@ -129,7 +117,7 @@ class LogFile:
             return
         self._stop()
         with self._lock:
-            if self._sound:
+            if self.sound:
                 self._complete()
                 return
         unreported = self._unreported
@@ -145,14 +133,14 @@ class LogFile:
         with self._lock:
             self._closed = True
             self._unreported = None
-            if self._sound:
+            if self.sound:
                 self._finish(complete=False)
             self.chunks.close()
             self._file.close(keep=self.chunks.messages > 0)
 
     def _complete(self) -> None:
         self._closed = True
-        self._sound = False
+        self.sound = False
         self._unreported = None
         try:
             self._end(self.chunks, True)
@@ -169,26 +157,24 @@ class LogFile:
             self._file.close(keep=True)
 
     def _finish(self, *, complete: bool) -> None:
-        self._sound = False
+        self.sound = False
         with suppress(OSError):  # there is an error already, or an exception under way
             self._end(self.chunks, complete)
             self.chunks.finish()
 
     def _flush_late(self) -> float:
-        """Hand over what has waited for long; returns when to look again [s]."""
+        """Hand over what waited at the last look and still does; returns when to look again [s]."""
         with self._lock:
-            if not (self._sound and self.chunks.pending):
-                return FLUSH_AFTER_S
-            early_s = self._oldest_s + FLUSH_AFTER_S - time.monotonic()
-            if early_s > 0.0:
-                return early_s
-            self._sound = False
+            seen, self._seen = self._seen, self.chunks.written if self.chunks.pending else None
+            if not self.sound or self._seen is None or seen != self._seen:
+                return LOOK_EVERY_S
+            self.sound = False
             try:
                 self.chunks.flush()
-                self._sound = True
+                self.sound = True
             except OSError as error:
                 self._unreported = self._file.error(error)
-        return FLUSH_AFTER_S
+        return LOOK_EVERY_S
 
     def _sync(self) -> float:
         """Sync, and see that the file is still there; returns when to do so again [s]."""
@@ -200,7 +186,7 @@ class LogFile:
         except OSError as met:
             error = met
         with self._lock:
-            if self._sound:
+            if self.sound:
                 self._finish(complete=False)
                 self._unreported = self._file.put_back() if error is None else self._file.error(error)
         return SYNC_EVERY_S

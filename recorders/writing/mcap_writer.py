@@ -45,6 +45,8 @@ class McapWriter:
     ----------
     pending : list of Pending
         Messages of the chunk that is gathered.
+    written : int
+        Messages of the chunks that are written.
 
     Raises
     ------
@@ -69,7 +71,7 @@ class McapWriter:
         if index is not None:
             setattr(self._mcap, _private("chunk_indices"), index)
         self.pending: list[Pending] = []
-        self._written = 0  # messages of the chunks that are written
+        self.written = 0
         self._chunk_messages = self._room = chunk_messages
         self._declared: list[tuple[int, bytes]] = []  # schemas and channels, and how many messages stand before each
         self._chunk_size = chunk_size
@@ -148,7 +150,11 @@ class McapWriter:
         size = len(fields) + head.size + CRC.size
         offset = self._file.tell()
         self._write([HEAD.pack(Opcode.ATTACHMENT, size)])
-        crc = self._write(data, self._write([fields]))
+        self._write([fields])
+        crc = zlib.crc32(fields)
+        for piece in data:
+            self._write([piece])
+            crc = zlib.crc32(piece, crc)
         self._write([CRC.pack(crc)])
         self._of_library("statistics").attachment_count += 1
         self._of_library("attachment_indexes").append(
@@ -166,7 +172,7 @@ class McapWriter:
     @property
     def messages(self) -> int:
         """Messages of all chunks so far."""
-        return self._written + len(self.pending)
+        return self.written + len(self.pending)
 
     @property
     def counts(self) -> Mapping[int, int]:
@@ -189,8 +195,8 @@ class McapWriter:
         taken = self.pending[:]
         if not taken:
             return False
-        self._written += len(taken)
-        self._room = self._chunk_messages - self._written % self._chunk_messages
+        self.written += len(taken)
+        self._room = self._chunk_messages - self.written % self._chunk_messages
         del self.pending[: len(taken)]  # one more may have come meanwhile
         declared, self._declared = self._declared, []
         messages = MessageColumns.of(taken)
@@ -226,14 +232,13 @@ class McapWriter:
             statistics.channel_message_counts[channel] += count
             statistics.message_count += count
 
-    def _write(self, pieces: Iterable[bytes | memoryview], crc: int = 0) -> int:
-        """Write to the file what the library then has as its own; returns the CRC of it and what came before."""
-        of_section = self._of_library("data_section_crc")
+    def _write(self, pieces: Iterable[bytes | memoryview]) -> None:
+        """Write to the file what the library then has as its own."""
+        crc = self._of_library("data_section_crc")
         for piece in pieces:
             self._file.write(piece)
-            of_section, crc = zlib.crc32(piece, of_section), zlib.crc32(piece, crc)
-        setattr(self._mcap, _private("data_section_crc"), of_section)
-        return crc
+            crc = zlib.crc32(piece, crc)
+        setattr(self._mcap, _private("data_section_crc"), crc)
 
     def _of_library(self, name: str) -> Any:
         return getattr(self._mcap, _private(name))

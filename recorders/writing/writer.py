@@ -1,7 +1,7 @@
 """The MCAP writer: messages to a log that any ROS 2 tool opens, with a manifest of its origin."""
 
 import os
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Mapping
 from pathlib import Path
 from types import MappingProxyType, TracebackType
@@ -39,8 +39,8 @@ _Asked: TypeAlias = tuple[str, str | None, bool, bool, DeclaredChannel | None]
 MAX_CHANNELS = 2**16 - 1
 """As many as MCAP's numbers of channels distinguish."""
 
-_MAX_SEQUENCE = 2**32 - 1
-_MAX_TIME_NS = 2**64 - 1
+_SEQUENCE_BITS = 32
+_TIME_BITS = 64
 _NOTHING: Mapping[str, bytes] = MappingProxyType({})
 
 
@@ -96,7 +96,7 @@ class LogWriter:
         self._schemas: dict[tuple[str, str, bytes], int] = {}
         self._channels: dict[_Channel, int] = {}
         self._asked: dict[_Asked, int] = {}
-        self._numbered: dict[str, int] = {}
+        self._numbered: defaultdict[str, int] = defaultdict(int)
         self._file = LogFile(self.path, end=self._end, on_chunk=self._add_content, overwrite=overwrite, rechunk=rechunk)
         self.part = self._file.part
         try:
@@ -155,12 +155,19 @@ class LogWriter:
             If the file cannot be written.
         """
         data, kind = (message, type_name) if isinstance(message, bytes) else (encode(message), message.TYPE)
-        number = self._numbered.get(topic, 0) if sequence is None else sequence
-        if not (0 <= number <= _MAX_SEQUENCE and 0 <= log_time_ns <= _MAX_TIME_NS):
+        number = self._numbered[topic] if sequence is None else sequence
+        if number >> _SEQUENCE_BITS or log_time_ns >> _TIME_BITS:  # too large, or negative
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
         asked = (topic, kind, sequence is not None, opaque, declared)
-        channel = self._asked.get(asked) or self._find_channel(asked)
-        self._file.add_message((channel, number, log_time_ns, log_time_ns, data))
+        try:
+            channel = self._asked[asked]
+        except KeyError:
+            channel = self._find_channel(asked)
+        file = self._file
+        if not file.sound:
+            file.check()
+        if file.chunks.gather((channel, number, log_time_ns, log_time_ns, data)):
+            file.change(file.chunks.end_chunk)
         if sequence is None:
             self._numbered[topic] = number + 1
 

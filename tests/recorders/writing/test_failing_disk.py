@@ -55,7 +55,7 @@ def numbers_in(folder: Path) -> list[int]:
 def test_a_call_that_fails_is_one_error_of_ours_and_what_was_taken_is_there(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, overwrite: bool
 ) -> None:
-    for name in ("FLUSH_AFTER_S", "SYNC_EVERY_S"):  # the writer's threads would make calls of their own, at any time
+    for name in ("LOOK_EVERY_S", "SYNC_EVERY_S"):  # the writer's threads would make calls of their own, at any time
         monkeypatch.setattr(f"recorders.writing.log_file.{name}", 3600.0)
     calls = failed(tmp_path / "none", monkeypatch, -1, overwrite=overwrite)
     assert {"open", "flock", "write", "tell", "fsync", "close"} < set(calls)

@@ -82,7 +82,7 @@ def test_messages_that_come_while_a_thread_hands_over_are_all_there_once(tmp_pat
     numbers = range(100 * FLUSH_EVERY + 5)
     with LogWriter(tmp_path / "straight.mcap", manifest={}) as log:
         phases(log, numbers)
-    monkeypatch.setattr("recorders.writing.log_file.FLUSH_AFTER_S", 0.0)  # the thread does nothing else
+    monkeypatch.setattr("recorders.writing.log_file.LOOK_EVERY_S", 0.0)  # the thread does nothing else
     interval = sys.getswitchinterval()
     sys.setswitchinterval(1e-5)
     try:
@@ -149,7 +149,7 @@ def _failed(folder):
     os.dup2(read_only, _descriptor(log.part))  # as a file system does that turns read-only
     os.close(read_only)
     deadline = time.monotonic() + 120
-    while log._file._sound:
+    while log._file.sound:
         assert time.monotonic() < deadline, "the thread meets nothing"
         time.sleep(0.01)
     return log
