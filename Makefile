@@ -14,11 +14,12 @@ EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
 
+# Three processes of tests keep two processors busy: many of them wait for other processes.
 test: check examples
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign"
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign"
 
 test-all: check examples
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder
 
 # With the core alone, in an environment of its own: the golden cases, the tests of the recorders and some that need no extra either.
 # `make test-core PYTHON=python3.13`
@@ -26,12 +27,12 @@ test-core: $(CORE)/locked
 	$(CORE)/bin/python -m pip install --quiet --no-deps --no-build-isolation --editable .
 	$(CORE)/bin/reenact golden check data/golden
 	$(CORE)/bin/python -m pytest -q --doctest-modules $(EXAMPLES)
-	$(CORE)/bin/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
+	$(CORE)/bin/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
 		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py $(CORE_TESTS)
 
 # Lines and branches that the tests run, in other processes too; the table is the last thing printed, out/coverage shows each line.
 coverage: .venv/dev
-	$(BIN)/python -m pytest -n 2 --dist loadfile --no-loadscope-reorder -m "not campaign" --cov --cov-report=term --cov-report=html $(TESTS)
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign" --cov --cov-report=term --cov-report=html $(TESTS)
 
 check: .venv/dev
 	$(BIN)/ruff check .

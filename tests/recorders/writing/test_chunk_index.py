@@ -11,12 +11,15 @@ from recorders.writing.chunk_writer import FLUSH_EVERY
 from recorders.writing.writer import LogWriter
 
 WARM_UP, MORE = 200, 3200  # chunks
+SMALL = 4  # messages of a chunk: a log grows in memory by its chunks, if it does
 
 
-def write(log: LogWriter, chunks: int) -> None:
-    for number in range(chunks * FLUSH_EVERY):
+def write(log: LogWriter, chunks: int, of_messages: int) -> None:
+    for number in range(chunks * of_messages):
         topic = f"/topic_{number % 4}"
         log.write(topic, b"data", log_time_ns=1_700_000_000_000_000_000 + number, sequence=number, opaque=True)
+        if (number + 1) % of_messages == 0:
+            log.flush()
 
 
 def allocated() -> int:
@@ -27,11 +30,11 @@ def allocated() -> int:
 @pytest.mark.parametrize("rechunk", [False, True])
 def test_the_memory_of_a_recording_does_not_grow(tmp_path: Path, rechunk: bool) -> None:
     with LogWriter(tmp_path / "log.mcap", manifest={}, rechunk=rechunk) as log:
-        write(log, WARM_UP)
+        write(log, WARM_UP, SMALL)
         tracemalloc.start()
         try:
             before = allocated()
-            write(log, MORE)
+            write(log, MORE, SMALL)
             grown = allocated() - before
         finally:
             tracemalloc.stop()
@@ -42,7 +45,7 @@ def test_the_memory_of_a_recording_does_not_grow(tmp_path: Path, rechunk: bool) 
 def test_every_chunk_is_in_the_index_in_order(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, piece: int) -> None:
     monkeypatch.setattr("recorders.writing.chunk_index_file._PIECE", piece)
     with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
-        write(log, 5)
+        write(log, 5, FLUSH_EVERY)
     with log.path.open("rb") as file:
         summary = make_reader(file).get_summary()
         assert summary is not None
