@@ -10,6 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from plain_alignment import align
+from plain_synchronizer import ApproximateTimeSynchronizer, TimeSynchronizer
 
 from pipeline.alignment import frames
 from pipeline.alignment.blocks import Dropped, joints_kind, pose_kind
@@ -269,17 +270,51 @@ def test_bits_are_these():
     assert (len(found), digest[:16]) == (250, "775dca4bb44f4c2e")
 
 
-def test_messages_of_one_stamp_are_the_ticks_of_an_exact_synchronizer():
-    """Where stamps are equal, ticks are what message_filters' TimeSynchronizer calls back with, to the bit."""
-    stamps = {"/tracker": [1, 2, 4, 5, 7], "/joint_states": [1, 3, 4, 5, 6, 7]}
-    records = [pose(START + t * MS, (t, -0.0, 0.1)) for t in stamps["/tracker"]]
-    records += [joints(START + t * MS, (t, -0.0)) for t in stamps["/joint_states"]]
-    _, found = aligned(sorted(records, key=lambda record: record.log_time_ns), tolerance_ns=0)
-    both = [START + t * MS for t in (1, 4, 5, 7)]
-    assert [record.log_time_ns for record in found[::2]] == both
-    assert [decode(r.type, r.data).position.tobytes() for r in found[1::2]] == [
-        np.array([t, -0.0]).tobytes() for t in (1, 4, 5, 7)
-    ]
+@st.composite
+def arrivals(draw):
+    """Stamps of a tracker and of joints [ms], rising for each, many of them shared; and the order of arrival."""
+    rng = np.random.default_rng(draw(st.integers(0, 2**32 - 1)))
+    share, skew = draw(st.sampled_from([0.1, 0.5, 0.9, 1.0])), draw(st.integers(0, 200))
+    messages = []
+    for topic in ("/tracker", "/joint_states"):
+        stamps = np.flatnonzero(rng.random(draw(st.integers(1, 120))) < share) + 1
+        delays = np.maximum.accumulate(stamps + rng.integers(0, skew + 1, len(stamps)))  # none overtakes its own topic
+        messages += [(int(at), topic, int(stamp)) for at, stamp in zip(delays, stamps, strict=True)]
+    return [(topic, stamp) for _, topic, stamp in sorted(messages, key=lambda message: message[0])]
+
+
+@settings(max_examples=60, deadline=None)
+@given(arrivals(), st.sampled_from([1, 3, 8192]))
+def test_messages_of_one_stamp_are_the_ticks_of_a_synchronizer(messages, block):
+    check_against_synchronizers(messages, block)
+
+
+@pytest.mark.campaign
+@settings(max_examples=1000, deadline=None)
+@given(arrivals(), st.sampled_from([1, 3, 8192]))
+def test_messages_of_one_stamp_of_a_thousand_logs_are_the_ticks_of_a_synchronizer(messages, block):
+    check_against_synchronizers(messages, block)
+
+
+def check_against_synchronizers(messages, block):
+    """Where stamps are equal, ticks are what message_filters' synchronizers call back with, to the bit."""
+    exact, close = [], []
+    synchronizers = (
+        TimeSynchronizer(["/tracker", "/joint_states"], 1000, lambda *found: exact.append(found)),
+        ApproximateTimeSynchronizer(["/tracker", "/joint_states"], 1000, 1, lambda *found: close.append(found)),
+    )
+    records = []
+    for topic, t in messages:
+        stamp = START + t * MS
+        records.append(pose(stamp, (t, -0.0, 0.1)) if topic == "/tracker" else joints(stamp, (t, -0.0)))
+        for synchronizer in synchronizers:
+            synchronizer.add(topic, stamp, records[-1])
+    _, found = aligned(records, tolerance_ns=0, block=block)
+    assert exact == close
+    assert [record.log_time_ns for record in found[::2]] == [tracked.log_time_ns for tracked, _ in exact]
+    for taken, ticked in zip(exact, zip(found[::2], found[1::2], strict=True), strict=True):
+        expected = [decode(message.type, message.data).position.tobytes() for message in taken]
+        assert [decode(message.type, message.data).position.tobytes() for message in ticked] == expected
 
 
 def steady(count=100, **changes):
