@@ -26,6 +26,9 @@ if TYPE_CHECKING:
     from recorders.messages.topics import TOPICS as TOPICS
     from recorders.messages.topics import Topic as Topic
     from recorders.messages.topics import type_of as type_of
+    from recorders.protocol.stream import Consumer as Consumer
+    from recorders.protocol.stream import Offer as Offer
+    from recorders.protocol.stream import Progress as Progress
     from recorders.reading.reader import LogReader as LogReader
     from recorders.reading.session_reader import SessionReader as SessionReader
     from recorders.recording.live_recorder import LiveRecorder as LiveRecorder
@@ -41,9 +44,6 @@ if TYPE_CHECKING:
     from recorders.wire.receiver import ReceiverConfig as ReceiverConfig
     from recorders.wire.session import SessionConfig as SessionConfig
     from recorders.wire.session import open_session as open_session
-    from recorders.wire.stream import Consumer as Consumer
-    from recorders.wire.stream import Offer as Offer
-    from recorders.wire.stream import Progress as Progress
     from recorders.writing.writer import LogWriter as LogWriter
 
 _HOMES = {
@@ -73,7 +73,7 @@ _HOMES = {
     "recorders.ticks.joiner": ("JointMap", "Tick", "TickJoiner", "join_ticks"),
     "recorders.wire.receiver": ("Receiver", "ReceiverConfig"),
     "recorders.wire.session": ("SessionConfig", "open_session"),
-    "recorders.wire.stream": ("Consumer", "Offer", "Progress"),
+    "recorders.protocol.stream": ("Consumer", "Offer", "Progress"),
     "recorders.writing.writer": ("LogWriter",),
 }
 """Public names by the module that each is imported from when it is asked for."""

@@ -25,8 +25,8 @@ from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE, commanded_ti
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
+from recorders.protocol.stream import Offer
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport

@@ -20,7 +20,7 @@ from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, JointError, MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.wire.stream import Offer
+from recorders.protocol.stream import Offer
 from replay.golden.recipe import EpochEnd, State, TickDigests
 
 

@@ -25,10 +25,10 @@ from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.status import NodeSource
-from recorders.wire.frames import Frame, FrameType
+from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.stream import Offer
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
-from recorders.wire.stream import Offer
 from recorders.wire.subscription import LiveMessage
 from replay.sources.live import live_offer
 from replay.sources.schedule import Schedule

@@ -13,7 +13,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
-from recorders.wire.frames import batch_topic
+from recorders.protocol.frames import batch_topic
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.transports.clock import Clock, Unpaced, paced

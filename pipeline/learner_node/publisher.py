@@ -13,7 +13,8 @@ from recorders.cdr.codec import encode
 from recorders.messages.message_types import Float64MultiArray, String
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
-from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
+from recorders.wire.keys import message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Session, publishing_lossy
 

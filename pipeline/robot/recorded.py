@@ -8,8 +8,8 @@ from recorders.containers.opening import open_log
 from recorders.containers.reader import DelegatingReader, Opened, Reader
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.messages.topics import hands_among, is_target
+from recorders.protocol.stream import Offer
 from recorders.text.wording import names_text
-from recorders.wire.stream import Offer
 from replay.sources.scheduled import ROBOT_FILES, read_robot
 
 _SIDES = ("left", "right")

@@ -34,9 +34,10 @@ from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
 from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
+from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 

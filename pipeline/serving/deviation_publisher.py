@@ -14,7 +14,8 @@ from recorders.cdr.codec import encode
 from recorders.messages.message_types import Float64MultiArray
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CONTROLLER_DEVIATION
-from recorders.wire.frames import live_attachment, message_key
+from recorders.protocol.frames import live_attachment
+from recorders.wire.keys import message_key
 from recorders.wire.session import publishing
 
 

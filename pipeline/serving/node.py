@@ -29,8 +29,9 @@ from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
+from recorders.protocol.frames import live_attachment
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.frames import live_attachment, message_key
+from recorders.wire.keys import message_key
 from recorders.wire.session import SessionConfig, has_subscribers, open_session, publishing
 
 logger = logging.getLogger(__name__)

@@ -6,7 +6,7 @@ from pipeline.serving.background_writer import UNNUMBERED
 from recorders.errors import MessageError
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import type_of
-from recorders.wire.frames import unpack
+from recorders.protocol.frames import unpack
 
 MAX_PAYLOAD = 64 << 10
 """Larger payloads are refused unread [bytes]; a pose takes some 100, the joints of a large robot a few thousand."""

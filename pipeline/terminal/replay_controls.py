@@ -13,7 +13,7 @@ from pathlib import Path
 from recorders.containers.opening import open_log
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
-from recorders.wire.stream import Offer
+from recorders.protocol.stream import Offer
 from replay.diff.divergence import guard
 from replay.sources.schedule import Schedule
 from replay.transports.clock import Pausable

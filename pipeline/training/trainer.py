@@ -19,8 +19,8 @@ from recorders.errors import ConfigError, JointError, LearningError, MessageErro
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
+from recorders.protocol.stream import Offer
 from recorders.text.wording import names_text
-from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import EpisodeLog, Replay, naming
 from replay.transports.transport import InProcess, Source

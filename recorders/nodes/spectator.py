@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator
 import zenoh
 
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import Frame
 from recorders.wire.bounded_queue import BoundedQueue
-from recorders.wire.frames import Frame
 from recorders.wire.subscription import Subscription, live_messages
 
 _WAITING_BYTES = 2**26

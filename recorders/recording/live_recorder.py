@@ -15,12 +15,12 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.nodes.status import NodeSource
+from recorders.protocol.frames import NO_RUN, Frame, FrameType
 from recorders.reading.parts import PART, part_path
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
 from recorders.text.once import OnceWarner
-from recorders.wire.frames import NO_RUN, Frame, FrameType
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
 from recorders.wire.subscription import LiveMessage

@@ -10,7 +10,8 @@ import zenoh
 from recorders.cdr.codec import encode
 from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
-from recorders.wire.frames import DEFAULT_NAMESPACE, NO_RUN, Frame, FrameType, check_namespace, message_key, pack
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
+from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.session import publishing
 
 

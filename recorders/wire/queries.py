@@ -8,9 +8,11 @@ from typing import NamedTuple, Self, TypeAlias
 import zenoh
 
 from recorders.errors import WireError
-from recorders.wire.frames import control_key
+from recorders.protocol.packets import Packet
+from recorders.protocol.receiver import Offered
+from recorders.protocol.stream import Offer
+from recorders.wire.keys import control_key
 from recorders.wire.session import publishing
-from recorders.wire.stream import Offer, Progress
 
 MAX_CONTROL = 16 << 20
 """Larger questions and attachments are refused unread [bytes]: an offer with a robot's description takes some 30 KB."""
@@ -19,16 +21,23 @@ _NAMESAKE_WAIT_S = 2.0  # a consumer that was killed is forgotten within millise
 _POLL_NAMESAKE_S = 0.1
 _ANSWER_S = 5.0  # who is there is known at once; this machine may be very busy
 
-Answer: TypeAlias = Callable[[Progress], None]
+Answer: TypeAlias = Callable[[Packet], None]
 """Answers a query, once."""
+
+TakeQuery: TypeAlias = Callable[[Packet, Answer], None]
+"""Takes what was asked and what answers it, on a thread of Zenoh's, and sees to it that it is answered."""
 
 
 class ReceivedOffer(NamedTuple):
     """A stream on offer, to be accepted or refused."""
 
-    offer: Offer
-    size: int  # as it came [bytes]
+    offered: Offered
     answer: Answer
+
+    @property
+    def offer(self) -> Offer:
+        """The stream."""
+        return self.offered.offer
 
 
 class ConsumerQueries:
@@ -42,10 +51,8 @@ class ConsumerQueries:
         First part of every key.
     name : str
         Name of the consumer.
-    on_hello : callable
-        Takes an offer, on a thread of Zenoh's, and sees to it that it is answered.
-    on_status : callable
-        Takes what was asked, and what answers it, likewise.
+    on_hello, on_status : callable
+        Take what was asked.
     """
 
     def __init__(
@@ -54,13 +61,12 @@ class ConsumerQueries:
         namespace: str,
         name: str,
         *,
-        on_hello: Callable[[ReceivedOffer], None],
-        on_status: Callable[[bytes, Answer], None],
+        on_hello: TakeQuery,
+        on_status: TakeQuery,
     ) -> None:
         self._session = session
         self._keys = {verb: control_key(namespace, name, verb) for verb in ("ack", "status", "hello")}
-        self._take_offer = on_hello
-        self._take_question = on_status
+        self._on_hello, self._on_status = _answering(on_hello), _answering(on_status)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -73,21 +79,9 @@ class ConsumerQueries:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    def acknowledge(self, progress: Progress) -> None:
+    def acknowledge(self, packet: Packet) -> None:
         """Publish how far the consumer has come."""
-        self._ack.put(progress.to_json())
-
-    def _on_hello(self, query: zenoh.Query) -> None:
-        asked, answer = _payload(query), _answer_to(query)
-        try:
-            offer = Offer.from_json(asked)
-        except WireError as error:
-            answer(Progress(error=str(error)))
-            return
-        self._take_offer(ReceivedOffer(offer, len(asked), answer))
-
-    def _on_status(self, query: zenoh.Query) -> None:
-        self._take_question(_payload(query), _answer_to(query))
+        self._ack.put(packet.payload, attachment=packet.attachment or None)
 
 
 @contextmanager
@@ -111,13 +105,16 @@ def only_of_its_name(session: zenoh.Session, namespace: str, name: str) -> Itera
         yield
 
 
-def _answer_to(query: zenoh.Query) -> Answer:
-    def answer(progress: Progress) -> None:
-        with query:
-            query.reply(query.key_expr, progress.to_json())
+def _answering(take: TakeQuery) -> Callable[[zenoh.Query], None]:
+    def on_query(query: zenoh.Query) -> None:
+        def answer(packet: Packet) -> None:
+            with query:
+                query.reply(query.key_expr, packet.payload, attachment=packet.attachment or None)
 
-    return answer
+        take(Packet(_bytes(query.payload), _bytes(query.attachment)), answer)
+
+    return on_query
 
 
-def _payload(query: zenoh.Query) -> bytes:
-    return b"" if query.payload is None or len(query.payload) > MAX_CONTROL else query.payload.to_bytes()
+def _bytes(found: zenoh.ZBytes | None) -> bytes:
+    return b"" if found is None or len(found) > MAX_CONTROL else found.to_bytes()

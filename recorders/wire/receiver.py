@@ -15,18 +15,19 @@ import zenoh
 
 from recorders.errors import ReenactError, WireError
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.packets import Packet
+from recorders.protocol.receiver import FAREWELL_WAIT_S, GIVEN_UP, ReceiverMachine
+from recorders.protocol.stream import Consumer, Offer, Progress
 from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import SenderChannels
-from recorders.wire.frames import DEFAULT_NAMESPACE, Frame, FrameType, check_name, check_namespace
+from recorders.wire.keys import DEFAULT_NAMESPACE, check_name, check_namespace
 from recorders.wire.queries import Answer, ConsumerQueries, ReceivedOffer, only_of_its_name
-from recorders.wire.received_stream import ReceivedStream
 from recorders.wire.refusals import Refusals
-from recorders.wire.stream import Consumer, Offer, Progress
-from recorders.wire.subscription import LiveMessage, Subscription, live_messages
+from recorders.wire.subscription import LiveMessage, Subscription, live_messages, schema_of
 
 logger = logging.getLogger(__name__)
 
-_FAREWELL_WAIT_S = 5.0  # the sender takes note of the outcome within milliseconds, if it still lives
 _POLL_S = 1.0
 
 Event: TypeAlias = ReceivedOffer | Frame | LiveMessage
@@ -72,9 +73,8 @@ class ReceiverConfig:
 class Receiver:
     """Receives over Zenoh, for one consumer.
 
-    Zenoh calls back on threads of its own; they only check a message's place and queue it. Everything else happens on
-    the caller's thread: in `serve`, or in a loop of one's own around `next_event`. `ReceivedStream` decides, one step
-    at a time; this hands it what happens, and sends what it decides.
+    Zenoh calls back on threads of its own; they only have the machine look at what came, and queue it. Everything else
+    happens on the caller's thread: in `serve`, or in a loop of one's own around `next_event`.
 
     Parameters
     ----------
@@ -91,17 +91,12 @@ class Receiver:
         The channels that the senders of streams declare.
     """
 
-    def __init__(
-        self,
-        session: zenoh.Session,
-        *,
-        config: ReceiverConfig | None = None,
-    ) -> None:
+    def __init__(self, session: zenoh.Session, *, config: ReceiverConfig | None = None) -> None:
         self._session = session
         self._config = config or ReceiverConfig()
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
-        self._stream = ReceivedStream(self._config.name, silence_s=self._config.silence_s)
-        self._lock = threading.Lock()  # held for each step of the stream
+        self._machine = ReceiverMachine(self._config.name, silence_s=self._config.silence_s)
+        self._lock = threading.Lock()  # held for each step of the machine
         self._released = threading.Condition(self._lock)
         self._refusals = Refusals()
         self._stack = ExitStack()
@@ -109,10 +104,11 @@ class Receiver:
         self._subscription = Subscription(
             session,
             self._config.namespace,
-            hand_over=self._on_sample,
+            hand_over=self._on_live,
             refuse=self._refusals.count,
             latched_topics=self._config.latched_topics,
             live=self._config.live,
+            take_stream=self._on_stream,
         )
         self._queries = ConsumerQueries(
             session, self._config.namespace, self._config.name, on_hello=self._on_hello, on_status=self._on_status
@@ -147,13 +143,12 @@ class Receiver:
     @property
     def progress(self) -> Progress:
         """How far the stream under way has come, or the last one."""
-        with self._lock:
-            return self._stream.progress
+        return self._machine.progress
 
     @property
     def offer(self) -> Offer | None:
         """The offer that was accepted and is not through yet."""
-        return self._stream.offer
+        return self._machine.offer
 
     def serve(self, consumer: Consumer, *, wait_s: float = math.inf) -> dict[str, Any]:
         """Wait for an offer that the consumer takes, feed it the stream, and return its result.
@@ -187,43 +182,44 @@ class Receiver:
             If a stream is under way and its sender has been silent for too long.
         """
         while (event := self._events.get(timeout_s)) is not None:
-            if not (isinstance(event, ReceivedOffer) and self.offer is not None):
+            if not (isinstance(event, ReceivedOffer) and self._is_answered(event)):
                 return event
-            self.refuse(event, self._stream.taken)  # it came while another was being decided
         with self._lock:
-            self._stream.check_silence(time.monotonic())
+            error = self._machine.on_time(time.monotonic())
+        if error is not None:
+            raise error
         return None
 
-    def accept(self, offered: ReceivedOffer, start: int) -> None:
+    def accept(self, event: ReceivedOffer, start: int) -> None:
         """Take an offer, from the stream index `start` on."""
         with self._lock:
-            progress = self._stream.accept(offered.offer, start, time.monotonic())
-        logger.info(f"{self._config.name} takes run {offered.offer.run[:8]} from message {start} on")
-        offered.answer(progress)
+            answer = self._machine.accept(event.offered, start, time.monotonic())
+        logger.info(f"{self._config.name} takes run {event.offer.run[:8]} from message {start} on")
+        event.answer(answer)
 
-    def refuse(self, offered: ReceivedOffer, reason: str) -> None:
+    def refuse(self, event: ReceivedOffer, reason: str) -> None:
         """Turn an offer down; another may follow."""
         self._refusals.report(f"refused an offer: {reason}")
-        offered.answer(Progress(error=reason))
+        event.answer(self._machine.refuse(event.offered, reason))
 
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""
         with self._lock:
-            due = self._stream.consume(frame)
-        if due:
-            self._queries.acknowledge(self.progress)
+            acknowledgement = self._machine.consume(frame)
+        if acknowledgement is not None:
+            self._queries.acknowledge(acknowledgement)
 
     def finish(self, result: dict[str, Any]) -> None:
         """Report the result of the stream, which is through, and wait until the sender has it or has gone."""
         self.report(result)
-        if not self._await_release(_FAREWELL_WAIT_S):
+        if not self._await_release(FAREWELL_WAIT_S):
             self.abandon_stream()
 
     def report(self, result: dict[str, Any]) -> None:
         """Report the result of the stream, which is through; `is_released` is true once the sender needs no more."""
         with self._lock:
-            self._stream.finish(result, time.monotonic())
-        self._queries.acknowledge(self.progress)
+            report = self._machine.finish(result, time.monotonic())
+        self._queries.acknowledge(report)
 
     def is_released(self, timeout_s: float = 0.0) -> bool:
         """Whether no sender waits for word from here, now or within the time [s].
@@ -233,9 +229,10 @@ class Receiver:
         """
         if self._await_release(timeout_s):
             return True
-        if self._stream.silence_s(time.monotonic()) > _FAREWELL_WAIT_S:
-            self.abandon_stream()
-        return self._stream.released
+        with self._lock:
+            if self._machine.progress.is_final:
+                self._machine.on_time(time.monotonic())
+            return self._machine.released
 
     def reporting_failure(self) -> "_ReportingFailure":
         """Return a context that reports an exception which leaves it to the sender."""
@@ -244,17 +241,17 @@ class Receiver:
     def fail(self, reason: str) -> None:
         """Inform the sender, if it still lives, that its stream is given up, and why."""
         with self._lock:
-            self._stream.fail(reason)
-        self._queries.acknowledge(self.progress)
-        self._await_release(_FAREWELL_WAIT_S)
+            report = self._machine.fail(reason, time.monotonic())
+        self._queries.acknowledge(report)
+        self._await_release(FAREWELL_WAIT_S)
 
-    def abandon_stream(self, reason: str = "the stream was given up") -> None:
+    def abandon_stream(self, reason: str = GIVEN_UP) -> None:
         """Leave the stream under way to itself, as its sender has; the next offer is welcome.
 
         A sender that comes back nevertheless gets the reason, and nothing more of its stream is taken.
         """
         with self._lock:
-            self._stream.abandon(reason)
+            self._machine.abandon(reason)
             self._released.notify_all()
 
     def unsubscribe(self) -> None:
@@ -264,7 +261,7 @@ class Receiver:
     def _await_release(self, timeout_s: float) -> bool:
         """Return whether no sender waits for an answer, now or within the time [s]."""
         with self._lock:
-            return self._released.wait_for(lambda: self._stream.released, timeout_s)
+            return self._released.wait_for(lambda: self._machine.released, timeout_s)
 
     def _await_offer(self, consumer: Consumer, wait_s: float) -> None:
         deadline = time.monotonic() + wait_s
@@ -291,19 +288,34 @@ class Receiver:
                 if event.kind is FrameType.END:
                     return
                 if event.kind is FrameType.ABORT:
-                    with self._lock:
-                        raise self._stream.gave_up(event)
+                    raise self._machine.gave_up(event)
                 yield from event.messages
                 self.consumed(event)
 
+    def _is_answered(self, event: ReceivedOffer) -> bool:
+        """Answer an offer that came while another was being decided."""
+        with self._lock:
+            answer = self._machine.answer(event.offered)
+        if answer is not None:
+            event.answer(answer)
+        return answer is not None
+
     # From here on: Zenoh's threads.
 
-    def _on_sample(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
-        if frame is not None and self._stream.owns(frame):
-            self._queue_in_order(frame)
-        elif frame is not None and self._stream.has_left(frame):
-            return
-        elif self._config.live:
+    def _on_stream(self, topic: str, sample: zenoh.Sample, attachment: bytes) -> bool:
+        if not self._machine.concerns(attachment):
+            return False
+        packet = Packet(sample.payload.to_bytes(), attachment)
+        with self._lock:
+            frame = self._machine.on_sample(topic, packet, time.monotonic(), type_name=schema_of(sample))
+            if frame is not None and self._events.put(frame, frame.size or len(frame.reason)):
+                self._machine.arrived(frame)
+            if self._machine.released:
+                self._released.notify_all()
+        return True
+
+    def _on_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
+        if self._config.live:
             for message in live_messages(topic, sample, frame):
                 if not self._events.put(message, len(message.record.data)):
                     self._refusals.count(
@@ -312,34 +324,20 @@ class Receiver:
         elif self.offer is not None and topic in self._config.extra_topics:
             self._refusals.count(topic, "not of the stream that is under way")
 
-    def _queue_live(self, message: LiveMessage) -> None:
-        if not self._events.put(message, len(message.record.data)):
-            self._refusals.count(message.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already")
-
-    def _queue_in_order(self, frame: Frame) -> None:
+    def _on_hello(self, packet: Packet, answer: Answer) -> None:
         with self._lock:
-            rest = self._stream.take(frame, time.monotonic())
-            if rest is not None and self._events.put(rest, rest.size or len(rest.reason)):
-                self._stream.arrived(rest)
-            if self._stream.released:
-                self._released.notify_all()
+            offered = self._machine.on_hello(packet)
+        if isinstance(offered, Packet):
+            answer(offered)
+        elif not self._events.put(ReceivedOffer(offered, answer), offered.size):
+            answer(self._machine.refuse(offered, self._machine.taken))
 
-    def _on_hello(self, offered: ReceivedOffer) -> None:
+    def _on_status(self, packet: Packet, answer: Answer) -> None:
         with self._lock:
-            answer = self._stream.answer_hello(offered.offer)
-        if answer is None and self._events.put(offered, offered.size):
-            return
-        if answer is None or answer.error == self._stream.taken:
-            self.refuse(offered, self._stream.taken)
-        else:
-            offered.answer(answer)
-
-    def _on_status(self, asked: bytes, answer: Answer) -> None:
-        with self._lock:
-            progress = self._stream.answer_status(asked)
+            progress = self._machine.on_status(packet)
         answer(progress)
         with self._lock:
-            self._stream.note_status(asked, progress, time.monotonic())
+            self._machine.on_status_answered(packet, progress, time.monotonic())
             self._released.notify_all()
 
 

@@ -11,8 +11,9 @@ import zenoh
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
-from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, batch_topic, message_key, unpack
+from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, batch_topic, unpack
 from recorders.wire.history import HistorySubscriber
+from recorders.wire.keys import message_key
 from recorders.wire.queries import MAX_CONTROL
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
@@ -33,6 +34,9 @@ class LiveMessage(NamedTuple):
 HandOver: TypeAlias = Callable[[str, zenoh.Sample, Frame | None], None]
 """Takes a topic, the sample that came on it, and the frame that it is; None if it has no attachment of ours."""
 
+TakeStream: TypeAlias = Callable[[str, zenoh.Sample, bytes], bool]
+"""Takes a topic, a sample and its attachment; False if they are of no stream that anybody here awaits."""
+
 
 class Subscription:
     """A subscription to all topics of a namespace, and to what publishers cache of some of them.
@@ -51,6 +55,8 @@ class Subscription:
         Topics of which the last message from before this came is received too, if its publisher caches it.
     live : bool
         Whether attachments of others are passed over: they may attach to live messages what they like.
+    take_stream : callable
+        Takes what is of a stream, before anything else looks at it; raises MessageError to refuse it.
     """
 
     def __init__(
@@ -62,12 +68,14 @@ class Subscription:
         refuse: Callable[[str, str], None],
         latched_topics: Iterable[str] = (),
         live: bool = False,
+        take_stream: TakeStream = lambda topic, sample, attachment: False,
     ) -> None:
         self._session = session
         self._namespace = namespace
         self._hand_over = hand_over
         self._refuse = refuse
         self._live = live
+        self._take_stream = take_stream
         latched = (message_key(namespace, topic) for topic in latched_topics)
         self._history = HistorySubscriber(session, latched, self._on_sample)
         self._all_received = threading.Event()  # whatever had arrived before unsubscribing is handed over
@@ -99,35 +107,36 @@ class Subscription:
             self._refuse(topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
             return
         try:
-            frame = self._framed(topic, sample)
+            self._take(topic, sample)
         except MessageError as error:
             self._refuse(topic, str(error).removeprefix(f"{topic}: "))
-            return
-        self._hand_over(topic, sample, frame)
 
-    def _framed(self, topic: str, sample: zenoh.Sample) -> Frame | None:
-        """Return the frame that a sample is, None if it carries no attachment of ours.
+    def _take(self, topic: str, sample: zenoh.Sample) -> None:
+        if sample.attachment is None:
+            self._hand_over(topic, sample, None)
+            return
+        if len(sample.attachment) > MAX_CONTROL:
+            raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
+        attachment = sample.attachment.to_bytes()
+        if not self._take_stream(topic, sample, attachment):
+            self._hand_over(topic, sample, self._framed(topic, sample, attachment))
+
+    def _framed(self, topic: str, sample: zenoh.Sample, attachment: bytes) -> Frame | None:
+        """Return the frame that a sample is, None if its attachment is not ours.
 
         On the key of batches there are no others.
         """
-        if sample.attachment is None:
-            return None
-        if len(sample.attachment) > MAX_CONTROL:
-            raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
         try:
-            frame = unpack(topic, sample.payload.to_bytes(), sample.attachment.to_bytes())
+            return unpack(topic, sample.payload.to_bytes(), attachment, type_name=schema_of(sample))
         except MessageError:
             if self._live and topic != batch_topic():
                 return None
             raise
-        if frame.kind is FrameType.MESSAGE and not frame.messages[0].type:
-            return frame._replace(messages=(frame.messages[0]._replace(type=_schema_of(sample)),))
-        return frame
 
 
 def live_messages(topic: str, sample: zenoh.Sample, frame: Frame | None) -> Iterator[LiveMessage]:
     """Yield what a sample is when it is of no stream; the arguments are those of `HandOver`."""
-    kind = type_of(topic) or _schema_of(sample)
+    kind = type_of(topic) or schema_of(sample)
     if frame is None:
         record = RecordedMessage(topic, kind, sample.payload.to_bytes(), 0, time.time_ns())
         yield LiveMessage(record, numbered=False)
@@ -136,7 +145,7 @@ def live_messages(topic: str, sample: zenoh.Sample, frame: Frame | None) -> Iter
         yield LiveMessage(record._replace(type=record.type or kind), numbered=True, sender=frame.sender)
 
 
-def _schema_of(sample: zenoh.Sample) -> str:
+def schema_of(sample: zenoh.Sample) -> str:
     """Return the type that a sample's encoding names, such as `application/cdr;TYPE`, or an empty string."""
     encoding, _, schema = str(sample.encoding).partition(";")
     return schema if encoding in _ENCODINGS else ""

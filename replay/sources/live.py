@@ -15,11 +15,11 @@ from recorders.messages.message_types import String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
+from recorders.protocol.stream import Offer
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import NO_POSES, Check, PoseReader, pass_all
 from recorders.ticks.live import MAX_MESSAGE, LiveTick, LiveTicks
 from recorders.ticks.stamp_joiner import RejectionError
-from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import read_robot, renamed
 

@@ -16,12 +16,12 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
+from recorders.protocol.stream import Offer
 from recorders.reading.parts import Log, files_of
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.text.quantities import MAX_TIME_NS, seconds_text
 from recorders.text.wording import names_text
-from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
-from recorders.wire.stream import Offer
+from recorders.wire.keys import DEFAULT_NAMESPACE, message_key
 from replay.sources.scheduled import check_renames, check_size, read_robot
 
 

@@ -14,10 +14,10 @@ from recorders.errors import JointError, LogError, MessageError, MotionError
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE, TOPICS, type_of
+from recorders.protocol.stream import MAX_MESSAGE, Offer
 from recorders.reading.parts import Log
 from recorders.text.wording import names_text
 from recorders.ticks.joiner import TickJoiner
-from recorders.wire.stream import MAX_MESSAGE, Offer
 from replay.sources.episodes import ALIGNMENT, WHOLE, Span, alignment_of, episode_spans
 from replay.sources.schedule import Schedule
 from replay.sources.stream_digest import StreamDigest

@@ -12,8 +12,8 @@ from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE
+from recorders.protocol.stream import Offer
 from recorders.reading.parts import Log
-from recorders.wire.stream import Offer
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import check_size, naming, read_robot, renamed
 

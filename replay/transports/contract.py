@@ -8,7 +8,7 @@ import pytest
 from recorders.errors import LogError, MessageError, ReenactError
 from recorders.messages.message_types import String
 from recorders.messages.record import RecordedMessage
-from recorders.wire.stream import Consumer, Offer
+from recorders.protocol.stream import Consumer, Offer
 from replay.transports.clock import Clock, paced
 from replay.transports.transport import StreamFrom
 

@@ -4,7 +4,7 @@ from collections.abc import Callable, Iterator
 from typing import Any, Protocol
 
 from recorders.messages.record import RecordedMessage
-from recorders.wire.stream import Consumer, Offer
+from recorders.protocol.stream import Consumer, Offer
 
 StreamFrom = Callable[[int], Iterator[RecordedMessage]]
 """Gives the stream from an index on; index 0 is the first message of the run."""

@@ -32,8 +32,9 @@ from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode, stamp_ns
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
+from recorders.protocol.frames import live_attachment
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.frames import live_attachment, message_key
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 

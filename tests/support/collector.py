@@ -9,7 +9,7 @@ from typing import Any
 
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.wire.stream import Offer
+from recorders.protocol.stream import Offer
 
 _PATIENCE_S = 120.0
 

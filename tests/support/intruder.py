@@ -17,19 +17,10 @@ from recorders.errors import MessageError
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
-from recorders.wire.frames import (
-    NO_RUN,
-    Frame,
-    FrameType,
-    batch_key,
-    batch_topic,
-    control_key,
-    message_key,
-    pack,
-    unpack,
-)
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, batch_topic, pack, unpack
+from recorders.protocol.stream import Progress
+from recorders.wire.keys import batch_key, control_key, message_key
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Progress
 
 NAMESPACE = "reenact"
 HUGE = 100 << 20

@@ -20,9 +20,9 @@ from collector import Collector
 from recorders.errors import ReenactError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
+from recorders.protocol.stream import Offer
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
-from recorders.wire.stream import Offer
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 

@@ -43,15 +43,16 @@ from recorders.messages.topics import (
     ROBOT_DESCRIPTION,
     SESSION_PHASE,
 )
+from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, pack
+from recorders.protocol.stream import Offer, Progress
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, message_key, pack
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Offer, Progress
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 from replay.transports.sender_config import SenderConfig
@@ -403,8 +404,8 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
 def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 2.0)
-    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
+    monkeypatch.setattr("recorders.protocol.receiver.FAREWELL_WAIT_S", 2.0)
+    monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
     log = write_episode(tmp_path / "episode.mcap", samples=4)
     endpoint = free_endpoint()
     with (
@@ -533,7 +534,7 @@ def test_a_sender_that_comes_back_too_late_is_told_so_and_nothing_more_of_it_is_
             stack.callback(over.set)  # or the recorder would outlive a test that fails
             wait_until(lambda: live.recording.messages > 0)
             replay.send_signal(signal.SIGSTOP)
-            monkeypatch.setattr(receiver._stream, "_silence_s", 0.5)  # only now: it may have been slow before
+            monkeypatch.setattr(receiver._machine, "_silence_s", 0.5)  # only now: it may have been slow before
             wait_until(lambda: bool(live.recording.broken))
             messages = live.recording.messages
             replay.send_signal(signal.SIGCONT)

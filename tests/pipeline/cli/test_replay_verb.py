@@ -16,11 +16,11 @@ from waiting import wait_until
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET
+from recorders.protocol.stream import Offer
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Offer
 from recorders.writing.writer import LogWriter
 
 SAMPLES = 9

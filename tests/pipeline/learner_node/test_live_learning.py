@@ -41,8 +41,9 @@ from recorders.messages.topics import (
     LEFT_TARGET,
     SESSION_PHASE,
 )
+from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, pack, unpack
 from recorders.reading.reader import LogReader
-from recorders.wire.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, message_key, pack, unpack
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session

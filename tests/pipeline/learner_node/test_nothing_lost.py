@@ -230,7 +230,7 @@ def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(l
 def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
+    monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
     with (
         collecting(endpoint, "early", silence_s=SILENCE_S) as early,
@@ -253,7 +253,7 @@ def late(endpoint: str) -> str:
 
 
 def test_a_pause_in_the_stream_is_no_silence(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("replay.transports.zenoh._ALIVE_S", 0.02)  # far more often than it must
+    monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
     endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
 
     def paused(begin: int) -> Iterator[RecordedMessage]:

@@ -22,7 +22,7 @@ from recorders.errors import WireError
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS, LEFT_TARGET, SAMPLE_JOINTS, SESSION_PHASE
-from recorders.wire.frames import MAX_PAYLOAD, batch_topic
+from recorders.protocol.frames import MAX_PAYLOAD, batch_topic
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.schedule import Schedule

@@ -32,8 +32,9 @@ from recorders.errors import ConfigError, ReenactError, WireError
 from recorders.messages import topics
 from recorders.messages.message_types import Clock, JointState, PoseStamped, String
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import unpack
 from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
-from recorders.wire.frames import message_key, unpack
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

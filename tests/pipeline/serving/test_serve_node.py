@@ -44,8 +44,9 @@ from recorders.messages.topics import (
     RIGHT_TARGET,
     SAMPLE_JOINTS,
 )
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack, unpack
 from recorders.reading.reader import LogReader
-from recorders.wire.frames import NO_RUN, Frame, FrameType, message_key, pack, unpack
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.live import live_offer

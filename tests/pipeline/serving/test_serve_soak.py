@@ -15,7 +15,8 @@ from recorders.cdr.codec import encode
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.nodes.search import find_nodes
-from recorders.wire.frames import live_attachment, message_key
+from recorders.protocol.frames import live_attachment
+from recorders.wire.keys import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.schedule import Schedule

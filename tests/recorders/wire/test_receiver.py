@@ -12,12 +12,13 @@ from visitor import OFFER, await_ready, outcome, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
-from recorders.wire.frames import Frame, FrameType, batch_key, control_key, pack
+from recorders.protocol.frames import Frame, FrameType, pack
+from recorders.protocol.stream import Offer, Progress
+from recorders.wire.keys import batch_key, control_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Offer, Progress
 from recorders.wire.subscription import LiveMessage
 
 
@@ -116,7 +117,7 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
         assert [reply.ok is not None for reply in replies] == [True]
         receiver.report({"count": 3})
         assert not receiver.is_released()
-        monkeypatch.setattr("recorders.wire.receiver._FAREWELL_WAIT_S", 0.5)
+        monkeypatch.setattr("recorders.protocol.receiver.FAREWELL_WAIT_S", 0.5)
         assert receiver.is_released(1.0)
         assert receiver.offer is None
         answer = ask(other, "status", offer.sender.encode())

@@ -14,11 +14,11 @@ from waiting import wait_until
 from recorders.errors import ConfigError, LogError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.protocol.stream import MAX_MESSAGE
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import MAX_MESSAGE
 from replay.sources.playback import Playback, PlaybackConfig
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
@@ -231,7 +231,7 @@ def test_numbers_out_of_range_are_refused(options: dict[str, int]) -> None:
 def test_whoever_begins_to_listen_just_after_it_began_hears_all_of_it(
     log: Path, caplog: pytest.LogCaptureFixture, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("replay.transports.zenoh._LISTENER_WAIT_S", 120.0)  # "just after" is not long
+    monkeypatch.setattr("recorders.wire.sender._LISTENER_WAIT_S", 120.0)  # "just after" is not long
     heard: list[bytes] = []
     endpoint = free_endpoint()
     with (

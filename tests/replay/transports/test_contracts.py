@@ -8,11 +8,11 @@ from typing import Any
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.stream import Consumer, Offer
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import Consumer, Offer
 from replay.transports.clock import Clock, Paced, Pausable, Unpaced
 from replay.transports.contract import ClockContract, TransportContract
 from replay.transports.sender_config import SenderConfig

@@ -18,14 +18,16 @@ from collector import Collector
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
-from recorders.wire.frames import MAX_PAYLOAD, Frame, FrameType
+from recorders.protocol.frames import MAX_PAYLOAD, Frame, FrameType
+from recorders.protocol.packets import Publish
+from recorders.protocol.stream import WINDOW_BYTES, Offer
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver
+from recorders.wire.sender import StreamSender
 from recorders.wire.session import SessionConfig, open_session
-from recorders.wire.stream import WINDOW_BYTES, Offer
 from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import InProcess, Transport
-from replay.transports.zenoh import ZenohTransport, _Delivery
+from replay.transports.zenoh import ZenohTransport
 
 PATIENCE_S = 120.0  # for a process to start
 PATIENT = SenderConfig(wait_s=PATIENCE_S)
@@ -163,25 +165,27 @@ def collectors(endpoint: str, **options: dict[str, Any]) -> Iterator[dict[str, A
     ("window", "batch", "frames"),
     [(64, 1, 0), (256, 16, 1), *(pytest.param(*row, marks=pytest.mark.campaign) for row in ((64, 1, 3), (256, 16, 3)))],
 )
-def test_frames_that_the_network_loses_are_sent_again(window: int, batch: int, frames: int) -> None:
+def test_frames_that_the_network_loses_are_sent_again(
+    window: int, batch: int, frames: int, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Zenoh drops what a stalled link cannot hold; here the link loses some frames and then the end."""
     endpoint = free_endpoint()
     lost: list[Frame] = []
 
-    class Lossy(_Delivery):
-        def _put(self, frame: Frame) -> None:
+    class Lossy(StreamSender):
+        def _publish(self, action: Publish) -> None:
+            frame = action.frame
             lose = len(lost) < frames and frame.first >= 300 * (len(lost) + 1)
             lose = lose or (len(lost) == frames and frame.kind is FrameType.END)
             if lose:
                 lost.append(frame)
             else:
-                super()._put(frame)
+                super()._publish(action)
 
+    monkeypatch.setattr("replay.transports.zenoh.StreamSender", Lossy)
     config = SenderConfig(window=window, batch_size=batch, wait_s=PATIENCE_S)
-    offer = replace(OFFER, sender="cd" * 16, window=window)
     with collectors(endpoint, learner={}) as said, open_session(SessionConfig(listen=(endpoint,))) as session:
-        with Lossy(session, config, offer, lambda consumed: None, ()) as delivery:
-            assert delivery.run(stream_from) == {"learner": expected()}
+        assert ZenohTransport(session, config=config).deliver(OFFER, stream_from) == {"learner": expected()}
     assert [frame.kind for frame in lost][frames:] == [FrameType.END]
     assert said == {"learner": expected()}
 

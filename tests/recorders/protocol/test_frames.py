@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from recorders.errors import MessageError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import TOPICS
-from recorders.wire.frames import NO_RUN, Frame, FrameType, live_attachment, message_key, pack, unpack
-from recorders.wire.stream import Offer, Progress
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, live_attachment, pack, unpack
+from recorders.protocol.stream import Offer, Progress
+from recorders.wire.keys import message_key
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 

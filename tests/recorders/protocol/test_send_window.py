@@ -6,10 +6,11 @@ import pytest
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
-from recorders.wire.frames import Frame, FrameType
-from recorders.wire.received_stream import ReceivedStream
-from recorders.wire.stream import WINDOW_BYTES, Offer, Progress
-from replay.transports.send_window import Rewind, SendWindow
+from recorders.protocol.frames import Frame, FrameType, pack
+from recorders.protocol.packets import Packet
+from recorders.protocol.receiver import Offered, ReceiverMachine
+from recorders.protocol.send_window import Rewind, SendWindow
+from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
 
 COUNT = 60
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[], sender="cd" * 16, window=8)
@@ -29,10 +30,13 @@ class Consumer:
     def __init__(self, draw: random.Random) -> None:
         self._draw = draw
         self._line: list[Frame] = []
-        self._stream = ReceivedStream("learner", silence_s=1.0)
+        self._machine = ReceiverMachine("learner", silence_s=1.0)
         self.taken: list[RecordedMessage] = []
         self._steps = 0
-        self.hello = self._stream.accept(OFFER, 0, 0.0)
+        offered = self._machine.on_hello(Packet(OFFER.to_json()))
+        assert isinstance(offered, Offered)
+        self._machine.accept(offered, 0, 0.0)
+        self.hello = self._machine.progress
 
     def send(self, sent: Frame) -> None:
         if self._draw.random() < 0.5:
@@ -44,14 +48,14 @@ class Consumer:
         assert self._steps < 10_000, "the stream does not come to its end"
         self._draw.shuffle(self._line)
         while self._line and self._draw.random() < 0.8:
-            new = self._stream.take(self._line.pop(), 0.0)
+            new = self._machine.on_sample("/count", Packet(*pack(self._line.pop())), 0.0)
             if new is not None:
-                self._stream.arrived(new)
+                self._machine.arrived(new)
                 self.taken += new.messages
-                self._stream.consume(new)
+                self._machine.consume(new)
                 if new.kind is FrameType.END:
-                    self._stream.finish({"count": len(self.taken)}, 0.0)
-        return self._stream.progress
+                    self._machine.finish({"count": len(self.taken)}, 0.0)
+        return self._machine.progress
 
 
 def deliver(window: SendWindow, consumers: dict[str, Consumer], draw: random.Random) -> None:

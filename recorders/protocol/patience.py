@@ -1,20 +1,24 @@
 """How long a sender goes on asking a consumer that is silent, or receives nothing."""
 
-import time
-
 from recorders.errors import WireError
 
 
 class Patience:
-    """How long each consumer has been silent, or has received nothing of what was sent."""
+    """How long each consumer has been silent, or has received nothing of what was sent.
+
+    Parameters
+    ----------
+    patience_s : float
+        How long that may last [s].
+    """
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
         self._received: dict[str, int | None] = {}
         self._since_s: dict[str, float] = {}
 
-    def lacks(self, name: str, received: int | None, *, lacking: bool) -> bool:
-        """Note a poll; True if the consumer lacks the same message as at the poll before.
+    def lacks(self, name: str, received: int | None, now_s: float, *, lacking: bool) -> bool:
+        """Note an answer, or that there was none; True if the consumer lacks the same message as at the one before.
 
         Raises
         ------
@@ -23,8 +27,8 @@ class Patience:
         """
         again = lacking and name in self._received and self._received[name] == received
         if not again:
-            self._since_s[name] = time.monotonic()
-        elif time.monotonic() - self._since_s[name] > self._patience_s:
+            self._since_s[name] = now_s
+        elif now_s - self._since_s[name] > self._patience_s:
             what = "no answer" if received is None else f"message {received} does not arrive"
             raise WireError(f"{name}: {what} for {self._patience_s:g} s; the rest of the stream is unconfirmed")
         self._received[name] = received

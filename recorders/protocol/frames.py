@@ -1,27 +1,22 @@
 """Frames on the data keys: single messages with their attachment, packed batches, the end and the abort."""
 
-import re
 import struct
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import lru_cache
 from typing import NamedTuple
 
-from recorders.errors import MessageError, WireError
+from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
-from recorders.wire.stream import MAX_MESSAGE, PROTOCOL_VERSION
-
-DEFAULT_NAMESPACE = "reenact"
+from recorders.protocol.stream import MAX_MESSAGE, PROTOCOL_VERSION
 
 MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
 """Larger payloads are refused unread [bytes]: a message, and its entry in a batch."""
 
 _ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
+_RUN, _SENDER = slice(8, 24), slice(24, 40)
 _LIVE = struct.Struct("<4sI32sQQ")  # the same, with what all live messages share in two pieces
-_CHUNK = r"(?!@)[^/*#?$\0\ud800-\udfff]+"  # no wildcard of Zenoh's, no control key of ours, and nothing but text
-_TOPIC = re.compile(f"{_CHUNK}(/{_CHUNK})*")
-_MAX_TOPIC = 1000  # characters; the length of a name in a batch has 16 bits
 _RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
 
 
@@ -63,51 +58,9 @@ class Frame(NamedTuple):
         return self.first + len(self.messages)
 
 
-def check_name(name: str) -> None:
-    """Raise WireError unless a node's name can be part of a key."""
-    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,100}", name):
-        raise WireError(f"name: expected letters, digits, '_', '.' or '-', found {name[:100]!r}")
-
-
-def check_namespace(namespace: str) -> None:
-    """Raise WireError unless a namespace can begin a key."""
-    if not re.fullmatch(r"[A-Za-z0-9_.-]{1,100}(/[A-Za-z0-9_.-]{1,100})*", namespace):
-        raise WireError(
-            f"namespace: expected names with '/' between them, such as lab/asimo, found {namespace[:100]!r}"
-        )
-
-
 def batch_topic() -> str:
     """Return the name, as of a topic, of the key that batches, the end and the abort travel on."""
     return "/replay/batch"
-
-
-def batch_key(namespace: str) -> str:
-    """Return the key that batches, the end and the abort travel on."""
-    return message_key(namespace, batch_topic())
-
-
-def control_key(namespace: str, consumer: str, verb: str) -> str:
-    """Return the key of a consumer's `hello`, `status` or `ack`."""
-    return f"{namespace}/@consumer/{consumer}/{verb}"
-
-
-@lru_cache(maxsize=1024)
-def message_key(namespace: str, topic: str) -> str:
-    """Return the key of a topic: the namespace and the topic without its leading slash.
-
-    Raises
-    ------
-    WireError
-        If the topic cannot be part of a key of its own: it would name several keys, or one of the protocol's.
-    """
-    name = topic.removeprefix("/")
-    if len(name) > _MAX_TOPIC or not _TOPIC.fullmatch(name):
-        raise WireError(
-            "topic: expected names with '/' between them, such as /hand/left/target, without any of * # ? $, "
-            f"of at most {_MAX_TOPIC} characters and none that begins with @, found {topic[:100]!r}"
-        )
-    return f"{namespace}/{name}"
 
 
 def pack(frame: Frame) -> tuple[bytes, bytes]:
@@ -131,13 +84,22 @@ def live_attachment(sequence: int, log_time_ns: int) -> bytes:
     return _LIVE.pack(_LIVE_HEAD, sequence, _NOBODY, sequence, log_time_ns)
 
 
-def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
+def stream_of(attachment: bytes) -> tuple[bytes, bytes] | None:
+    """Return the run and the sender that an attachment names; None if it is no attachment of a frame."""
+    return (attachment[_RUN], attachment[_SENDER]) if len(attachment) == _ATTACHMENT.size else None
+
+
+def unpack(topic: str, payload: bytes, attachment: bytes, *, type_name: str = "") -> Frame:
     """Read a frame back.
 
     Parameters
     ----------
     topic : str
         Topic of the key that the sample came on; only a single message has one.
+    payload, attachment : bytes
+        As `pack` returns them.
+    type_name : str
+        Type of a single message on a topic of which none is known.
 
     Raises
     ------
@@ -150,7 +112,8 @@ def unpack(topic: str, payload: bytes, attachment: bytes) -> Frame:
         if version != PROTOCOL_VERSION:
             raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
         if frame.kind is FrameType.MESSAGE:
-            return frame._replace(messages=(RecordedMessage(topic, type_of(topic), payload, sequence, log_time_ns),))
+            kind = type_of(topic) or type_name
+            return frame._replace(messages=(RecordedMessage(topic, kind, payload, sequence, log_time_ns),))
         if frame.kind is FrameType.BATCH:
             return frame._replace(messages=_unpack_messages(payload))
         return frame._replace(reason=payload.decode(errors="replace"))

@@ -3,8 +3,8 @@
 from collections import deque
 
 from recorders.errors import WireError
-from recorders.wire.frames import Frame, FrameType
-from recorders.wire.stream import WINDOW_BYTES, Progress
+from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.stream import WINDOW_BYTES, Progress
 
 
 class Rewind(Exception):

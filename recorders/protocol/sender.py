@@ -1,0 +1,264 @@
+"""The sending end of a stream: a machine without I/O that greets, sends, sends again, and fetches the results."""
+
+import math
+from dataclasses import replace
+from typing import Any
+
+from recorders.errors import WireError
+from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import FrameType
+from recorders.protocol.outbox import Outbox
+from recorders.protocol.packets import Action, Ask, Packet
+from recorders.protocol.patience import Patience
+from recorders.protocol.questions import Questions
+from recorders.protocol.send_window import Rewind, SendWindow
+from recorders.protocol.states import SENDER_TRANSITIONS, SenderState
+from recorders.protocol.stream import Offer, Progress, asking
+
+
+class UnansweredError(WireError):
+    """Nobody of a consumer's name has answered."""
+
+    def __init__(self, consumer: str, line: str) -> None:
+        super().__init__(line)
+        self.consumer = consumer
+
+
+class SenderMachine:
+    """Delivers one stream to its consumers: whole, in order, and confirmed by their results, or not at all.
+
+    Whoever drives it hands in what happens and the time, one call after the other, sees to what `take_actions` returns,
+    and calls `on_time` at `deadline_s`. While it is SENDING it takes the stream from index `sent` on, which falls where
+    a consumer lacks what is not here any longer, or was started anew.
+
+    Parameters
+    ----------
+    offer : Offer
+        The stream, with a sender of its own and the window.
+    consumers : sequence of str
+        Who is awaited; the window is the slowest one's.
+    batched : bool
+        Whether messages travel in batches, or each on its own topic.
+    wait_s : float
+        How long a consumer may take to appear [s].
+    patience_s : float
+        How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
+
+    Attributes
+    ----------
+    state : SenderState
+        Where it is on its way.
+    error : WireError, optional
+        Why it has failed; None if it was aborted from outside.
+    """
+
+    def __init__(
+        self, offer: Offer, consumers: tuple[str, ...], *, batched: bool, wait_s: float, patience_s: float
+    ) -> None:
+        self._offer = offer
+        self._batched = batched
+        self._wait_s, self._patience_s = wait_s, patience_s
+        self._window = SendWindow(offer.run, offer.window)
+        self._questions = Questions(consumers, wait_s)
+        self._patience = Patience(patience_s)
+        self._held = False  # messages, or the end, wait for the consumers
+        self._outbox = Outbox(offer)
+        self.state = SenderState.GREETING
+        self.error: WireError | None = None
+
+    @property
+    def sent(self) -> int:
+        """The index of the next message to send."""
+        return self._window.sent
+
+    @property
+    def consumed(self) -> int:
+        """The index up to which every consumer has consumed."""
+        return self._window.consumed
+
+    @property
+    def results(self) -> dict[str, dict[str, Any]]:
+        """The result of each consumer by its name."""
+        return {name: progress.result or {} for name, progress in self._window.progress.items()}
+
+    @property
+    def is_over(self) -> bool:
+        """Whether nothing happens any more."""
+        return self.state in (SenderState.DONE, SenderState.FAILED)
+
+    @property
+    def deadline_s(self) -> float:
+        """When `on_time` is to be called, if nothing happens before [s]; infinite if never."""
+        return math.inf if self.is_over else self._questions.deadline_s
+
+    @property
+    def has_actions(self) -> bool:
+        """Whether `take_actions` would return any."""
+        return len(self._outbox) > 0
+
+    def take_actions(self) -> list[Action]:
+        """Return what is to be done, in this order, and forget it."""
+        return self._outbox.take()
+
+    def start(self, now_s: float) -> None:
+        """Begin to greet."""
+        self._greet_next(now_s)
+
+    def send(self, messages: tuple[RecordedMessage, ...]) -> bool:
+        """Send the messages from index `sent` on; False if they have to wait for room, and are to be sent again.
+
+        Raises
+        ------
+        WireError
+            If one is larger than anybody receives.
+        """
+        if not self._window.has_room(len(messages), sum(len(message.data) for message in messages)):
+            self._hold()
+            return False
+        self._held = False
+        kind = FrameType.BATCH if self._batched else FrameType.MESSAGE
+        self._window.add(self._outbox.publish(kind, self.sent, messages))
+        return True
+
+    def end(self) -> None:
+        """Note that the stream has no more messages: `sent` is its end."""
+        self._window.add(self._outbox.publish(FrameType.END, self.sent))
+        self._move("ended")
+        self._hold()
+        self._conclude()
+
+    def abort(self, reason: str) -> None:
+        """Give the stream up, and inform the consumers that may have taken the offer."""
+        if not self.is_over:
+            self._outbox.publish(FrameType.ABORT, self.sent, reason=reason)
+            self._move("failed")
+
+    def on_time(self, now_s: float) -> None:
+        """Ask whom it is time to ask."""
+        if not self.is_over:
+            for name, verb in self._questions.take_due(now_s):
+                self._ask(name, verb, self._offer.to_json() if verb == "hello" else asking(self._offer))
+
+    def on_acknowledgement(self, consumer: str, packet: Packet, now_s: float) -> None:
+        """Take in what was published as a consumer's progress; that it is through counts once it has confirmed it."""
+        progress = _read(packet)
+        if progress is None or progress.run != self._offer.run or not self._window.can_be(progress):
+            return
+        if progress.is_final:
+            self._questions.confirm(consumer, now_s)
+        self._window.note(consumer, replace(progress, result=None, error=None))
+        self._window.discard_consumed()
+
+    def on_answer(self, ask: Ask, packet: Packet | None, now_s: float) -> None:
+        """Take in the answer to a question; None if there was none in time."""
+        if not self._questions.is_answered(ask) or self.is_over:
+            return
+        answer = _read(packet)
+        if ask.verb == "hello":
+            self._take_hello(ask.consumer, answer, now_s)
+        elif self.state is SenderState.LEAVING:
+            self._leave_if_all_know()
+        else:
+            self._take_status(ask.consumer, answer, now_s)
+
+    def exempt(self, ask: Ask, now_s: float) -> None:
+        """Take in that whoever has the name that was greeted acknowledges nothing, and need not be greeted."""
+        if self._questions.is_answered(ask) and not self.is_over:
+            self._questions.ungreeted.remove(ask.consumer)
+            self._greet_next(now_s)
+
+    def _greet_next(self, now_s: float) -> None:
+        """Greet who is next, or begin to send where the consumers together want it."""
+        if not self._questions.greet_next(now_s):
+            self._window.begin(self._window.start())
+            self._move("greeted")
+            self._held = False
+        self.on_time(now_s)
+
+    def _take_hello(self, name: str, answer: Progress | None, now_s: float) -> None:
+        if answer is None:
+            if not self._questions.greet_later(now_s):
+                self._fail(UnansweredError(name, f"no consumer named {name!r} answered within {self._wait_s:g} s"))
+        elif answer.error is not None:
+            self._fail(WireError(f"{name}: {answer.error}"))
+        elif self._offer.messages is not None and answer.next > self._offer.messages:
+            self._fail(WireError(f"{name}: wants message {answer.next} of a stream that has {self._offer.messages}"))
+        else:
+            self._window.progress[name] = answer
+            self._questions.has_accepted(name, now_s)
+            self._greet_next(now_s)
+
+    def _take_status(self, name: str, answer: Progress | None, now_s: float) -> None:
+        self._questions.ask_later(name, now_s)
+        if self._window.progress[name].result is not None:
+            return
+        if answer is not None and answer.run != self._offer.run:
+            self._restart(name, now_s)
+        elif answer is not None and answer.error is not None:
+            self._fail(WireError(f"{name}: {answer.error}"))
+        else:
+            if answer is not None:
+                self._window.note(name, answer)
+                self._window.discard_consumed()
+            if self._held and self._window.progress[name].result is None:
+                self._send_missing(name, answer, now_s)
+            self._conclude()
+        self.on_time(now_s)
+
+    def _restart(self, name: str, now_s: float) -> None:
+        """Greet a consumer anew that was started anew."""
+        self._move("consumer restarted")
+        if self._questions.has_restarted(name):
+            self._greet_next(now_s)
+
+    def _send_missing(self, name: str, answer: Progress | None, now_s: float) -> None:
+        """Send again what a consumer has lacked twice in a row; go back for what is not here any longer."""
+        lacking = answer is None or self._window.lacks(answer)
+        received = None if answer is None else answer.received
+        try:
+            if self._patience.lacks(name, received, now_s, lacking=lacking) and answer is not None:
+                for frame in self._window.missing(name, answer):
+                    self._outbox.publish_again(frame)
+        except Rewind as rewind:
+            self._window.begin(rewind.index)
+            self._move("rewound")
+            self._held = False
+        except WireError as error:
+            self._fail(error)
+
+    def _conclude(self) -> None:
+        """Say farewell once all results are there."""
+        if self.state is SenderState.ENDING and self._window.through:
+            self._move("all reported")
+            for name in self._questions.take_accepted():
+                self._ask(name, "status", asking(self._offer, farewell=True))
+            self._leave_if_all_know()
+
+    def _leave_if_all_know(self) -> None:
+        if self._questions.are_all_answered:
+            self._move("all know")
+
+    def _hold(self) -> None:
+        """Wait for the consumers: from now on they try this sender's patience."""
+        if not self._held:
+            self._patience = Patience(self._patience_s)
+        self._held = True
+
+    def _fail(self, error: WireError) -> None:
+        if not self.is_over:
+            self.error = error
+            self.abort(str(error))
+
+    def _move(self, event: str) -> None:
+        self.state = SENDER_TRANSITIONS[self.state, event]
+
+    def _ask(self, name: str, verb: str, payload: bytes) -> None:
+        self._outbox.ask(self._questions.ask(name, verb, Packet(payload)))
+
+
+def _read(packet: Packet | None) -> Progress | None:
+    """Return a consumer's answer; None if there is none that is one."""
+    try:
+        return None if packet is None else Progress.from_json(packet.payload)
+    except WireError:
+        return None

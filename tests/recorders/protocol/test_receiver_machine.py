@@ -1,0 +1,188 @@
+"""The receiving machine: whatever is lost, repeated or late on the way, a stream comes out whole and in order."""
+
+import random
+from dataclasses import replace
+from typing import Any
+
+import pytest
+
+from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
+from recorders.protocol.packets import Packet
+from recorders.protocol.receiver import FAREWELL_WAIT_S, MAX_REASON, Offered, ReceiverMachine
+from recorders.protocol.states import ReceiverState
+from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress, asking
+
+OFFER = Offer(run="ab" * 16, schedule={}, logs=[], sender="cd" * 16, window=8)
+OTHER = replace(OFFER, sender="ef" * 16)
+
+
+def message(index: int) -> RecordedMessage:
+    return RecordedMessage("/count", "", index.to_bytes(4, "little"), index, index)
+
+
+def frame(first: int, count: int = 1, *, kind: FrameType = FrameType.BATCH, offer: Offer = OFFER) -> Frame:
+    return Frame(kind, *offer.identity, first, tuple(message(index) for index in range(first, first + count)))
+
+
+def hello(machine: ReceiverMachine, offer: Offer = OFFER) -> Packet | Offered:
+    return machine.on_hello(Packet(offer.to_json()))
+
+
+def read(packet: Packet | Offered | None) -> Progress:
+    assert isinstance(packet, Packet)
+    return Progress.from_json(packet.payload)
+
+
+def take(machine: ReceiverMachine, sent: Frame, now_s: float = 0.0) -> Frame | None:
+    return machine.on_sample("/replay/batch", Packet(*pack(sent)), now_s)
+
+
+def ask(machine: ReceiverMachine, asked: bytes, now_s: float = 0.0) -> Progress:
+    answer = machine.on_status(Packet(asked))
+    machine.on_status_answered(Packet(asked), answer, now_s)
+    return read(answer)
+
+
+def accepted(start: int = 0, offer: Offer = OFFER) -> ReceiverMachine:
+    machine = ReceiverMachine("learner", silence_s=30.0)
+    offered = hello(machine, offer)
+    assert isinstance(offered, Offered)
+    assert read(machine.accept(offered, start, 0.0)) == Progress(run=offer.run, next=start, received=start)
+    return machine
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_frames_that_are_lost_repeated_and_late_come_out_in_order_and_once(seed: int) -> None:
+    draw = random.Random(seed)
+    sent = [frame(first, min(3, 200 - first)) for first in range(0, 200, 3)] + [frame(200, 0, kind=FrameType.END)]
+    machine, ended = accepted(), 0
+    taken: list[Any] = []
+    while not ended:
+        lacking = [each for each in sent if each.end > machine.progress.received or each.kind is FrameType.END]
+        under_way = [each for each in lacking[:8] if draw.random() < 0.7] + draw.choices(sent, k=2)
+        draw.shuffle(under_way)
+        for each in under_way:
+            new = take(machine, each)
+            if new is None or draw.random() < 0.1:  # the queue is full
+                continue
+            machine.arrived(new)
+            taken += new.messages
+            ended += new.kind is FrameType.END
+    assert taken == [message(index) for index in range(200)]
+    assert ended == 1
+    assert machine.progress == Progress(run=OFFER.run, next=0, received=200)
+    assert take(machine, sent[-1]) is None
+
+
+def test_half_a_window_or_a_quarter_of_the_bytes_is_acknowledged() -> None:
+    machine = accepted(start=100)
+    due = []
+    for index in range(100, 110):
+        machine.arrived(frame(index))
+        due.append(machine.consume(frame(index)) is not None)
+    assert due == [False, False, False, True] * 2 + [False, False]
+    large = frame(110)._replace(messages=(message(110)._replace(data=bytes(WINDOW_BYTES // 4)),))
+    machine.arrived(large)
+    assert read(machine.consume(large)).next == 111
+
+
+def test_offers_are_answered_by_what_the_stream_is() -> None:
+    machine = accepted(start=7)
+    assert read(hello(machine)) == machine.progress
+    assert read(hello(machine, OTHER)) == Progress(error="learner is already fed by another replay")
+    machine.abandon("no more")
+    assert machine.state is ReceiverState.IDLE
+    assert read(hello(machine)) == Progress(run=OFFER.run, next=7, received=7, error="no more")
+    assert isinstance(hello(machine, OTHER), Offered)
+    assert take(machine, frame(7)) is None
+    assert machine.concerns(pack(frame(7))[1])
+    assert not machine.concerns(pack(frame(7, offer=OTHER))[1])
+
+
+def test_an_offer_that_is_repeated_while_the_consumer_decides_is_answered_like_the_first() -> None:
+    machine = ReceiverMachine("learner", silence_s=30.0)
+    first, again = hello(machine), hello(machine)
+    assert isinstance(first, Offered)
+    assert isinstance(again, Offered)
+    assert machine.answer(again) is None
+    machine.accept(first, 5, 0.0)
+    assert read(machine.answer(again)).next == 5
+
+
+def test_live_messages_are_of_no_sender_that_could_be_left() -> None:
+    machine = accepted(offer=replace(OFFER, sender=NO_RUN.hex()))
+    machine.abandon()
+    assert not machine.concerns(pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (message(0),)))[1])
+
+
+def test_a_result_is_kept_until_the_farewell_of_its_sender() -> None:
+    machine = accepted()
+    machine.finish({"count": 3}, 1.0)
+    for asked in (asking(OFFER), asking(OTHER, farewell=True), b"\xff", asking(OFFER, farewell=True)):
+        assert machine.state is ReceiverState.REPORTED
+        assert not machine.released
+        assert ask(machine, asked, 2.0).result == {"count": 3}
+    assert machine.released
+    assert machine.offer is None
+    assert ask(machine, asking(OFFER)).result == {"count": 3}
+
+
+def test_a_failure_is_over_as_soon_as_its_sender_knows() -> None:
+    machine = accepted()
+    before = machine.on_status(Packet(asking(OFFER)))
+    machine.fail("the disk is full", 0.0)
+    machine.on_status_answered(Packet(asking(OFFER)), before, 0.0)  # it does not know yet
+    assert machine.state is ReceiverState.FAILED
+    assert not machine.released
+    assert ask(machine, asking(OFFER)).error == "the disk is full"
+    assert machine.released
+
+
+@pytest.mark.parametrize("conclude", ["finish", "fail"])
+def test_a_sender_that_never_asks_is_left_and_informed_if_it_comes_back(conclude: str) -> None:
+    machine = accepted()
+    machine.finish({}, 10.0) if conclude == "finish" else machine.fail("full", 10.0)
+    assert machine.deadline_s == 10.0 + FAREWELL_WAIT_S
+    assert machine.on_time(14.0) is None
+    assert not machine.released
+    assert machine.on_time(machine.deadline_s) is None
+    assert machine.state is ReceiverState.IDLE
+    assert ask(machine, asking(OFFER)).is_final
+
+
+def test_an_abort_counts_unless_the_stream_is_through() -> None:
+    abort = frame(0, 0, kind=FrameType.ABORT)._replace(reason="\x1b[2J" + "a" * 2 * MAX_REASON)
+    machine = accepted()
+    taken = take(machine, abort)
+    assert taken is not None
+    assert taken.reason.isprintable()
+    assert len(taken.reason) < MAX_REASON + 10
+    machine.arrived(taken)
+    assert machine.state is ReceiverState.LOST
+    assert take(machine, frame(0)) is None
+    assert str(machine.gave_up(taken)).startswith("the sender gave up at message 0: ")
+    machine.fail("the sender gave up", 0.0)
+    assert isinstance(hello(machine, OTHER), Offered)
+    through = accepted()
+    through.finish({}, 0.0)
+    assert take(through, abort) is None
+    assert through.released
+    assert ask(through, asking(OFFER)).result == {}
+
+
+def test_silence_ends_a_stream_that_is_under_way_and_no_other() -> None:
+    machine = accepted()
+    take(machine, frame(0), 10.0)
+    assert machine.deadline_s == 40.0
+    assert machine.on_time(39.0) is None
+    assert "fell silent 31 s ago, before message 0" in str(machine.on_time(41.0))
+    assert machine.state is ReceiverState.LOST
+    assert machine.released
+    living = accepted()
+    ask(living, asking(OTHER), 20.0)  # of somebody else
+    assert living.deadline_s == 30.0
+    ask(living, asking(OFFER), 20.0)
+    assert living.deadline_s == 50.0
+    living.finish({}, 0.0)
+    assert living.on_time(1_000.0) is None
