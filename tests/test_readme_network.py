@@ -26,7 +26,7 @@ from pipeline.cli import app as cli
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEARNER_TOPICS
 from recorders.reading.reader import LogReader
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import DEFAULT_ENDPOINT, SessionConfig, open_session
 

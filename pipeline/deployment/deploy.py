@@ -24,7 +24,7 @@ from recorders.errors import ConfigError, WireError
 from recorders.messages.message_types import JointState
 from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, hand_target
 from recorders.ticks.joiner import JointMap
-from recorders.wire.keys import DEFAULT_NAMESPACE, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Sample, Session
 

@@ -13,7 +13,7 @@ from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.client import RemoteRobot
 from recorders.errors import WireError
 from recorders.nodes.keys import controller_key
-from recorders.wire.keys import DEFAULT_NAMESPACE
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import Session, SessionConfig, open_session
 

@@ -11,7 +11,7 @@ from recorders.errors import ConfigError, MessageError, MotionError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.connection_watch import watching_connections
 from recorders.text.once import OnceWarner
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session

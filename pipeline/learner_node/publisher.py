@@ -14,7 +14,7 @@ from recorders.messages.message_types import Float64MultiArray, String
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Session, publishing_lossy
 

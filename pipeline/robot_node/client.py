@@ -14,7 +14,7 @@ from recorders.errors import ConfigError, WireError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.topics import ROBOT_DESCRIPTION
 from recorders.ticks.joiner import JointMap
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.session import Session
 
 _ANSWER_S = 2.0  # how long one answer may take before the question is asked again

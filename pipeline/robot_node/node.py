@@ -37,7 +37,7 @@ from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
 from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 

@@ -15,7 +15,7 @@ from recorders.messages.message_types import Float64MultiArray
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CONTROLLER_DEVIATION
 from recorders.protocol.frames import live_attachment
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.session import publishing
 
 

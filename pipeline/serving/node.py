@@ -31,7 +31,7 @@ from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.session import SessionConfig, has_subscribers, open_session, publishing
 
 logger = logging.getLogger(__name__)

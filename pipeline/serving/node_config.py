@@ -8,7 +8,7 @@ from pipeline.alignment.config import AlignmentConfig
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.serving.config import ServingConfig
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
 from recorders.writing.writer import LogWriter
 
 

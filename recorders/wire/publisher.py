@@ -11,7 +11,7 @@ from recorders.cdr.codec import encode
 from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.session import publishing
 
 

@@ -11,7 +11,7 @@ from recorders.errors import WireError
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import Offered
 from recorders.protocol.stream import Offer
-from recorders.wire.keys import control_key
+from recorders.wire.keys.namespace import control_key
 from recorders.wire.session import publishing
 
 MAX_CONTROL = 16 << 20

@@ -21,7 +21,7 @@ from recorders.protocol.receiver import FAREWELL_WAIT_S, GIVEN_UP, ReceiverMachi
 from recorders.protocol.stream import Consumer, Offer, Progress
 from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import SenderChannels
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
 from recorders.wire.queries import Answer, ConsumerQueries, ReceivedOffer, only_of_its_name
 from recorders.wire.refusals import Refusals
 from recorders.wire.subscription import LiveMessage, Subscription, live_messages, schema_of

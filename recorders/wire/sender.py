@@ -13,7 +13,7 @@ from recorders.protocol.frames import FrameType
 from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
-from recorders.wire.keys import control_key, message_key
+from recorders.wire.keys.namespace import control_key, message_key
 from recorders.wire.session import has_subscribers, publishing
 
 Batches: TypeAlias = Iterator[tuple[RecordedMessage, ...]]

@@ -13,7 +13,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, batch_topic, unpack
 from recorders.wire.history import HistorySubscriber
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.queries import MAX_CONTROL
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))

@@ -21,7 +21,7 @@ from recorders.reading.parts import Log, files_of
 from recorders.reading.raw_messages import FOREVER_NS
 from recorders.text.quantities import MAX_TIME_NS, seconds_text
 from recorders.text.wording import names_text
-from recorders.wire.keys import DEFAULT_NAMESPACE, message_key
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
 from replay.sources.scheduled import check_renames, check_size, read_robot
 
 

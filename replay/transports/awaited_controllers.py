@@ -8,7 +8,7 @@ from typing import Any, Self
 
 from recorders.errors import WireError
 from recorders.nodes.keys import controller_key
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.session import Publisher, Session, has_subscribers, watching_tokens
 
 _MAX_STATUS = 1 << 20  # anybody may answer [bytes]

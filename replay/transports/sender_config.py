@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text
-from recorders.wire.keys import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
 
 _LONGEST_WAIT_S = 86_400.0
 

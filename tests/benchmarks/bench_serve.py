@@ -34,7 +34,7 @@ from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.protocol.frames import live_attachment
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 

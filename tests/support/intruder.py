@@ -19,7 +19,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, batch_topic, pack, unpack
 from recorders.protocol.stream import Progress
-from recorders.wire.keys import batch_key, control_key, message_key
+from recorders.wire.keys.namespace import batch_key, control_key, message_key
 from recorders.wire.session import SessionConfig, open_session
 
 NAMESPACE = "reenact"

@@ -6,7 +6,7 @@ from typing import Any
 
 import zenoh
 
-from recorders.wire.keys import control_key
+from recorders.wire.keys.namespace import control_key
 
 _DEADLINE_S = 120.0
 _POLL_S = 0.01

@@ -69,7 +69,7 @@ def _print_live(session: LookingSession, patterns: frozenset[str], count: int | 
     from recorders.containers.field_values import FieldValues
     from recorders.messages.topic_patterns import matches
     from recorders.nodes.spectator import watched
-    from recorders.wire.keys import check_namespace
+    from recorders.wire.keys.namespace import check_namespace
     from recorders.wire.session import open_session
 
     check_namespace(session.namespace)

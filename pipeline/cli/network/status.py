@@ -43,7 +43,7 @@ def status(
     from pipeline.terminal.signals import until_stopped
     from recorders.errors import UnreachedError
     from recorders.nodes.search import find_nodes
-    from recorders.wire.keys import check_namespace
+    from recorders.wire.keys.namespace import check_namespace
     from recorders.wire.session import open_session
 
     check_namespace(namespace)

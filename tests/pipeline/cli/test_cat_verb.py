@@ -16,7 +16,7 @@ from pipeline.cli import app as cli
 from recorders.cdr.codec import encode
 from recorders.errors import ReenactError
 from recorders.messages.message_types import JointState
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

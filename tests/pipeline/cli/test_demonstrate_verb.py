@@ -21,7 +21,7 @@ from recorders.errors import ConfigError, ReenactError
 from recorders.messages import topics
 from recorders.messages.message_types import PoseStamped
 from recorders.reading.reader import LogReader
-from recorders.wire.keys import control_key, message_key
+from recorders.wire.keys.namespace import control_key, message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session

@@ -48,7 +48,7 @@ from recorders.protocol.stream import Offer, Progress
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import Receiver, ReceiverConfig

@@ -43,7 +43,7 @@ from recorders.messages.topics import (
 )
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, pack, unpack
 from recorders.reading.reader import LogReader
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session

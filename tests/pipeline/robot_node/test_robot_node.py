@@ -34,7 +34,7 @@ from recorders.messages.message_types import Clock, JointState, PoseStamped, Str
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import unpack
 from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

@@ -46,7 +46,7 @@ from recorders.messages.topics import (
 )
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack, unpack
 from recorders.reading.reader import LogReader
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.live import live_offer

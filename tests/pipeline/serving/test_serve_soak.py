@@ -16,7 +16,7 @@ from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.nodes.search import find_nodes
 from recorders.protocol.frames import live_attachment
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.schedule import Schedule

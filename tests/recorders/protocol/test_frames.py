@@ -11,7 +11,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import TOPICS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, live_attachment, pack, unpack
 from recorders.protocol.stream import Offer, Progress
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 
 RUN, SENDER = bytes(range(16)), bytes(range(16, 32))
 

@@ -9,7 +9,7 @@ from waiting import matches, wait_until
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from recorders.messages.topics import ROBOT_DESCRIPTION
-from recorders.wire.keys import message_key
+from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session

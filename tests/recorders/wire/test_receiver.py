@@ -14,7 +14,7 @@ from waiting import wait_until
 from recorders.errors import WireError
 from recorders.protocol.frames import Frame, FrameType, pack
 from recorders.protocol.stream import Offer, Progress
-from recorders.wire.keys import batch_key, control_key
+from recorders.wire.keys.namespace import batch_key, control_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Receiver, ReceiverConfig

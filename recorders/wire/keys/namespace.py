@@ -1,4 +1,4 @@
-"""Keys of a namespace: those of topics, and those of a consumer's questions and answers."""
+"""Keys of a namespace: those of topics, and those of what a sender and a consumer ask each other."""
 
 import re
 from functools import lru_cache
