@@ -9,7 +9,7 @@ CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipel
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
 EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
-.PHONY: demo test test-all test-core coverage check examples bench docs lock clean
+.PHONY: demo test test-all test-core coverage check examples bench mutants docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
@@ -46,6 +46,11 @@ examples: .venv/dev
 
 bench: .venv/dev
 	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done
+
+# Changes one operator, number or statement at a time, and fails if no test notices; tests/mutation says of what and with which tests.
+# `make mutants MODULE=ticks SAMPLE=50 SEED=3`; what survived stands in out/mutants.
+mutants: .venv/dev
+	nice $(BIN)/python tests/mutation/campaign.py $(MODULE) $(if $(SAMPLE),--sample $(SAMPLE)) $(if $(SEED),--seed $(SEED))
 
 # API reference and guides, into out/docs; every warning is an error. Reads the sources, imports none, asks nobody on the network.
 docs: .venv/docs

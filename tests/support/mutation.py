@@ -1,7 +1,6 @@
 """Mutants of a source text: one operator, number, condition or statement changed in its syntax tree."""
 
 import ast
-import copy
 import sys
 from collections.abc import Callable, Iterator
 from types import ModuleType
@@ -194,7 +193,7 @@ def _inner(function: str, node: ast.AST) -> str:
 
 def _changes(site: _Site) -> Iterator[tuple[str, ast.AST]]:
     """Every change of one node, with its operator's name."""
-    node = copy.deepcopy(site.node)
+    node = site.node
     if isinstance(node, ast.stmt):
         yield from _statement_changes(node)
     elif isinstance(node, ast.expr):

@@ -1,5 +1,8 @@
 """The stream digest depends on what was sent and in which order, and on nothing else."""
 
+import hashlib
+import struct
+
 from recorders.messages.record import RecordedMessage
 from replay.sources.stream_digest import StreamDigest, frame_for_digest
 
@@ -47,3 +50,11 @@ def test_it_goes_on_from_its_value() -> None:
     second = StreamDigest(first.value)
     second.update(TICK)
     assert second.hexdigest() == digest(TICK, TICK)
+
+
+def test_every_link_hashes_the_digest_before_it_and_nothing_but_the_frames_of_its_messages() -> None:
+    """Worked out by hand: 32 zeros before the first link; a frame is three lengths, the topic and the bytes."""
+    frames = [struct.pack("<HII", 2, record.sequence, 1) + record.topic.encode() + record.data for record in TICK]
+    first = hashlib.sha256(bytes(32) + frames[0] + frames[1]).digest()
+    assert digest(TICK) == first.hex()
+    assert digest(TICK, TICK[:1]) == hashlib.sha256(first + frames[0]).hexdigest()
