@@ -108,7 +108,8 @@ def _aligned(
 
 def _check_topics(config: AlignmentConfig, topics: Collection[str], *, where: str) -> None:
     """Check that the topics of options are there: a slip of the pen would else change nothing."""
-    for option, named in (("--latency", config.latencies_ns), ("--frame", config.frames)):
+    asked = ("--latency", config.latencies_ns), ("--frame", config.frames), ("--offset", config.offsets)
+    for option, named in asked:
         if unknown := sorted(set(named) - set(topics)):
             raise ConfigError(
                 f"{where}: {option}: expected a topic {names_text(unknown)}, found none; there are: "

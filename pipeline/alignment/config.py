@@ -50,6 +50,8 @@ class AlignmentConfig:
         "header" for the stamps of the producers, as if left out, "log" for the times of recording.
     frames : mapping of str to Transform
         By topic: the pose, in the robot's world, of the frame that its messages are in.
+    offsets : mapping of str to Transform
+        By topic: the pose of the hand in the frame of what is tracked, such as a marker that the hand carries.
 
     Raises
     ------
@@ -63,6 +65,7 @@ class AlignmentConfig:
     latencies_ns: Mapping[str, int] = field(default_factory=lambda: MappingProxyType({}))
     clock: str | None = None
     frames: Mapping[str, Transform] = field(default_factory=lambda: MappingProxyType({}))
+    offsets: Mapping[str, Transform] = field(default_factory=lambda: MappingProxyType({}))
 
     def __post_init__(self) -> None:
         """Check what the parsing of options does not."""
@@ -98,7 +101,8 @@ class AlignmentConfig:
             "tolerance_ns": self.nearness_ns,
             **({"latencies_ns": dict(sorted(self.latencies_ns.items()))} if self.latencies_ns else {}),
             **({"clock": self.clock} if self.by_log_time else {}),
-            **({"frames": {topic: list(pose) for topic, pose in sorted(self.frames.items())}} if self.frames else {}),
+            **({"frames": _as_json(self.frames)} if self.frames else {}),
+            **({"offsets": _as_json(self.offsets)} if self.offsets else {}),
         }
 
 
@@ -150,20 +154,24 @@ def parse_latencies(pairs: Sequence[str]) -> dict[str, int]:
     }
 
 
-def parse_frames(pairs: Sequence[str]) -> dict[str, Transform]:
-    """Return frames by topic, of texts TOPIC=x,y,z,qx,qy,qz,qw; raises ConfigError if one is no such pair."""
+def parse_transforms(pairs: Sequence[str], option: str) -> dict[str, Transform]:
+    """Return poses by topic, of texts TOPIC=x,y,z,qx,qy,qz,qw; raises ConfigError if one is no such pair."""
     expected = "TOPIC=x,y,z,qx,qy,qz,qw"
-    return {topic: _pose(topic, text) for topic, text in _split(pairs, "--frame", expected)}
+    return {topic: _pose(f"{option} {topic}", text) for topic, text in _split(pairs, option, expected)}
 
 
-def _pose(topic: str, text: str) -> Transform:
+def _as_json(transforms: Mapping[str, Transform]) -> dict[str, list[float]]:
+    return {topic: list(pose) for topic, pose in sorted(transforms.items())}
+
+
+def _pose(what: str, text: str) -> Transform:
     cells = [cell.strip() for cell in text.split(",")]
     numbers = [float(cell) for cell in cells if _NUMBER.fullmatch(cell)]
     if len(numbers) != _POSE_SIZE or len(cells) != _POSE_SIZE or not all(map(isfinite, numbers)):
-        raise ConfigError(f"--frame {topic}: expected seven numbers x,y,z,qx,qy,qz,qw, found {text[:80]!r}")
+        raise ConfigError(f"{what}: expected seven numbers x,y,z,qx,qy,qz,qw, found {text[:80]!r}")
     x, y, z, qx, qy, qz, qw = numbers
     if max(map(abs, (qx, qy, qz, qw))) < _SHORTEST:
-        raise ConfigError(f"--frame {topic}: expected a quaternion with a length, found {text[:80]!r}")
+        raise ConfigError(f"{what}: expected a quaternion with a length, found {text[:80]!r}")
     return x, y, z, qx, qy, qz, qw
 
 

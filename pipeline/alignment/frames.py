@@ -29,6 +29,24 @@ def placed(transform: Transform, poses: Floats) -> Floats:
     return np.concatenate((positions, unit(product(turn, poses[:, _POSITION:]))), axis=1)
 
 
+def mounted(poses: Floats, offset: Transform) -> Floats:
+    """Return what stands so in the frame of each of some poses, shape (n, 7), as poses in the frame that those are in.
+
+    Parameters
+    ----------
+    poses : ndarray, shape (n, 7)
+        Poses of a marker, of which the quaternions have length 1.
+    offset : Transform
+        Pose in its frame.
+    """
+    if not len(poses):
+        return poses
+    pose = np.repeat(np.array([offset]), len(poses), axis=0)
+    turns = poses[:, _POSITION:]
+    positions = rotated(turns, pose[:, :_POSITION]) + poses[:, :_POSITION]
+    return np.concatenate((positions, unit(product(turns, unit(pose[:, _POSITION:])))), axis=1)
+
+
 class StaticFrames:
     """Frames by name, each in the robot's world.
 

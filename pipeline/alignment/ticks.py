@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from pipeline.alignment.blocks import Block, BlockReader, Dropped, Kind, Times
 from pipeline.alignment.clock import Place, StampOrder
 from pipeline.alignment.config import AlignmentConfig, Transform
-from pipeline.alignment.frames import TF_STATIC, StaticFrames, placed
+from pipeline.alignment.frames import TF_STATIC, StaticFrames, mounted, placed
 from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
 from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
@@ -107,7 +107,7 @@ class Aligner:
     sources : sequence of Source
         The topics; of joints and hands, in the order of the ticks' values.
     config : AlignmentConfig
-        Tolerance, latencies, clock and frames.
+        Tolerance, latencies, clock, frames and offsets.
     period_ns : int, optional
         Ticks at multiples of this [ns].
     pivot : int, optional
@@ -256,19 +256,22 @@ class Aligner:
         return self._close()
 
     def _place(self, rank: int, block: Block) -> None:
-        """Turn poses into the robot's world."""
-        counts = self.counts[rank]
+        """Turn poses of what is tracked into those of the hand in the robot's world."""
+        counts, source = self.counts[rank], self.sources[rank]
+        if source.turns and source.topic in self._config.offsets:
+            fine = block.dropped == Dropped.NOT
+            block.values[fine] = mounted(block.values[fine], self._config.offsets[source.topic])
         for frame_id, indices in block.frames.items():
             if frame_id not in counts.frames and len(counts.frames) < _MAX_FRAMES:
                 counts.frames[frame_id] = None
-            if not self.sources[rank].turns:
+            if not source.turns:
                 continue
             transform = self._fixed.get(rank) or self._frames.find(frame_id)
+            known = indices[block.dropped[indices] == Dropped.NOT]
             if transform is None:
-                unknown = indices[block.dropped[indices] == Dropped.NOT]
-                block.dropped[unknown] = Dropped.UNKNOWN_FRAME
+                block.dropped[known] = Dropped.UNKNOWN_FRAME
             else:
-                block.values[indices] = placed(transform, block.values[indices])
+                block.values[known] = placed(transform, block.values[known])
 
     def _count(self, rank: int, block: Block, stamps: Times) -> None:
         counts = self.counts[rank]

@@ -47,7 +47,14 @@ class AlignmentOptions:
     frame: Annotated[
         list[str] | None,
         typer.Option(
-            help="Pose, in the robot's world, of the frame that a topic's poses are in.",
+            help="Pose, in the robot's world, of the frame that a topic's poses are in: of the tracker's base.",
+            metavar="TOPIC=x,y,z,qx,qy,qz,qw",
+        ),
+    ] = None
+    offset: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Pose of the hand in the frame of what a topic's poses are of: as seen from the marker on it.",
             metavar="TOPIC=x,y,z,qx,qy,qz,qw",
         ),
     ] = None
@@ -66,10 +73,10 @@ class AlignmentOptions:
         """Return the settings; raises ConfigError if one cannot be read or two exclude each other."""
         from pipeline.alignment.config import (
             AlignmentConfig,
-            parse_frames,
             parse_latencies,
             parse_rate,
             parse_tolerance,
+            parse_transforms,
         )
 
         return AlignmentConfig(
@@ -78,7 +85,8 @@ class AlignmentOptions:
             tolerance_ns=None if self.tolerance is None else parse_tolerance(self.tolerance),
             latencies_ns=parse_latencies(self.latency or ()),
             clock=self.clock,
-            frames=parse_frames(self.frame or ()),
+            frames=parse_transforms(self.frame or (), "--frame"),
+            offsets=parse_transforms(self.offset or (), "--offset"),
         )
 
     def live_config(self) -> "AlignmentConfig | None":
@@ -96,8 +104,8 @@ class AlignmentOptions:
         of_file = {field.name: None for field in fields(self) if of_settings(field.name.rstrip("_").replace("_", "-"))}
         if replace(self, **of_file).config().asks:
             raise ConfigError(
-                f"{beside}: expected none of --tick-rate, --ticks-of, --tolerance, --latency, --clock and --frame "
-                "beside it"
+                f"{beside}: expected none of --tick-rate, --ticks-of, --tolerance, --latency, --clock, --frame and "
+                "--offset beside it"
             )
 
     def align(

@@ -162,7 +162,7 @@ def evaluate_motion(
         reader = open_log(one_session([Path(motion)]) if isinstance(motion, str | Path) else motion)
         samples = _samples(reader, robot, renames)
         return evaluate_samples(controller, samples, name=reader.path.stem, fitted=fitted)
-    loaded = load_motion(motion, robot)
+    loaded = load_motion(motion, robot, or_file="a CSV file, or a recording")
     return _try(controller, to_inputs(robot, loaded.targets), name=loaded.name, fitted=fitted)
 
 

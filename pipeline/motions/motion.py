@@ -109,8 +109,17 @@ class NamedMotion:
 MOTIONS = Registry("motion", NamedMotion, room=patterns, constant="MOTION", group="reenact.motions")
 
 
-def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
+def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = "a CSV file") -> Motion:
     """Load a motion by name, a drawing that comes with the program by name, or a CSV file by path.
+
+    Parameters
+    ----------
+    name_or_path : str or Path
+        What it is called, or where it is.
+    robot : RobotConfig
+        Whose hands do it.
+    or_file : str
+        What may be named in its place, for the error line.
 
     Raises
     ------
@@ -126,7 +135,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig) -> Motion:
     if not path.is_file():
         known = names_text([*MOTIONS.names(), *drawings()])
         raise MotionError(
-            f"unknown motion '{name_or_path}': expected one of {known}, or a CSV file; there is no file of this name"
+            f"unknown motion '{name_or_path}': expected one of {known}, or {or_file}; there is no file of this name"
         )
     middles = {hand.name: hand.orientation for hand in robot.hands if hand.orientation is not None}
     motion = read_motion_csv(path, robot.hand_names, middles=middles)

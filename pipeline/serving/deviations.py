@@ -94,7 +94,7 @@ class Deviations:
     def text(self) -> str:
         """Return the larger deviation of the last command as a text, empty where there is none; from any thread."""
         largest = float(self._last.max())
-        return f", off by {largest * _CM_PER_M:.2g} cm" if 0.0 < largest < math.inf else ""
+        return f", deviation {largest * _CM_PER_M:.2g} cm" if 0.0 < largest < math.inf else ""
 
     def _expect(self, targets: Floats) -> Floats:
         deviations: Floats = self._learner.deviations(targets[np.newaxis])[0]

@@ -82,7 +82,7 @@ def serve(
             with (
                 open_session(session) as opened,
                 low_latency(),
-                node.declared(opened, where=", ".join(session.listen or session.connect)) as robot,
+                node.declared(opened, where=_where(session)) as robot,
                 running_node(
                     opened,
                     node.source(),
@@ -166,7 +166,7 @@ class Node:
         session : zenoh.Session
             An open session.
         where : str
-            Its endpoints.
+            Where it listens, or through which endpoints it connects, in words.
 
         Yields
         ------
@@ -203,7 +203,7 @@ class Node:
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
             )
             self.serves = True  # before anybody can know, and end it
-            logger.info(f"{name} serves {message_key(namespace, commands.topic)} at {where}")
+            logger.info(f"{name} serves {message_key(namespace, commands.topic)} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             stack.enter_context(self._looking_after_held())
             yield robot
@@ -384,6 +384,10 @@ class Node:
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
+
+
+def _where(session: SessionConfig) -> str:
+    return f"at {', '.join(session.listen)}" if session.listen else f"through {', '.join(session.connect)}"
 
 
 def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:

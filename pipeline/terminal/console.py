@@ -109,11 +109,11 @@ def block(text: str) -> bool:
 
 
 def show(result: Mapping[str, Any], *, as_json: bool) -> None:
-    """Print a result: one JSON object, or a line for each entry."""
+    """Print a result: one JSON object, or a line for each entry that there is something to say of."""
     if as_json:
         block(json.dumps(result, allow_nan=False))
         return
-    lines = dict(_flat(result))
+    lines = {name: value for name, value in _flat(result) if value not in ([], (), "")}
     width = max(map(len, lines))
     for name, value in lines.items():
         line(f"{name:<{width}}  {_text(value)}")
@@ -156,7 +156,7 @@ def _flat(result: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, An
 
 def _text(value: Any) -> str:
     """Return a value as a reader writes it, with nothing of Python's in it."""
-    if value is None or value in ([], ()):
+    if value is None:
         return "-"
     if isinstance(value, bool):
         return "yes" if value else "no"

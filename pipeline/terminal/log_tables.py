@@ -2,6 +2,7 @@
 
 import json
 from collections.abc import Iterator, Mapping, Sequence
+from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
 
@@ -17,8 +18,10 @@ _LONGEST = 100  # characters of a value of the manifest
 _LONGEST_NAME = 300  # characters of a topic or a type
 _DAMAGE_SHOWN = 20
 _TOPICS_SHOWN = 500
-_NS = 10**9
+_NS, _MS = 10**9, 10**6
 _TIED = "\N{NO-BREAK SPACE}"  # between a number and its unit, until lines are broken
+_LATENCY_NS = 3600 * _NS  # the most that --latency takes
+_DATED_NS = 10**9 * _NS  # from the year 2001 on, times are of a clock that knows the date
 _NOTABLE_NS = _NS  # how far stamps and log time may be apart without a word
 
 
@@ -57,6 +60,30 @@ def topic_lines(summary: LogSummary, width: int) -> Iterator[str]:
             yield line.replace(_TIED, " ")
     if len(summary.topics) > _TOPICS_SHOWN:
         yield from wrapped(f"and {len(summary.topics) - _TOPICS_SHOWN} topics more; --json lists them all", width)
+
+
+def clock_lines(summary: LogSummary, width: int) -> Iterator[str]:
+    """Yield the topics whose stamps are of another clock than those of most, and what to do, in lines of `width`."""
+    for each in summary.clocks:
+        topic, other = _cut(each.topic), _cut(each.other)
+        together = f"those of {other}, recorded at the same time"
+        side = "ahead of" if each.ahead_ns > 0 else "behind"
+        apart = f"{_span(abs(each.ahead_ns))} {side}"
+        if each.drift_ns is not None:
+            pace = f"{'faster' if each.drift_ns > 0 else 'slower'} than that of {other}"
+            text = (
+                f"the clock of {topic} runs {pace}, by {_span(abs(each.drift_ns))} in all, and is {apart} it half-way; "
+                "take the times of recording with --clock log"
+            )
+        else:
+            near_ns = round(each.ahead_ns / _MS) * _MS
+            latency = f"--latency {topic}={seconds_text(near_ns)} or " if abs(near_ns) <= _LATENCY_NS else ""
+            text = (
+                f"stamps of {topic} are {apart} {together}: its clock is off, or one of the two comes late; if it is "
+                f"the clock, {latency}--clock log puts it right"
+            )
+        for line in wrapped(f"clocks: {text}", width):
+            yield line.replace(_TIED, " ")
 
 
 def damage_lines(damage: Sequence[Damage], width: int) -> Iterator[str]:
@@ -125,7 +152,16 @@ def _times(summary: LogSummary) -> str:
     if summary.times_ns is None:
         return "no messages"
     first_ns, last_ns = summary.times_ns
-    return f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s"
+    span = f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s"
+    return span if first_ns < _DATED_NS else f"{_date(first_ns)} to {_date(last_ns)}: {span}"
+
+
+def _date(time_ns: int) -> str:
+    """Return a time as date and time of day, to the second; in seconds where no date can be."""
+    try:
+        return datetime.fromtimestamp(time_ns // _NS, UTC).strftime("%Y-%m-%d %H:%M:%S UTC")
+    except (OverflowError, ValueError, OSError):
+        return f"{seconds_text(time_ns)} s"
 
 
 def _of_topic(topic: TopicSummary, begin_ns: int) -> Iterator[str]:

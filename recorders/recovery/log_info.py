@@ -4,6 +4,7 @@ import os
 from collections import Counter
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import islice
 from pathlib import Path
 from typing import Any
 
@@ -16,12 +17,14 @@ from recorders.mcap_format.manifest import ContentHash
 from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.topics import SESSION_PHASE
+from recorders.recovery.clocks import Disagreement, disagreements
 from recorders.recovery.salvage import LogSurvey, Salvaged
 from recorders.recovery.survey import CUT_OFF, survey
 from recorders.recovery.topic_info import TopicSummary
 
 _NS = 1e9
 _FEWEST_SHARED = 3  # messages that show whose numbers they have
+_CLOCKS_COMPARED = 100  # topics
 _RUNS_NAMED = 20  # a log may come from anyone
 
 
@@ -108,6 +111,11 @@ class LogSummary:
         if not self.topics:
             return None
         return min(each.first_ns for each in self.topics.values()), max(each.last_ns for each in self.topics.values())
+
+    @property
+    def clocks(self) -> list[Disagreement]:
+        """Topics whose stamps are of another clock than those of most; a few, as a log may come from anyone."""
+        return list(disagreements(islice(self.topics.values(), _CLOCKS_COMPARED)))
 
     def add(self, message: Salvaged) -> None:
         """Take in a message."""
@@ -212,6 +220,7 @@ class LogSummary:
             "chunks": found.chunks.total(),
             "compression": {name or "none": count for name, count in found.chunks.items()},
             "topics": [topic.to_dict() for topic in self.topics.values()],
+            "clocks": [each.to_dict() for each in self.clocks],
             "sessions": [session.to_dict() for session in self.sessions.values()],
             "attachments": [{"name": each.name, "size": each.size} for each in found.attachments],
             "manifest": found.manifest,

@@ -7,6 +7,7 @@ from typing import Any
 from recorders.containers.decoding import stamp_reader
 from recorders.errors import MessageError
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.recovery.clocks import ClockLine
 from recorders.recovery.intervals import Intervals, rate_hz
 from recorders.recovery.salvage import Salvaged
 
@@ -39,6 +40,8 @@ class TopicSummary:
         The steps between log times, and between the producer's stamps.
     ahead_ns : pair of int or None
         The least and the most that a stamp is ahead of log time [ns]; None without stamps.
+    clock : ClockLine
+        How stamps lie to log time.
     """
 
     topic: str
@@ -55,6 +58,7 @@ class TopicSummary:
     log_times: Intervals = field(default_factory=Intervals)
     stamps: Intervals = field(default_factory=Intervals)
     ahead_ns: tuple[int, int] | None = None
+    clock: ClockLine = field(default_factory=ClockLine)
     _sequences: dict[DeclaredChannel | None, int] = field(default_factory=dict)
     _channel: DeclaredChannel | None = None
     _stamp_of: Callable[[bytes], int | None] = lambda data: None
@@ -121,6 +125,7 @@ class TopicSummary:
         ahead = stamp - message.log_time_ns
         least, most = self.ahead_ns or (ahead, ahead)
         self.ahead_ns = min(least, ahead), max(most, ahead)
+        self.clock.add(message.log_time_ns, ahead)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the same as JSON values."""

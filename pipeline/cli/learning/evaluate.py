@@ -64,6 +64,7 @@ def evaluate(
     """Try a controller on a motion or a recording.
 
     The result is the distances of the hands from their targets, and the pairs that the controller was trained with.
+    Beside them are those of the joints as recorded: of the teacher, in an exploration.
     """
     from pipeline.learner.controller import Controller as Loaded
 
@@ -84,6 +85,8 @@ def evaluate(
         result |= trial.summary() | _doubts(trial, as_json=as_json)
     if not (deploy or as_json):
         result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
+        if _is_of_others(motion):
+            result = {name.replace("teacher_", "recorded_"): value for name, value in result.items()}
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
     _note_outside(loaded, motion)
 
@@ -96,6 +99,17 @@ def _check_ways(linear_from: Path | None, plot: Path | None, *, deploy: bool, ow
         raise ConfigError("expected one of --deploy and --plot, found both")
     if own_time and not deploy:
         raise ConfigError("--own-time: expected --deploy beside it")
+
+
+def _is_of_others(motion: str) -> bool:
+    """Whether a motion is a recording in which no teacher of ours moved the robot, so far as it states."""
+    from pipeline.motions.motion import is_recorded
+    from recorders.containers.opening import open_log
+    from recorders.reading.parts import one_session
+
+    if not is_recorded(motion):
+        return False
+    return bool(open_log(one_session([Path(motion)])).manifest.get("kind", "recording") == "recording")
 
 
 def _note_outside(controller: "Learned", motion: str) -> None:

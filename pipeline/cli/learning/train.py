@@ -63,7 +63,8 @@ def train(
 ) -> None:
     """Train the learner straight from logs.
 
-    The digest is that of the same logs replayed over Zenoh.
+    The digest is that of the same logs replayed over Zenoh. The ticks are those of all cycles of all epochs, and the
+    steps what the learner took of them: with pairs commanded the last tick of a cycle ends a step and begins none.
     """
     from pipeline.learner.controller import check_writable
     from pipeline.learner.registry import default_config

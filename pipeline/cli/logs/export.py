@@ -11,7 +11,7 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json
 from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
-from recorders.errors import ConfigError, MissingExtra
+from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
     from pipeline.samples.frames import FrameReader
@@ -92,12 +92,9 @@ def _export_dataset(
     task: str | None,
     as_json: bool,
 ) -> None:
+    from recorders.export.lerobot.dataset import Dataset, write_dataset
     from recorders.reading.parts import recordings as find_recordings
 
-    try:
-        from recorders.export.lerobot.dataset import Dataset, write_dataset
-    except ModuleNotFoundError:
-        raise MissingExtra("pyarrow", "parquet") from None
     if out.exists():
         raise ConfigError(f"{out} exists: choose another name for the folder")
     found = find_recordings(paths)

@@ -1,7 +1,7 @@
 """The verb info."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
@@ -10,7 +10,10 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json, Rule, StreamsRobot
 from pipeline.terminal import console
 from recorders.errors import CheckFailed
-from recorders.text.wording import names_text
+from recorders.text.wording import escape_control, names_text
+
+if TYPE_CHECKING:
+    from recorders.reading.parts import Log
 
 
 @grouped
@@ -23,6 +26,10 @@ def info(
     robot: StreamsRobot = None,
     rule: Rule = None,
     alignment: AlignmentOptions,
+    plot: Annotated[
+        Path | None,
+        typer.Option(help="Draw rates, gaps and stamps of its topics over time, as PNG.", metavar="FILE.png"),
+    ] = None,
     as_json: Json = False,
 ) -> None:
     """Show what is in a log, and whether it is whole.
@@ -30,7 +37,8 @@ def info(
     Exit status 1 if it is damaged or cut off. Of one that is whole, show also whether it can be trained.
     """
     from pipeline.robot.config import load_robot
-    from pipeline.terminal.log_tables import damage_lines, overview, topic_lines
+    from pipeline.terminal.escaping import wrapped
+    from pipeline.terminal.log_tables import clock_lines, damage_lines, overview, topic_lines
     from recorders.reading.parts import Parts, one_session
     from recorders.recovery.session_info import summarise_log
 
@@ -51,14 +59,25 @@ def info(
         shown = {name: names_text(Path(path).name for path in paths) for name, paths in parts.items()}
         console.entries(overview(summary) | shown)
         console.block("\n".join(topic_lines(summary, console.width())))
+        if clocks := list(clock_lines(summary, console.width())):
+            console.block("\n".join(clocks))
         if summary.survey.damage:
             console.block("\n".join(damage_lines(summary.survey.damage, console.width())))
             console.line("`reenact recover` writes a sound log with what is whole.")
         if training is not None:
-            for line in training.alignment:
-                console.line(line)
-            console.line(f"can be trained: {training.text()}")
-            for line in training.notes:
-                console.line(line)
+            for line in (*training.alignment, f"can be trained: {training.text()}", *training.notes):
+                console.block("\n".join(wrapped(escape_control(line), console.width())))
+    if plot is not None and summary.sound:
+        _draw(plot, log)
+    elif plot is not None:
+        console.notice("no picture of a damaged log; `reenact recover` makes one that can be drawn")
     if not summary.sound:
         raise typer.Exit(CheckFailed.exit_status)
+
+
+def _draw(path: Path, log: "Log") -> None:
+    """Draw the times of a recording; raises LogError if it is damaged, ConfigError if there is nothing to draw."""
+    from pipeline.views.log_times import draw_log_times
+    from recorders.recovery.log_times import read_times
+
+    draw_log_times(path, read_times(log), title=log.name)

@@ -107,13 +107,14 @@ def serve(
     from recorders.nodes.metrics import check_metrics
     from recorders.wire.session import use_single_network_thread
 
-    last: dict[str, Any] = {}
+    last: dict[str, Any] = {}  # the last status
 
     def end(status: dict[str, Any], served: "Learned") -> None:
         """Save the controller and print the last status."""
         if options.out is not None and (status["learned_steps"] or not options.learn):
             served.save(options.out)
-        console.show(status, as_json=as_json)
+        shown = status if as_json else {name: value for name, value in status.items() if name != _LATE_RATE}
+        console.show(shown, as_json=as_json)
         last.update(status)
 
     check_metrics(node.prometheus)
@@ -133,6 +134,9 @@ def serve(
         if options.learn:
             _check_learned(last, loaded.pairs)
         raise typer.Exit(exit_line(stop)[1]) from stop  # its status is the message
+
+
+_LATE_RATE = "rate_hz"  # of the last two seconds: in those before the end there may have been no targets
 
 
 def _check_learned(status: dict[str, Any], pairs: str) -> None:

@@ -235,7 +235,7 @@ def test_deviations_are_those_of_the_learner_in_the_order_of_the_commands(contro
     shown = served.status()
     assert list(shown["deviation_cm"].values()) == (expected[-1] * 100.0).tolist()
     assert list(shown["deviation_max_cm"].values()) == (expected.max(axis=0) * 100.0).tolist()
-    assert served.state == f"serving, off by {expected[-1].max() * 100.0:.2g} cm"
+    assert served.state == f"serving, deviation {expected[-1].max() * 100.0:.2g} cm"
 
 
 def test_a_rule_without_deviations_has_the_status_that_it_had() -> None:

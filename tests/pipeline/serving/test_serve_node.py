@@ -210,7 +210,7 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
     assert summary["name"] == "anna"
     assert summary["digest"] == last["digest"]
     (line,) = said.splitlines()
-    assert line == f"anna serves lab/asimo/joint_commands at {watcher.endpoint}"
+    assert line == f"anna serves lab/asimo/joint_commands through {watcher.endpoint}"
 
 
 @pytest.mark.parametrize("listens", [True, False])
@@ -449,7 +449,9 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
         line = complaint(reenact(*second, "--name", "anna", cwd=tmp_path))
         assert line.endswith("choose a --namespace, or allow both with --allow-multiple and another --name")
         with start(*second, "--name", "berta", "--allow-multiple", "--json", cwd=tmp_path) as beside:
-            assert wait_for_line(beside, "serves") == f"berta serves reenact/joint_commands at {watcher.endpoint}\n"
+            assert (
+                wait_for_line(beside, "serves") == f"berta serves reenact/joint_commands through {watcher.endpoint}\n"
+            )
             wait_until(lambda: len(watcher.alive()) == 2)  # whoever sees it may send targets
             for record in targets(1, samples.targets[0]):
                 watcher.put(record)
