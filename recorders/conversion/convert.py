@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -15,6 +15,7 @@ from recorders.conversion.attachments import add_attachments, copy_attachments, 
 from recorders.conversion.config import COMPRESSIONS, ConvertConfig
 from recorders.conversion.sources import Sources
 from recorders.errors import LogError, TakenError
+from recorders.files import disk
 from recorders.mcap_format.manifest import FORMAT_VERSION, environment
 from recorders.messages.record import RecordedMessage
 from recorders.reading.parts import PART, Parts, part_path, parts_in
@@ -126,10 +127,11 @@ class _Writing:
                 following = self._write_file(chain([following], records), following.log_time_ns, result)
         except BaseException:
             for path in result.paths:
-                path.unlink(missing_ok=True)
+                with suppress(OSError):
+                    disk.unlink(path)
             raise
         for path in stale.difference(result.paths):
-            path.unlink()
+            disk.unlink(path)
 
     def _write_file(
         self, records: Iterator[RecordedMessage], first_ns: int, result: Conversion

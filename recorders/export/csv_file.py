@@ -1,9 +1,11 @@
 """CSV: numbers to the last bit, texts quoted where they must be."""
 
 import csv
+from io import TextIOWrapper
 from pathlib import Path
 
 from recorders.export.rows import Columns, Row
+from recorders.files import disk
 
 SUFFIX = ".csv"
 
@@ -26,7 +28,7 @@ class Table:
 
     def __init__(self, path: Path, columns: Columns) -> None:
         self._columns = columns
-        self._file = path.open("w", encoding="utf-8", newline="")
+        self._file = TextIOWrapper(disk.create(path), encoding="utf-8", newline="")
         self._table = csv.writer(self._file, lineterminator="\n")
         self._table.writerow(columns.types)
 
@@ -40,5 +42,7 @@ class Table:
         )
 
     def close(self) -> None:
-        """Write what is left."""
-        self._file.close()
+        """Write what is left, to the disk."""
+        with self._file:
+            self._file.flush()
+            disk.sync(self._file.buffer)

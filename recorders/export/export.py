@@ -1,12 +1,11 @@
 """Export of a recording to tables, a file for each topic in a new folder."""
 
 import re
-from collections.abc import Iterable, Mapping, Sequence
-from contextlib import ExitStack
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from itertools import chain, count
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from types import ModuleType
 from typing import Any
 
@@ -16,6 +15,8 @@ from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError, MessageError, MissingExtra
 from recorders.export import csv_file
 from recorders.export.rows import Columns, row_of
+from recorders.files import disk
+from recorders.files.new_folder import new_folder
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import Log
 from recorders.text.wording import names_text
@@ -69,7 +70,8 @@ def export(log: Log, out: Path, *, form: str = "csv", topics: Iterable[str] = ()
     ConfigError
         If the format is unknown or the folder exists.
     LogError
-        If the recording cannot be read, holds nothing that can be decoded, or a topic that is named cannot be.
+        If the recording cannot be read, holds nothing that can be decoded, or a topic that is named cannot be, or the
+        tables cannot be written.
     MissingExtra
         If the format needs a package that is not installed.
     """
@@ -79,9 +81,7 @@ def export(log: Log, out: Path, *, form: str = "csv", topics: Iterable[str] = ()
     reader, patterns = open_as_it_is(log), frozenset(topics)
     wanted = chosen(patterns, reader.topics, option="--topic") if patterns else frozenset(reader.topics)
     result = Export()
-    with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
-        folder = Path(temporary, out.name)
-        folder.mkdir()
+    with _new_folder(out) as folder:
         there = [topic for topic in reader.topics if topic in wanted and reader.counts.get(topic)]
         columns = _columns(reader, there, None if patterns else result.unreadable)
         result.files.update(_files(columns, out, writer.SUFFIX))
@@ -91,8 +91,20 @@ def export(log: Log, out: Path, *, form: str = "csv", topics: Iterable[str] = ()
         if not result.files:
             why = names_text(result.unreadable.values(), limit=300)
             raise LogError(f"{reader.path}: expected messages that can be decoded, found none{why and f': {why}'}")
-        folder.rename(out)
     return result
+
+
+@contextmanager
+def _new_folder(out: Path) -> Iterator[Path]:
+    """Make a folder that gets its name, on the disk with all its files, when the block ends, and goes if it fails."""
+    try:
+        with new_folder(out) as folder:
+            yield folder
+            disk.sync_folder(folder)
+            disk.rename(folder, out)
+        disk.sync_folder(out.parent)
+    except OSError as error:
+        raise LogError(f"cannot write {out}: {error.strerror or error}") from error
 
 
 def _writer(form: str) -> ModuleType:

@@ -8,6 +8,7 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 
 from recorders.export.rows import Columns, Row
+from recorders.files import disk
 
 SUFFIX = ".parquet"
 
@@ -37,7 +38,8 @@ class Table:
         self._columns = columns
         self._schema = pa.schema([(name, _type_of(columns, name)) for name in columns.types])
         self._most = min(_MOST_ROWS, _MOST_CELLS // (len(columns.types) or 1))
-        self._table = pq.ParquetWriter(path, self._schema, compression="zstd")
+        self._file = disk.create(path)
+        self._table = pq.ParquetWriter(self._file, self._schema, compression="zstd")
         self._held: list[Sequence[Any]] = []
         self._text = 0
 
@@ -50,10 +52,13 @@ class Table:
             self._write()
 
     def close(self) -> None:
-        """Write what is left."""
-        if self._held:
-            self._write()
-        self._table.close()
+        """Write what is left, to the disk."""
+        with self._file:
+            if self._held:
+                self._write()
+            self._table.close()
+            self._file.flush()
+            disk.sync(self._file)
 
     def _write(self) -> None:
         columns = zip(zip(*self._held, strict=True), self._schema, strict=True)

@@ -8,10 +8,7 @@ from itertools import count
 from pathlib import Path
 from typing import Any, BinaryIO
 
-from recorders.files.whole_files import sync_folder
-
-_FLAGS = os.O_RDWR | os.O_CLOEXEC
-_OPEN_FILES = "/proc/self/fd"  # gives a file without a name one
+from recorders.files import disk
 
 
 class AnonymousFile:
@@ -38,17 +35,18 @@ class AnonymousFile:
     def __init__(self, near: Path) -> None:
         self._near = near
         self._name: Path | None = None
+        self.stream: BinaryIO
         try:
-            Path(_OPEN_FILES).stat()
-            descriptor = os.open(near.parent, _FLAGS | os.O_TMPFILE, 0o666)
+            self.stream = disk.create_unnamed(near.parent)
         except OSError:
-            self._name, descriptor = _create(near)
-        self.stream: BinaryIO = os.fdopen(descriptor, "wb")
+            self._name, self.stream = _create(near)
 
     def replace(self) -> None:
-        """Take the place of the other file; raises OSError if that fails."""
+        """Take the place of the other file, all of it on the disk before; raises OSError if that fails."""
+        self.stream.flush()
+        disk.sync(self.stream)
         self._name = self._name or self._link()
-        self._name.replace(self._near)
+        disk.rename(self._name, self._near)
         self._name = None
 
     def discard(self) -> None:
@@ -57,20 +55,14 @@ class AnonymousFile:
             self.stream.close()
         if self._name is not None:
             with suppress(OSError):
-                self._name.unlink()
+                disk.unlink(self._name)
 
     def _link(self) -> Path:
-        descriptor = self.stream.fileno()
-        folder = os.open(self._near.parent, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-        try:
-            while True:
-                name = free_name(self._near, ".tmp")
-                with suppress(FileExistsError):
-                    # Only with a folder does Python make the call that follows the link to the open file.
-                    os.link(f"{_OPEN_FILES}/{descriptor}", name.name, src_dir_fd=folder, dst_dir_fd=folder)
-                    return name
-        finally:
-            os.close(folder)
+        while True:
+            name = free_name(self._near, ".tmp")
+            with suppress(FileExistsError):
+                disk.give_name(self.stream, name)
+                return name
 
 
 def write_whole(path: Path, data: bytes) -> None:
@@ -84,10 +76,8 @@ def write_whole(path: Path, data: bytes) -> None:
     file = AnonymousFile(path)
     try:
         file.stream.write(data)
-        file.stream.flush()
-        os.fsync(file.stream.fileno())
         file.replace()
-        sync_folder(path.parent)
+        disk.sync_folder(path.parent)
     finally:
         file.discard()
 
@@ -103,8 +93,8 @@ def free_name(near: Path, ending: str) -> Path:
     return next(path for path in names if not os.path.lexists(path))
 
 
-def _create(near: Path) -> tuple[Path, int]:
+def _create(near: Path) -> tuple[Path, BinaryIO]:
     while True:
         path = free_name(near, ".tmp")
         with suppress(FileExistsError):
-            return path, os.open(path, _FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
+            return path, disk.create(path)

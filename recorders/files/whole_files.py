@@ -1,7 +1,6 @@
-"""Files and folders as a whole: the hash of what a file holds, and the names in a folder brought to the disk."""
+"""Files as a whole: the hash of what they hold."""
 
 import hashlib
-import os
 from pathlib import Path
 
 
@@ -12,12 +11,3 @@ def file_sha256(*paths: Path) -> str:
         with path.open("rb") as file:
             hashlib.file_digest(file, lambda: digest)
     return digest.hexdigest()
-
-
-def sync_folder(folder: Path) -> None:
-    """Have the disk take the names in a folder; raises OSError if that fails."""
-    descriptor = os.open(folder, os.O_RDONLY | os.O_DIRECTORY | os.O_CLOEXEC)
-    try:
-        os.fsync(descriptor)
-    finally:
-        os.close(descriptor)

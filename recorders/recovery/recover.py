@@ -3,12 +3,13 @@
 import os
 from collections import Counter
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO
 
 from recorders.errors import CheckFailed, LogError
+from recorders.files import disk
 from recorders.mcap_format.attachments import attachment_data, attachment_head
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.lengths import LARGE
@@ -277,5 +278,6 @@ def _claimed(out: Path, *, overwrite: bool) -> PartFile:
         raise
     except BaseException:
         if not was_there:
-            part.unlink(missing_ok=True)
+            with suppress(OSError):
+                disk.unlink(part)
         raise

@@ -1,11 +1,11 @@
 """The index of a log's chunks while the log is written: on the disk, as a recording of a day has millions of them."""
 
-import os
 from collections.abc import Iterator
 from pathlib import Path
 
 from mcap.data_stream import RecordBuilder
 
+from recorders.files import disk
 from recorders.files.anonymous_file import AnonymousFile
 
 _PIECE = 2**20  # bytes
@@ -38,8 +38,8 @@ class ChunkIndexFile:
     def __iter__(self) -> Iterator["EncodedRecords"]:
         """Yield all records, many at once, each time as something that the library can have write itself."""
         self._file.stream.flush()
-        place, descriptor = 0, self._file.stream.fileno()
-        while piece := os.pread(descriptor, _PIECE, place):
+        place = 0
+        while piece := disk.read_at(self._file.stream, _PIECE, place):
             yield EncodedRecords(piece)
             place += len(piece)
 

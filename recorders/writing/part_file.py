@@ -1,7 +1,6 @@
 """The file of a log while it is written: `NAME.part`, one writer's alone, which gets its name when it is finished."""
 
 import errno
-import fcntl
 import logging
 import os
 import re
@@ -13,14 +12,12 @@ from pathlib import Path
 from typing import BinaryIO
 
 from recorders.errors import LogError, TakenError
+from recorders.files import disk
 from recorders.files.anonymous_file import AnonymousFile
 from recorders.files.regular_file import begins_with
-from recorders.files.whole_files import sync_folder
 from recorders.mcap_format.records import MAGIC
 
 logger = logging.getLogger(__name__)
-
-_FLAGS = os.O_RDWR | os.O_CLOEXEC | os.O_NOFOLLOW
 
 
 class PartFile:
@@ -55,10 +52,9 @@ class PartFile:
         self.part = part_of(path)
         self._overwrite = overwrite
         try:
-            descriptor = self._claim()
+            self.stream = self._claim()
         except (OSError, ValueError) as error:  # ValueError: a name that no system can have
             raise self.error(error) from error
-        self.stream: BinaryIO = os.fdopen(descriptor, "wb")
 
     def error(self, error: OSError | ValueError) -> LogError:
         """Return the error for a file that cannot be written."""
@@ -66,15 +62,11 @@ class PartFile:
 
     def sync(self) -> None:
         """Have the disk take what the operating system has; raises OSError if it does not."""
-        os.fsync(self.stream.fileno())
+        disk.sync(self.stream)
 
     def is_there(self) -> bool:
         """Whether the file is still where it was created; raises OSError if that cannot be found out."""
-        try:
-            found = self.part.lstat()
-        except (FileNotFoundError, NotADirectoryError):
-            return False
-        return os.path.samestat(found, os.fstat(self.stream.fileno()))
+        return _is_at(self.part, self.stream)
 
     def failure(self, error: OSError | ValueError) -> LogError:
         """Return the error for a file that could not be written on, which is put back if it is not there."""
@@ -92,23 +84,28 @@ class PartFile:
             if os.fstat(self.stream.fileno()).st_nlink:
                 return LogError(self._moved())
             self.stream.flush()
-            self.part.parent.mkdir(parents=True, exist_ok=True)
-            with self._open_file.open("rb") as source, self.part.open("xb") as copy:
+            disk.make_folders(self.part.parent)
+            with disk.open_to_read(self._open_file) as source, disk.create(self.part) as copy:
                 shutil.copyfileobj(source, copy)
+                copy.flush()
+                disk.sync(copy)
+            disk.sync_folder(self.part.parent)
         except (OSError, ValueError) as error:
             why = getattr(error, "strerror", None) or error
             return LogError(f"{self.part} was removed while it was written, and cannot be put back: {why}")
         return LogError(f"{self.part} was removed while it was written: what had been recorded is there again")
 
     def rewrite(self, copy: Callable[[BinaryIO, BinaryIO], None]) -> None:
-        """Put a copy in the place of the file; raises OSError or what `copy` does, and the file is as before."""
+        """Put a copy in the place of the file, and then on the disk.
+
+        It raises OSError or what `copy` does, and the file is as before.
+        """
         self.stream.flush()
         other = AnonymousFile(self.part)
         try:
-            _lock(other.stream.fileno())
-            with self.part.open("rb") as source:
+            disk.lock(other.stream)
+            with disk.open_to_read(self.part) as source:
                 copy(source, other.stream)
-            other.stream.flush()
             other.replace()
         except BaseException:
             other.discard()
@@ -125,26 +122,27 @@ class PartFile:
         OSError
             If that fails.
         LogError
-            If the name is taken, or the disk reports a failure after all was done.
+            If the name is taken, or the disk reports a failure after the file had its name.
         """
         self.stream.flush()
         self.sync()
-        if self._overwrite:
-            self.part.replace(self.path)
-        else:
-            self._take_name()
-        with suppress(OSError):  # where the system lets us
-            sync_folder(self.path.parent)
         try:
+            if self._overwrite:
+                disk.rename(self.part, self.path)
+                disk.sync_folder(self.path.parent)
+            else:
+                self._take_name()
             self.stream.close()
         except OSError as error:
-            raise LogError(f"{self.path} is whole and on the disk, but closing it failed: {error.strerror}") from error
+            if not self._has_name():
+                raise
+            raise LogError(f"{self.path} is whole, but the disk failed after that: {error.strerror}") from error
 
     def close(self, *, keep: bool) -> None:
         """Leave the file as `.part`, or remove it; raises nothing, not even on a full disk."""
         with suppress(OSError, ValueError):  # ValueError: it is closed
             if not keep and self.is_there():
-                self.part.unlink()
+                disk.unlink(self.part)
         with suppress(OSError):
             self.stream.close()
 
@@ -164,44 +162,50 @@ class PartFile:
             "there, and `reenact recover` saves it once that is mounted again"
         )
 
-    def _claim(self) -> int:
-        """Make the file and lock it; returns its descriptor."""
+    def _has_name(self) -> bool:
+        with suppress(OSError, ValueError):  # ValueError: it is closed, after all else
+            return _is_at(self.path, self.stream)
+        return self.stream.closed
+
+    def _claim(self) -> BinaryIO:
+        """Make the file and lock it."""
         while True:
             try:
-                descriptor = os.open(self.part, _FLAGS | os.O_CREAT | os.O_EXCL, 0o666)
+                stream = disk.create(self.part)
             except FileExistsError:
                 self._clear()
-            else:
-                try:
-                    self._lock_part(descriptor)
-                except BaseException:
-                    os.close(descriptor)
-                    raise
-                with suppress(OSError):  # where the system lets us
-                    sync_folder(self.part.parent)
-                return descriptor
+                continue
+            try:
+                self._lock_part(stream)
+                disk.sync_folder(self.part.parent)
+            except BaseException:
+                with suppress(OSError):
+                    if _is_at(self.part, stream):
+                        disk.unlink(self.part)
+                stream.close()
+                raise
+            return stream
 
     def _clear(self) -> None:
         """Take a file that another recording left out of the way, unless it is written still."""
         try:
-            descriptor = os.open(self.part, _FLAGS | os.O_NONBLOCK)
+            left = disk.open_to_lock(self.part)
         except FileNotFoundError:
             return  # it is gone just now
         except OSError as error:
             raise (_no_file(self.part) if error.errno == errno.ELOOP else error) from None
-        try:
-            if not stat.S_ISREG(os.fstat(descriptor).st_mode):
+        with left:
+            found = os.fstat(left.fileno())
+            if not stat.S_ISREG(found.st_mode):
                 raise _no_file(self.part)
-            if not self._lock_part(descriptor) and not self._overwrite:
+            if not self._lock_part(left) and not self._overwrite:
                 raise LogError(
                     f"{self.part} is left from an unfinished recording, or another writes it, which this file system "
                     "cannot show: move it away, or give --overwrite, which sets it aside"
                 )
-            self._set_aside(os.fstat(descriptor).st_size)
-        finally:
-            os.close(descriptor)
+            self._set_aside(os.fstat(left.fileno()).st_size)
 
-    def _lock_part(self, descriptor: int) -> bool:
+    def _lock_part(self, file: BinaryIO) -> bool:
         """Lock the file for this writer alone; False on a file system without locks.
 
         Raises
@@ -210,8 +214,8 @@ class PartFile:
             If another has it.
         """
         try:
-            locked = _lock(descriptor)
-            if not os.path.samestat(os.lstat(self.part), os.fstat(descriptor)):
+            locked = disk.lock(file)
+            if not os.path.samestat(os.lstat(self.part), os.fstat(file.fileno())):
                 raise BlockingIOError  # another was faster between opening and locking
         except (BlockingIOError, FileNotFoundError):
             raise TakenError(f"{self.part} is being written by another recording: choose another name") from None
@@ -220,7 +224,7 @@ class PartFile:
     def _set_aside(self, size: int) -> None:
         """Give the `.part` that was left, and is locked, a free name; remove one that is empty."""
         if not size:
-            self.part.unlink()
+            disk.unlink(self.part)
             return
         while True:
             aside = _name_aside(self.part)
@@ -246,13 +250,11 @@ def part_of(path: Path) -> Path:
 
 def is_written(part: Path) -> bool:
     """Whether another process writes a file, by its lock; raises OSError if it cannot be opened."""
-    descriptor = os.open(part, _FLAGS)
-    try:
-        _lock(descriptor)
-    except BlockingIOError:
-        return True
-    finally:
-        os.close(descriptor)
+    with disk.open_to_lock(part) as file:
+        try:
+            disk.lock(file)
+        except BlockingIOError:
+            return True
     return False
 
 
@@ -302,34 +304,33 @@ def _name_aside(part: Path) -> Path:
     return part.with_name(f"{part.name}.{last + 1:04d}")
 
 
-def _lock(descriptor: int) -> bool:
-    """Lock a file until it is closed, or its process ends in whatever way.
-
-    Returns whether the file system has locks; raises BlockingIOError if another has this one.
-    """
+def _is_at(path: Path, stream: BinaryIO) -> bool:
+    """Whether an open file has a name; raises OSError if that cannot be found out."""
     try:
-        fcntl.flock(descriptor, fcntl.LOCK_EX | fcntl.LOCK_NB)
-    except BlockingIOError:
-        raise
-    except OSError as error:
-        if error.errno not in (errno.ENOLCK, errno.EOPNOTSUPP, errno.EINVAL):
-            raise
+        found = path.lstat()
+    except (FileNotFoundError, NotADirectoryError):
         return False
-    return True
+    return os.path.samestat(found, os.fstat(stream.fileno()))
 
 
 def _move(old: Path, new: Path) -> None:
-    """Give a file a name that no other has; raises FileExistsError if one has it."""
+    """Give a file a name that no other has, and take the old one away once the disk has that.
+
+    The disk need not have the latter: so it may have both names after a crash, but never none. Raises FileExistsError
+    if another has the name.
+    """
     try:
-        os.link(old, new)
+        disk.link(old, new)
     except FileExistsError:
         raise
     except OSError:  # a file system without hard links: an empty file takes the name, which only one writer can make
-        new.open("xb").close()
+        disk.create(new).close()
         try:
-            old.replace(new)
+            disk.rename(old, new)
         except OSError:
-            new.unlink()
+            disk.unlink(new)
             raise
+        disk.sync_folder(new.parent)
     else:
-        old.unlink()
+        disk.sync_folder(new.parent)
+        disk.unlink(old)

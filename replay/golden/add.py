@@ -1,13 +1,15 @@
 """Making a golden case: its logs cut down, run once, and stored with everything that the run came to."""
 
 import json
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
-from recorders.errors import ConfigError, ReenactError
+from recorders.errors import ConfigError, LogError, ReenactError
+from recorders.files import disk
+from recorders.files.new_folder import new_folder
 from recorders.mcap_format.manifest import environment
 from recorders.text.wording import names_text
 from replay.golden.case import (
@@ -69,17 +71,26 @@ def add_case(
     check_name(folder.name)
     roll_back(folder)
     before = _before(folder, reason)
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with TemporaryDirectory(dir=folder.parent, prefix=f".{folder.name}.") as temporary:
-        new = Path(temporary, folder.name)
-        new.mkdir()
+    with _in_place_of(folder) as new:
         try:
             _check(_make(new, recipe, runner, before=before, reason=reason, progress=progress), runner)
         except ReenactError as error:
             raise type(error)(_as_given(str(error), new, recipe.logs)) from error
-        swap_in(new, folder)
     progress(1.0)
     return load_case(folder)
+
+
+@contextmanager
+def _in_place_of(folder: Path) -> Iterator[Path]:
+    """Make a folder that takes the place of a case when the block ends; LogError is raised if it cannot be written."""
+    try:
+        disk.make_folders(folder.parent)
+        with new_folder(folder) as new:
+            yield new
+            disk.sync_folder(new)
+            swap_in(new, folder)
+    except OSError as error:
+        raise LogError(f"cannot write {folder}: {error.strerror or error}") from error
 
 
 def _as_given(line: str, new: Path, logs: Sequence[Path]) -> str:

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from recorders.errors import ConfigError, LogError, ReenactError
+from recorders.files.anonymous_file import write_whole
 from recorders.files.whole_files import file_sha256
 from recorders.text.wording import json_fault_text, names_text, value_text
 from replay.golden.folder import CASE_FILE
@@ -124,11 +125,11 @@ class Case:
         return path.read_bytes()
 
     def save(self, files: Mapping[str, bytes]) -> Self:
-        """Write the case's own files beside its logs, and return it with their hashes."""
+        """Write the case's own files beside its logs, and return it with their hashes; raises OSError."""
         for name, content in files.items():
-            (self.folder / name).write_bytes(content)
+            write_whole(self.folder / name, content)
         case = replace(self, files={name: file_sha256(self.folder / name) for name in files})
-        (self.folder / CASE_FILE).write_text(json.dumps(case._to_dict(), indent=1) + "\n", encoding="utf-8")
+        write_whole(self.folder / CASE_FILE, (json.dumps(case._to_dict(), indent=1) + "\n").encode())
         return case
 
     def _to_dict(self) -> dict[str, Any]:

@@ -1,10 +1,10 @@
 """Folders of golden cases: finding them, and putting a new case in the place of an old one. Imports nothing heavy."""
 
-import shutil
 from collections.abc import Iterator
 from pathlib import Path
 
 from recorders.errors import ConfigError, LogError
+from recorders.files import disk
 
 CASE_FILE = "case.json"
 _REPLACED = ".replaced"
@@ -31,7 +31,9 @@ def find_cases(folder: Path) -> list[Path]:
 
 
 def swap_in(new: Path, folder: Path) -> None:
-    """Put a new case in the place of the old one, if there is one; on failure, of whatever kind, the old one is back.
+    """Put a new case, on the disk, in the place of the old one, if there is one.
+
+    On failure, of whatever kind, the old one is back, unless the new one has the name already.
 
     Raises
     ------
@@ -41,8 +43,9 @@ def swap_in(new: Path, folder: Path) -> None:
     old = _aside(folder)
     try:
         if folder.exists():
-            folder.rename(old)
-        new.rename(folder)
+            disk.rename(folder, old)
+        disk.rename(new, folder)
+        disk.sync_folder(folder.parent)
     except OSError as error:
         raise LogError(f"cannot write {folder}: {error.strerror or error}") from error
     finally:  # an interrupt is no OSError
@@ -50,14 +53,24 @@ def swap_in(new: Path, folder: Path) -> None:
 
 
 def roll_back(folder: Path) -> None:
-    """Undo a replacement that was cut short: without a new case, the old one goes back to its place."""
+    """Undo a replacement that was cut short: without a new case, the old one goes back to its place.
+
+    Raises
+    ------
+    LogError
+        If it cannot.
+    """
     old = _aside(folder)
     if not old.exists():
         return
-    if folder.exists():
-        shutil.rmtree(old, ignore_errors=True)
-    else:
-        old.rename(folder)
+    try:
+        if folder.exists():
+            disk.sync_folder(folder.parent)  # the new one has the name, whatever happens, before the old one goes
+            disk.remove_tree(old)
+        else:
+            disk.rename(old, folder)
+    except OSError as error:
+        raise LogError(f"cannot write {folder}: {error.strerror or error}; the case as it was is {old}") from error
 
 
 def _aside(folder: Path) -> Path:

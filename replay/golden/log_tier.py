@@ -10,6 +10,7 @@ from typing import NamedTuple
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened, Reader
 from recorders.errors import LogError
+from recorders.files.anonymous_file import write_whole
 from recorders.files.whole_files import file_sha256
 from recorders.messages.topics import (
     COMMANDED_TICK,
@@ -78,7 +79,7 @@ def strip_topics(
     reader = open_log(source)
     of_case = [topic for topic in reader.topics if topic in _OTHERS or hands_among([topic])]
     if isinstance(reader, LogReader) and isinstance(source, Path) and len(of_case) == len(reader.topics):
-        target.write_bytes(source.read_bytes())
+        write_whole(target, source.read_bytes())
         return
     topics = of_case if physics else (SESSION_PHASE, *tick)
     manifest = {key: value for key, value in reader.manifest.items() if key not in RESERVED}

@@ -1,0 +1,36 @@
+"""The periodic threads of the log writer, stepped by hand: what they do, and nothing of when."""
+
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from typing import Self
+
+import pytest
+
+
+class SteppedThreads:
+    """Takes the place of `PeriodicThread`, and holds what the latest log's threads do."""
+
+    def __init__(self) -> None:
+        self._actions: dict[str, Callable[[], float]] = {}
+
+    def step(self, name: str) -> None:
+        """Have a thread do once what it does."""
+        self._actions[name]()
+
+    def started(self, action: Callable[[], float], *, name: str, first_s: float) -> Self:
+        """Stand in the place of a thread that is started."""
+        self._actions[name] = action
+        return self
+
+    def stop(self) -> None:
+        """Nothing runs."""
+
+
+@contextmanager
+def stepped_threads() -> Iterator[SteppedThreads]:
+    """Have the threads of all log writers stepped by hand, as long as the block lasts; what waits has waited for long."""
+    threads = SteppedThreads()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("recorders.writing.log_file.PeriodicThread", threads.started)
+        patch.setattr("recorders.writing.log_file.FLUSH_AFTER_S", 0.0)
+        yield threads
