@@ -130,8 +130,19 @@ class _Writing:
                 with suppress(OSError):
                     disk.unlink(path)
             raise
-        for path in stale.difference(result.paths):
-            disk.unlink(path)
+        self._remove(sorted(stale.difference(result.paths)))
+
+    def _remove(self, stale: Sequence[Path]) -> None:
+        """Remove parts of what was replaced, that would be taken for parts of this."""
+        try:
+            for path in stale:
+                disk.unlink(path)
+            if stale:
+                disk.sync_folder(self.out.parent)
+        except OSError as error:
+            raise LogError(
+                f"{self.out}: its parts are whole, but those of before are not all gone: {error.strerror or error}"
+            ) from error
 
     def _write_file(
         self, records: Iterator[RecordedMessage], first_ns: int, result: Conversion

@@ -142,9 +142,10 @@ def _write(
     """Write the tables of some topics in one go through the recording and return how many rows each has."""
     values, counts = FieldValues(reader.channels), dict.fromkeys(columns, 0)
     with ExitStack() as stack:
-        tables = {topic: writer.Table(folder / files[topic].name, columns[topic]) for topic in columns}
-        for table in tables.values():
-            stack.callback(table.close)
+        tables = {}
+        for topic in columns:
+            tables[topic] = writer.Table(folder / files[topic].name, columns[topic])
+            stack.callback(tables[topic].close)
         for record in reader.records(topics=tables):
             tables[record.topic].add(row_of(record, values))
             counts[record.topic] += 1

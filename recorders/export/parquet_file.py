@@ -39,7 +39,11 @@ class Table:
         self._schema = pa.schema([(name, _type_of(columns, name)) for name in columns.types])
         self._most = min(_MOST_ROWS, _MOST_CELLS // (len(columns.types) or 1))
         self._file = disk.create(path)
-        self._table = pq.ParquetWriter(self._file, self._schema, compression="zstd")
+        try:
+            self._table = pq.ParquetWriter(self._file, self._schema, compression="zstd")
+        except BaseException:
+            self._file.close()
+            raise
         self._held: list[Sequence[Any]] = []
         self._text = 0
 
@@ -54,9 +58,12 @@ class Table:
     def close(self) -> None:
         """Write what is left, to the disk."""
         with self._file:
-            if self._held:
-                self._write()
-            self._table.close()
+            try:
+                if self._held:
+                    self._write()
+                self._table.close()
+            finally:
+                self._table.is_open = False  # otherwise it tries again, and prints why it fails, when it is collected
             self._file.flush()
             disk.sync(self._file)
 

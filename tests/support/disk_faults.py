@@ -1,15 +1,17 @@
-"""Every operation of a task fails once, in every way; after each what was promised is there, and a second start works."""
+"""Every operation of a task fails in every way; after each what was promised is there, and a second start works."""
 
-import os
+import hashlib
 import shutil
+import zlib
 from abc import ABC, abstractmethod
 from collections import Counter
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 
-from disk_journal import OUTCOMES
-from simulated_disk import CRASHES, ERRORS, Fault, SimulatedDisk
+import pytest
+from disk_journal import DRAWN, OUTCOMES, write_tree
+from simulated_disk import KINDS, Fault, SimulatedDisk
 
 from recorders.errors import ReenactError
 
@@ -38,6 +40,7 @@ class Promised:
 class DiskTask(ABC):
     """Something that is done in a folder."""
 
+    @abstractmethod
     def prepare(self, folder: Path) -> None:
         """Put there what is there before."""
 
@@ -54,20 +57,22 @@ class DiskTask(ABC):
         """Do it once more on a sound disk, and assert that it is done."""
 
 
-@dataclass
-class Tally:
-    """How often which operation failed, by kind of fault, and how many states were looked at."""
-
-    failed: Counter[str] = field(default_factory=Counter)
-    states: int = 0
-
-    def add(self, other: "Tally") -> None:
-        """Take in the counts of another."""
-        self.failed.update(other.failed)
-        self.states += other.states
+def in_every_way(some: int) -> pytest.MarkDecorator:
+    """Give a test the `step` of a sweep: every so many-th operation fails in `make test`, all in the campaign."""
+    every = pytest.param(1, id="all", marks=pytest.mark.campaign)
+    return pytest.mark.parametrize("step", [pytest.param(some, id="some"), every])
 
 
-class Sweep:
+def sweep(task: DiskTask, folder: Path, step: int) -> None:
+    """Fail every `step`-th operation of a task in every way, and print how many failed."""
+    swept = _Sweep(task, folder, draws=1 if step > 1 else 12)
+    swept.run(step)
+    print(
+        f"{type(task).__name__}: {swept.failed.total()} operations failed ({dict(swept.failed)}), {swept.states} states"
+    )
+
+
+class _Sweep:
     """Has the operations of a task fail.
 
     Parameters
@@ -78,23 +83,31 @@ class Sweep:
         Where there is room for folders.
     draws : int
         How many states of the disk are drawn for each crash that leaves some to chance.
+
+    Attributes
+    ----------
+    failed : Counter
+        How many operations failed, by kind of fault.
+    states : int
+        How many states of the disk were looked at.
     """
 
-    def __init__(self, task: DiskTask, folder: Path, *, draws: int = 2) -> None:
+    def __init__(self, task: DiskTask, folder: Path, *, draws: int) -> None:
         self._task, self._folder, self._draws = task, folder, draws
-        self.tally = Tally()
+        self.failed: Counter[str] = Counter()
+        self.states = 0
+        self._sound: set[bytes] = set()
         self._begin = folder / "begin"
         self._begin.mkdir()
         task.prepare(self._begin)
 
-    def run(self, *, kinds: Sequence[str] = (*ERRORS, *CRASHES), first: int = 0, step: int = 1) -> Tally:
-        """Fail every operation, or every `step`-th from the `first`, in every way; returns the counts."""
+    def run(self, step: int) -> None:
+        """Fail every `step`-th operation, each kind of fault beginning with another, in every way."""
         operations = self._failed(Fault())
-        for kind in kinds:
-            for at in range(first, len(operations), step):  # up to the first that fails they are the same
-                if _applies(kind, operations[at]):
+        for kind in KINDS:
+            for at in range(zlib.crc32(kind.encode()) % step, len(operations), step):
+                if _applies(kind, operations[at]):  # up to the first that fails they are the same
                     self._failed(Fault(at, kind))
-        return self.tally
 
     def _failed(self, fault: Fault) -> list[str]:
         """Do the task with one fault and look at all that may be left; returns the operations."""
@@ -108,7 +121,8 @@ class Sweep:
             if not disk.crashed:  # otherwise nobody is there who would see it
                 _check_error(error, disk)
         where = f"{fault}: {disk.operations[fault.at] if disk.failed else 'none'}"
-        self.tally.failed[fault.kind] += disk.failed
+        if disk.failed:
+            self.failed[fault.kind] += 1
         try:
             disk.journal.check()
             self._look(disk, promised)
@@ -121,18 +135,24 @@ class Sweep:
         return disk.operations
 
     def _look(self, disk: SimulatedDisk, promised: Promised) -> None:
+        """Look at everything that may be left; what has been found sound before, with the same promises, still is."""
         for outcome, seed in _outcomes(self._draws):
+            tree = disk.journal.survivors(outcome, seed=seed)
+            self.states += 1
+            state = hashlib.sha256(repr((sorted(tree.items()), promised, outcome == "kill")).encode()).digest()
+            if state in self._sound:
+                continue
             left = self._folder / "left"
             try:
-                disk.journal.survivors(left, outcome, seed=seed)
+                write_tree(tree, left)
                 self._task.check(left, promised, outcome)
                 self._task.run_again(left)
             except BaseException as error:
-                error.add_note(f"{promised}, {outcome}, draw {seed}: {sorted(map(str, left.rglob('*')))}")
+                error.add_note(f"{promised}, {outcome}, draw {seed}: {sorted(tree)}")
                 raise
             finally:
                 shutil.rmtree(left)
-            self.tally.states += 1
+            self._sound.add(state)
 
 
 def _check_error(error: BaseException, disk: SimulatedDisk) -> None:
@@ -150,9 +170,9 @@ def _applies(kind: str, operation: str) -> bool:
 
 def _outcomes(draws: int) -> Iterator[tuple[str, int]]:
     for outcome in OUTCOMES:
-        for seed in range(draws if outcome in ("prefix", "subset") else 1):
+        for seed in range(draws if outcome in DRAWN else 1):
             yield outcome, seed
 
 
 def _descriptors() -> int:
-    return len(os.listdir("/proc/self/fd"))
+    return sum(1 for _ in Path("/proc/self/fd").iterdir())

@@ -7,7 +7,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TypeAlias
 
-OUTCOMES = ("kill", "none", "all", "prefix", "subset")
+OUTCOMES = ("kill", "none", "names", "data", "prefix", "subset")
+DRAWN = ("prefix", "subset")
 
 _SECTOR = 512
 
@@ -55,9 +56,9 @@ class File:
         """Return what is left: what was synced, and of the rest some sectors, in place or as zeros."""
         pieces: list[tuple[int, bytes]] = []
         for write in self.writes:
-            if write.synced or outcome in ("kill", "all"):
+            if write.synced or outcome in ("kill", "data"):
                 pieces.append((write.place, write.data))
-            elif outcome != "none":
+            elif outcome in DRAWN:
                 for start in range(0, len(write.data), _SECTOR):
                     piece, fate = write.data[start : start + _SECTOR], draw.random()
                     if fate < 0.7:
@@ -80,6 +81,8 @@ class Folder:
 
 
 Entry: TypeAlias = File | Folder
+
+Tree: TypeAlias = dict[str, bytes | None]
 
 _Names: TypeAlias = dict[Folder, dict[str, Entry]]
 
@@ -137,26 +140,29 @@ class Journal:
         for change in self._changes:
             change.synced = change.synced or any(of is asked for of, _, _ in change.names)
 
-    def survivors(self, into: Path, outcome: str, *, seed: int = 0) -> None:
-        """Write to a new folder what a crash leaves.
+    def survivors(self, outcome: str, *, seed: int = 0) -> "Tree":
+        """Return what a crash leaves.
 
         Parameters
         ----------
-        into : Path
-            The folder to make.
         outcome : str
-            `kill`: the process alone went, and all that the system had is there. Otherwise the power did: `none` of
-            what was not synced is there, `all`, a `prefix` of the names in the order of their changes with any of the
-            writes, or any `subset` of both.
+            `kill`: the process alone went, and all that the system had is there. Otherwise the power did: of what was
+            not synced there is `none`, all the `names`, all the `data`, a `prefix` of the names in the order of their
+            changes with any of the data, or any `subset` of both.
         seed : int
             Draws them.
+
+        Returns
+        -------
+        dict of str to bytes
+            What files hold, and None for folders, by path within the folder.
         """
         draw = random.Random(seed)
         unsynced = [change for change in self._changes if not change.synced]
         if outcome == "prefix":
             chosen = unsynced[: draw.randint(0, len(unsynced))]
         else:
-            share = {"none": 0.0, "subset": 0.5}.get(outcome, 1.0)
+            share = {"none": 0.0, "data": 0.0, "subset": 0.5}.get(outcome, 1.0)
             chosen = [change for change in unsynced if draw.random() < share]
         there = set(map(id, chosen))
         names: _Names = {folder: dict(entries) for folder, entries in self._begin.items()}
@@ -164,7 +170,7 @@ class Journal:
             if change.synced or id(change) in there:
                 for folder, name, entry in change.names:
                     _set(names.setdefault(folder, {}), name, entry)
-        _write_tree(self._tree, names, into, lambda file: file.remains(outcome, draw))
+        return dict(_left(self._tree, names, Path(), lambda file: file.remains(outcome, draw)))
 
     def check(self) -> None:
         """Assert that nothing was done to the folder that is not noted."""
@@ -213,10 +219,23 @@ def _names_of(folder: Folder) -> Iterator[tuple[Folder, dict[str, Entry]]]:
             yield from _names_of(entry)
 
 
-def _write_tree(folder: Folder, names: _Names, into: Path, remains: Callable[[File], bytes]) -> None:
-    into.mkdir()
+def _left(
+    folder: Folder, names: _Names, path: Path, remains: Callable[[File], bytes]
+) -> Iterator[tuple[str, bytes | None]]:
     for name, entry in names.get(folder, {}).items():
+        inside = path / name
         if isinstance(entry, Folder):
-            _write_tree(entry, names, into / name, remains)
+            yield str(inside), None
+            yield from _left(entry, names, inside, remains)
         else:
-            (into / name).write_bytes(remains(entry))
+            yield str(inside), remains(entry)
+
+
+def write_tree(tree: Tree, into: Path) -> None:
+    """Make a folder of what a crash leaves."""
+    into.mkdir()
+    for name, content in tree.items():
+        if content is None:
+            (into / name).mkdir()
+        else:
+            (into / name).write_bytes(content)

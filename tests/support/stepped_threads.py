@@ -28,7 +28,7 @@ class SteppedThreads:
 
 @contextmanager
 def stepped_threads() -> Iterator[SteppedThreads]:
-    """Have the threads of all log writers stepped by hand, as long as the block lasts; what waits has waited for long."""
+    """Have the threads of all log writers stepped by hand; what waits then, has waited for long."""
     threads = SteppedThreads()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("recorders.writing.log_file.PeriodicThread", threads.started)

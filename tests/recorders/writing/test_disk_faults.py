@@ -1,40 +1,17 @@
 """Every operation of a recording fails, in every way: what was promised is there, and another can be made."""
 
-from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from disk_faults import DiskTask, Promised, Sweep
+from disk_faults import DiskTask, Promised, in_every_way, sweep
+from log_content import TOPIC, TYPE, holds, is_whole, payload
 from stepped_threads import stepped_threads
 
-from recorders.errors import LogError, TakenError
-from recorders.reading.reader import LogReader
+from recorders.errors import TakenError
 from recorders.writing.writer import LogWriter
 
-TOPIC, TYPE = "/numbered", "std_msgs/msg/String"
-MESSAGES = 150
+MESSAGES = 80
 NAME = "log.mcap"
-
-
-def payload(run: str, number: int) -> bytes:
-    return f"{run} {number:6d}".encode() * (1 + number % 40 if number % 50 else 2000)
-
-
-def read(path: Path) -> list[bytes]:
-    """Return what a log holds before it breaks off."""
-    found: list[bytes] = []
-    try:
-        for record in LogReader(path):
-            found.append(record.data)  # one by one: the last step may raise
-    except LogError:
-        pass
-    return found
-
-
-def holds(path: Path, run: str, least: int) -> bool:
-    """Whether a log has the first messages of a run, at least so many, and nothing else."""
-    found = read(path)
-    return len(found) >= least and found == [payload(run, number) for number in range(len(found))]
 
 
 class Recording(DiskTask):
@@ -68,18 +45,18 @@ class Recording(DiskTask):
             assert taken
             assert not self.overwrite
         else:
-            assert holds(folder / NAME, "again", MESSAGES)
+            assert is_whole(folder / NAME, "again", MESSAGES)
             assert any(holds(path, "left", 1) for path in folder.iterdir())
 
     def _check_named(self, folder: Path, promised: Promised) -> None:
         """Assert that the log with the name is the old one or the new one, whole."""
         named = folder / NAME
         if not named.exists():
-            assert not (self.overwrite or promised.done)
+            assert not self.overwrite
+            assert not promised.done
             return
-        is_new = holds(named, "new", MESSAGES)
-        assert is_new or (self.overwrite and not promised.done and holds(named, "old", MESSAGES))
-        assert LogReader(named).manifest["complete"] is True
+        is_old = self.overwrite and not promised.done and is_whole(named, "old", MESSAGES)
+        assert is_old or is_whole(named, "new", MESSAGES)
 
     def _record(self, folder: Path, run: str, promised: Promised | None = None) -> None:
         promised = promised or Promised()
@@ -87,11 +64,11 @@ class Recording(DiskTask):
             with LogWriter(folder / NAME, manifest={}, overwrite=self.overwrite, rechunk=self.rechunk) as log:
                 for number in range(MESSAGES):
                     log.write(TOPIC, payload(run, number), log_time_ns=number, type_name=TYPE)
-                    if number % 40 == 30:
+                    if number % 32 == 20:
                         threads.step("log flush")
                         log.check()
                         promised.handed = number + 1
-                    if number % 80 == 75:
+                    if number == 60:
                         threads.step("log sync")
                         log.check()
                         promised.synced = promised.handed
@@ -101,5 +78,6 @@ class Recording(DiskTask):
 
 @pytest.mark.parametrize("rechunk", [False, True])
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_recording(tmp_path: Path, overwrite: bool, rechunk: bool) -> None:
-    Sweep(Recording(overwrite=overwrite, rechunk=rechunk), tmp_path).run()
+@in_every_way(11)
+def test_what_a_recording_was_promised_is_there(tmp_path: Path, step: int, overwrite: bool, rechunk: bool) -> None:
+    sweep(Recording(overwrite=overwrite, rechunk=rechunk), tmp_path, step)

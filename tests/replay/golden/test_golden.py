@@ -4,21 +4,21 @@ import hashlib
 import itertools
 import json
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
 import pytest
+from counting_runner import CountingRunner
 from episodes import write_plain_episode
 
 from recorders.cdr.codec import decode
 from recorders.errors import ConfigError, LogError
+from recorders.files import disk
 from recorders.messages.message_types import JointState, Message
 from recorders.messages.topics import COMMANDED_TICK
 from recorders.reading.reader import LogReader
-from recorders.ticks.joiner import join_ticks
 from replay.golden.add import add_case
 from replay.golden.case import Tolerances, load_case
 from replay.golden.check import check_all, check_case, summary
@@ -26,45 +26,8 @@ from replay.golden.finding import ElementDifference, Finding
 from replay.golden.folder import CASE_FILE, find_cases
 from replay.golden.log_tier import LogIndex, strip_topics
 from replay.golden.physics_tier import first_beyond
-from replay.golden.recipe import CaseSpec, EpochEnd, State, TickDigests
+from replay.golden.recipe import CaseSpec, EpochEnd, TickDigests
 from replay.sources.schedule import Schedule
-
-
-class CountingRunner:
-    """A runner that learns nothing but how many ticks there were: golden checks know no learner."""
-
-    def __init__(self, *, step: int = 1) -> None:
-        self._step = step
-
-    def learn(self, recipe: CaseSpec) -> Iterator[TickDigests | EpochEnd]:
-        count = 0
-        for epoch in range(recipe.schedule.epochs):
-            for log in recipe.logs:
-                for place, tick in enumerate(join_ticks(LogReader(log))):
-                    count += self._step
-                    digest = count.to_bytes(32, "little")
-                    yield TickDigests(epoch, 0, "learn", log.name, place, tick.stamp_ns, b"s" * 32, b"o" * 32, digest)
-            yield EpochEnd(epoch, {"count": np.array([float(count)])})
-
-    def train(self, recipe: CaseSpec) -> dict[str, Any]:
-        counts = [event.state["count"][0] for event in self.learn(recipe) if isinstance(event, EpochEnd)]
-        return {"digest": str(counts[-1]), "errors_cm": counts}
-
-    def simulate(self, log: Path, *, ticks: int) -> Iterator[tuple[str, Message]]:
-        return iter(())
-
-    def changed_robot(self, log: Path) -> str:
-        return ""
-
-    def physics_tolerance(self, log: Path) -> float | None:
-        return None
-
-    def pack(self, states: Sequence[State]) -> bytes:
-        return json.dumps([state["count"].tolist() for state in states]).encode()
-
-    def difference(self, packed: bytes, end: EpochEnd) -> tuple[str, str, str] | None:
-        expected, found = json.loads(packed)[end.epoch], end.state["count"].tolist()
-        return None if expected == found else ("count[0]", str(expected[0]), str(found[0]))
 
 
 @pytest.fixture
@@ -311,16 +274,16 @@ class Interrupt(BaseException):
 def test_a_replacement_that_fails_leaves_the_case(
     case: Path, monkeypatch: pytest.MonkeyPatch, error: BaseException, at: int
 ) -> None:
-    right, calls = Path.rename, itertools.count(1)
+    right, calls = disk.rename, itertools.count(1)
 
-    def rename(self: Path, target: Path) -> Path:
-        if next(calls) == at:
+    def rename(old: Path, new: Path) -> None:
+        if old.is_dir() and next(calls) == at:
             raise error
-        return right(self, target)
+        right(old, new)
 
     before = {path.name: path.read_bytes() for path in case.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr(Path, "rename", rename)
+        patch.setattr(disk, "rename", rename)
         with pytest.raises((LogError, Interrupt)):
             add_case(case, replace(load_case(case).recipe, schedule=Schedule(epochs=1)), CountingRunner(), reason="x")
     assert {path.name: path.read_bytes() for path in case.iterdir()} == before
