@@ -136,7 +136,8 @@ class _Writing:
         """Remove parts of what was replaced, that would be taken for parts of this."""
         try:
             for path in stale:
-                disk.unlink(path)
+                with suppress(FileNotFoundError):  # a `.part` that was in the way was set aside
+                    disk.unlink(path)
             if stale:
                 disk.sync_folder(self.out.parent)
         except OSError as error:
@@ -202,7 +203,8 @@ def _check_out(out: Path, logs: Sequence[Opened], *, splits: bool, overwrite: bo
             raise LogError(
                 f"cannot write {path}: it is one of the recordings, which stay as they are; choose another name"
             )
-        check_place(path, overwrite=overwrite)
+        if not (taken and path.suffix == ".part"):  # what a crash left may hold anything
+            check_place(path, overwrite=overwrite)
 
 
 @contextmanager

@@ -1,6 +1,7 @@
 """Every operation of a task fails in every way; after each what was promised is there, and a second start works."""
 
 import hashlib
+import logging
 import shutil
 import zlib
 from abc import ABC, abstractmethod
@@ -66,7 +67,11 @@ def in_every_way(some: int) -> pytest.MarkDecorator:
 def sweep(task: DiskTask, folder: Path, step: int) -> None:
     """Fail every `step`-th operation of a task in every way, and print how many failed."""
     swept = _Sweep(task, folder, draws=1 if step > 1 else 12)
-    swept.run(step)
+    logging.disable()  # what is set aside is reported, again and again
+    try:
+        swept.run(step)
+    finally:
+        logging.disable(logging.NOTSET)
     print(
         f"{type(task).__name__}: {swept.failed.total()} operations failed ({dict(swept.failed)}), {swept.states} states"
     )
