@@ -28,9 +28,8 @@ class SteppedThreads:
 
 @contextmanager
 def stepped_threads() -> Iterator[SteppedThreads]:
-    """Have the threads of all log writers stepped by hand; what waits then, has waited for long."""
+    """Have the threads of all log writers stepped by hand; what waits at two steps of `log flush` is handed over."""
     threads = SteppedThreads()
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("recorders.writing.log_file.PeriodicThread", threads.started)
-        patch.setattr("recorders.writing.log_file.FLUSH_AFTER_S", 0.0)
         yield threads

@@ -66,6 +66,7 @@ class Recording(DiskTask):
                     log.write(TOPIC, payload(run, number), log_time_ns=number, type_name=TYPE)
                     if number % 32 == 20:
                         threads.step("log flush")
+                        threads.step("log flush")
                         log.check()
                         promised.handed = number + 1
                     if number == 60:
