@@ -12,7 +12,7 @@ from pipeline.alignment.row_store import RowStore
 from pipeline.alignment.rows import RowFormat
 from pipeline.alignment.sources import TopicChoice
 from pipeline.alignment.summary import Extents, Summary
-from pipeline.alignment.ticks import Aligner
+from pipeline.alignment.ticks import MOST_PHASES, Aligner
 from pipeline.alignment.track import NEVER
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.urdf.description import WORLD, parse_urdf, root_link
@@ -52,6 +52,8 @@ class AlignedLog:
         The log.
     summary : Summary
         What was used, dropped and left out.
+    phases : list of RecordedMessage
+        The log's phase markers, each with the time of the tick that follows it, or a time after the last tick.
 
     Raises
     ------
@@ -93,6 +95,13 @@ class AlignedLog:
         self.summary = Summary.of(aligner, choice, config, cuts=cuts, restarts=restarts)
         if fault := self.summary.fault(extents):
             raise LogError(f"{self.path}: {fault}")
+        if len(aligner.phases) == MOST_PHASES:
+            raise LogError(f"{self.path}: expected fewer than {MOST_PHASES} phase markers, found more")
+        self.phases = [phase._replace(log_time_ns=self._time_of(place)) for place, phase in aligner.phases]
+
+    def _time_of(self, place: int) -> int:
+        """Return the stamp of a tick [ns], a time after the last one for that which would follow it."""
+        return self._store.stamp(place) if place < len(self._store) else self._store.stamp(place - 1) + 1
 
     def __iter__(self) -> Iterator[RecordedMessage]:
         """Yield all messages."""
@@ -117,6 +126,11 @@ class AlignedLog:
     def manifest(self) -> dict[str, Any]:
         """Account of the alignment."""
         return {ALIGNMENT: self.summary.to_dict()}
+
+    @property
+    def source_manifest(self) -> dict[str, Any]:
+        """The manifest of the log itself."""
+        return self._reader.manifest
 
     @property
     def topics(self) -> dict[str, str]:

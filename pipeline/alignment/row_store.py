@@ -45,12 +45,17 @@ class RowStore:
             yield self._read(place, count)
             place += count
 
+    def stamp(self, place: int) -> int:
+        """Return the stamp of a row [ns]."""
+        found: int = ROW_HEAD.unpack_from(self._read(place, 1))[0]
+        return found
+
     def _find(self, stamp_ns: int) -> int:
         """Return how many rows are of earlier stamps."""
         low, high = 0, self._count
         while low < high:
             middle = (low + high) // 2
-            if ROW_HEAD.unpack_from(self._read(middle, 1))[0] < stamp_ns:
+            if self.stamp(middle) < stamp_ns:
                 low = middle + 1
             else:
                 high = middle

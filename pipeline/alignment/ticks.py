@@ -20,6 +20,9 @@ from recorders.messages.topics import SESSION_PHASE
 
 _END_NS = 2**31 * 10**9  # no message has a stamp from here on
 _MARKERS = frozenset((TF_STATIC, SESSION_PHASE))  # what comes after them is not as what came before
+MOST_PHASES = 2**17
+"""Phase markers that are remembered: more than any session has."""
+
 _MAX_FRAMES = 100  # that are remembered of a topic
 _PAUSE_NS = 10**9
 _PAUSES = 10  # tolerances: ticks of a topic that are farther apart follow upon a pause
@@ -123,6 +126,8 @@ class Aligner:
         Ticks so far, and those between the first and the last of them that could not be made.
     restarts : int
         How many times the clock of the stamps began anew.
+    phases : list of (int, RecordedMessage)
+        Phase markers, each with the number of ticks that were made before it; `MOST_PHASES` of them at most.
     """
 
     def __init__(
@@ -144,6 +149,7 @@ class Aligner:
         }
         self._order = StampOrder(len(sources))
         self.counts = [SourceCounts() for _ in sources]
+        self.phases: list[tuple[int, RecordedMessage]] = []
         self.made = self.missed = self.restarts = 0
         self.begin()
 
@@ -182,6 +188,8 @@ class Aligner:
                     found += self._feed(records[start:place], topics[start:place])
                     start = place + 1
                     if topic == SESSION_PHASE:
+                        if len(self.phases) < MOST_PHASES:
+                            self.phases.append((self.made, records[place]))
                         self.begin()
                     else:  # from here on it is known
                         self._frames.learn(records[place])

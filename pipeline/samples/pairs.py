@@ -17,7 +17,7 @@ from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.ticks.joiner import join_ticks
-from replay.sources.episodes import Span, episode_spans
+from replay.sources.episodes import Span, alignment_of, episode_spans
 from replay.sources.scheduled import naming, renamed
 from replay.sources.stream_digest import digest_link
 
@@ -145,7 +145,13 @@ def read_samples(
 def _first_presentation(
     reader: Reader, renames: Mapping[str, str], topics: Collection[str], span: Span
 ) -> Iterator[RecordedMessage]:
-    """Yield the learner's messages of an episode, and of a session those between its first two phase markers."""
+    """Yield the learner's messages of an episode, and of a session those between its first two phase markers.
+
+    In a log of aligned ticks every presentation is an episode of its own.
+    """
+    if alignment_of(reader) is not None:
+        yield from renamed(reader, renames, topics, span=span)
+        return
     under_way = not reader.counts.get(SESSION_PHASE)
     for message in renamed(reader, renames, (SESSION_PHASE, *topics), span=span):
         if message.topic == SESSION_PHASE:

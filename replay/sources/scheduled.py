@@ -129,7 +129,7 @@ class EpisodeLog:
             raise LogError(
                 f"{self.path}: expected messages on {names_text(missing)}, found none; record with explore{choice}"
             )
-        if SESSION_PHASE in found:
+        if SESSION_PHASE in found and alignment_of(self._reader) is None:
             raise LogError(f"{self.path}: a recorded session, with phase markers of its own; use --as-recorded")
 
     def _nameable(self, there: Collection[str], missing: Collection[str]) -> list[str]:

@@ -73,7 +73,7 @@ def convert(
     encodings; the same recordings give the same file, to the byte. The manifest names each file with its SHA-256.
 
     With --tick-rate, --ticks-of or another option of alignment the result holds the ticks that `train` would learn
-    from, for --rule and --pairs.
+    from, for --rule and --pairs, and between them the phase markers of a session, by which `train --as-recorded` goes.
     """
     from recorders.conversion.convert import convert as run
     from recorders.reading.parts import recordings as find_recordings
@@ -105,6 +105,8 @@ def _ticks(
     found: "Sequence[Opened]", alignment: AlignmentOptions, robot: str | None, rule: str | None, pairs: str | None
 ) -> "Sequence[Opened]":
     """Return the ticks of a recording, as the learner of the rule takes them."""
+    from pipeline.alignment.aligned_log import AlignedLog
+    from pipeline.alignment.aligned_session import AlignedSession
     from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
     from pipeline.robot.recorded import recorded_hands
@@ -115,7 +117,8 @@ def _ticks(
     config = None if robot is None else load_robot(robot)
     hands = recorded_hands(found[0], robot=config, renames=alignment.renames)
     tick = pairing_of(default_config(rule), pairs).topics(hands)
-    return alignment.align(found, robot=config, tick=tick)[0]
+    ticks = alignment.align(found, robot=config, tick=tick)[0]
+    return [AlignedSession(log) if isinstance(log, AlignedLog) and log.phases else log for log in ticks]
 
 
 def _config(chosen: Chosen, written: Written, alignment: AlignmentOptions) -> "ConvertConfig":
