@@ -2,7 +2,7 @@
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
@@ -10,11 +10,16 @@ from pipeline.cli.options import Renames, renames
 from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
 from recorders.errors import ConfigError
+from recorders.text.wording import names_text
 
 if TYPE_CHECKING:
     from pipeline.alignment.config import AlignmentConfig
     from pipeline.robot.config import RobotConfig
     from recorders.containers.reader import Opened
+
+
+_BY_TOPIC = ("map_", "latency", "frame", "offset")
+"""Options that name topics."""
 
 
 @dataclass(frozen=True)
@@ -63,6 +68,34 @@ class AlignmentOptions:
     def renames(self) -> dict[str, str]:
         """Our topic names for those of the logs; raises ConfigError if one is not FOREIGN=OURS."""
         return renames(self.map_)
+
+    def of_logs(self, logs: "Sequence[Opened]") -> "AlignmentOptions":
+        """Return the same options for some logs: what a project's settings say of topics that these lack is left out.
+
+        A line is printed if settings have new names and the logs none of the topics.
+
+        Raises
+        ------
+        LogError
+            If a log cannot be read.
+        """
+        from recorders.containers.opening import open_log
+
+        of_file = {
+            field: pairs
+            for field in _BY_TOPIC
+            if of_settings(field.removesuffix("_")) and (pairs := getattr(self, field))
+        }
+        if not (of_file and logs):
+            return self
+        there = {topic for log in logs for topic in open_log(log).topics}
+        kept: dict[str, Any] = {
+            field: [pair for pair in pairs if pair.partition("=")[0] in there] for field, pairs in of_file.items()
+        }
+        if kept.get("map_") == []:
+            named = names_text(pair.partition("=")[0] for pair in of_file["map_"])
+            console.notice(f"no log has a topic of the settings' map, {named}: nothing is renamed")
+        return replace(self, **kept)
 
     def among(self, topics: Collection[str]) -> "AlignmentOptions":
         """Return the same options with new names for these topics alone."""

@@ -143,6 +143,7 @@ def _tried(controller: "Learned", motion: str, linear_from: Path | None, alignme
     if not logs:
         alignment.refuse(motion, renames=True)
     else:
+        alignment = alignment.of_logs(logs)
         topics = {topic for log in logs for topic in log.topics}
         check_renames(alignment.renames, topics, where=names_text(str(log.path) for log in logs))
     aligned = [_aligned(controller, log, alignment.among(log.topics)) for log in logs]

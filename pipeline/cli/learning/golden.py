@@ -113,6 +113,7 @@ def _found(
 
     config = None if robot is None else load_robot(robot)
     found = [one_session(logs)] if session and logs else recordings(logs)
+    alignment = alignment.of_logs(found)
     if session or not found:
         alignment.refuse("--as-recorded" if session else "golden add without logs")
         return [with_robot(log, config) for log in found]

@@ -77,8 +77,9 @@ def train(
     _check_ways(alignment, hold_out, as_recorded=as_recorded, as_live=as_live)
     learner = default_config(rule, seed=seed)
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
-    names: Mapping[str, str] = alignment.renames
     asked, whole = pairing_of(learner, pairs), _whole_logs(hold_out)
+    alignment = alignment.of_logs([*found, *whole])
+    names: Mapping[str, str] = alignment.renames
     if not as_recorded:
         found, names = _aligned([*found, *whole], alignment, config, asked)
     found, aside = _left_aside(found, hold_out or [], names, len(whole))

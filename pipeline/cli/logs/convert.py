@@ -78,8 +78,9 @@ def convert(
     from recorders.conversion.convert import convert as run
     from recorders.reading.parts import recordings as find_recordings
 
-    config = _config(chosen, written, alignment)
     found: Sequence[Opened] = find_recordings(recordings)
+    alignment = alignment.of_logs(found)
+    config = _config(chosen, written, alignment)
     asked = {"robot": robot, "rule": rule, "pairs": pairs}
     if alignment.config().asks:
         found, config = _ticks(found, alignment, robot, rule, pairs), replace(config, renames={})

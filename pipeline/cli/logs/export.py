@@ -124,6 +124,7 @@ def _frames(
     from pipeline.samples.frames import Commands, FrameReader, choose_action, frame_topics
     from recorders.containers.opening import open_log
 
+    alignment = alignment.of_logs(found)
     readers, renames, config = [open_log(log) for log in found], alignment.renames, alignment.config()
     known = load_robot(robot) if robot else require_recorded_robot(readers[0], has_option=True)
     topics = frame_topics(readers, known, renames)

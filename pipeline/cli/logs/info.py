@@ -50,7 +50,7 @@ def info(
     if summary.sound:
         from pipeline.training.trainability import trainability
 
-        config = None if robot is None else load_robot(robot)
+        config, alignment = None if robot is None else load_robot(robot), alignment.of_logs([log])
         training = trainability(log, rule=rule, robot=config, alignment=alignment.config(), renames=alignment.renames)
     if as_json:
         found = {"training": None if training is None else training.to_dict()}

@@ -171,6 +171,7 @@ def _played(
     from recorders.text.quantities import parse_seconds
     from replay.sources.playback import Playback, PlaybackConfig
 
+    found = recordings(logs)
     alignment.refuse("--play")
     of_learning = {
         "as-recorded": schedule.as_recorded,
@@ -182,12 +183,12 @@ def _played(
         raise ConfigError("--play: expected none of --as-recorded, --epochs, --rule and --pairs beside it")
     config = PlaybackConfig(
         frozenset(playing.topic or ()),
-        renames=alignment.renames,
+        renames=alignment.of_logs(found).renames,
         start_ns=0 if playing.start is None else parse_seconds(playing.start, "--start"),
         end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
         loops=playing.loop,
     )
-    return Playback(recordings(logs), config)
+    return Playback(found, config)
 
 
 def _presented(
@@ -207,12 +208,12 @@ def _presented(
     from replay.sources.session import RecordedSession
 
     config = None if robot is None else load_robot(robot)
-    names: Mapping[str, str] = alignment.renames
     if playing.has_more:
         raise ConfigError("--topic, --loop, --start and --end: expected --play beside them")
     if schedule.as_recorded:
         alignment.refuse("--as-recorded")
         log = one_session(logs)
+        names: Mapping[str, str] = alignment.of_logs([log]).renames
         hands = recorded_hands(log, robot=config, renames=names)
         topics = None
         if schedule.pairs is not None:
@@ -222,7 +223,8 @@ def _presented(
     found: Sequence[Opened] = recordings(logs)
     learner = default_config(schedule.rule)
     asked = pairing_of(learner, schedule.pairs)
-    hands = recorded_hands(found[0], robot=config, renames=names)
+    alignment = alignment.of_logs(found)
+    hands = recorded_hands(found[0], robot=config, renames=alignment.renames)
     found, names = alignment.align(found, robot=config, tick=asked.topics(hands))
     topics = pairing_for(asked, found, robot=config, renames=names).topics(hands)
     presented = [with_robot(log, config) for log in found]

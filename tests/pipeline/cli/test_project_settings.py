@@ -11,6 +11,7 @@ from typer.testing import CliRunner
 from pipeline.cli.app import app
 from pipeline.cli.project_settings import find_settings, of_settings
 from recorders.errors import ConfigError
+from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
 
 PROGRAM: Any = typer.main.get_command(app)
@@ -124,3 +125,25 @@ def test_the_settings_of_one_command_are_none_of_the_next(tmp_path: Path, monkey
     monkeypatch.chdir(tmp_path / "without")
     CliRunner().invoke(app, ["info", "nowhere.mcap"])
     assert not of_settings("map")
+
+
+def test_names_of_topics_that_a_log_lacks_count_for_nothing_if_settings_have_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """A line comes only if nothing matched; on the command line such a name is a slip of the pen."""
+    write_episode(tmp_path / "log.mcap", samples=3)
+    renamed = "/sample/joint_states=/joint_states"
+    monkeypatch.chdir(tmp_path)
+    for number, (names, left, noted) in enumerate(
+        (
+            ('"/tracker=/hand/left/measured"', "/sample/joint_states", True),
+            (f'"/tracker=/hand/left/measured", "{renamed}"', "/joint_states", False),
+        )
+    ):
+        (tmp_path / "reenact.toml").write_text(f"map = [{names}]\nlatency = []\n")
+        made = CliRunner().invoke(app, ["convert", "log.mcap", "--out", f"{number}.mcap"])
+        assert made.exit_code == 0, made.exception
+        assert left in LogReader(tmp_path / f"{number}.mcap").topics
+        assert ("no log has a topic of the settings' map, /tracker" in capsys.readouterr().err + made.output) == noted
+    given = CliRunner().invoke(app, ["convert", "log.mcap", "--out", "c.mcap", "--map", "/tracker=/hand/left/measured"])
+    assert isinstance(given.exception, ConfigError)
