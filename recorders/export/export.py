@@ -15,8 +15,7 @@ from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError, MessageError, MissingExtra
 from recorders.export import csv_file
 from recorders.export.rows import Columns, row_of
-from recorders.files import disk
-from recorders.files.new_folder import new_folder
+from recorders.files.new_folder import whole_folder
 from recorders.messages.topic_patterns import chosen
 from recorders.reading.parts import Log
 from recorders.text.wording import names_text
@@ -96,13 +95,10 @@ def export(log: Log, out: Path, *, form: str = "csv", topics: Iterable[str] = ()
 
 @contextmanager
 def _new_folder(out: Path) -> Iterator[Path]:
-    """Make a folder that gets its name, on the disk with all its files, when the block ends, and goes if it fails."""
+    """Make the folder of the tables, whole or not at all; raises LogError if it cannot be written."""
     try:
-        with new_folder(out) as folder:
+        with whole_folder(out) as folder:
             yield folder
-            disk.sync_folder(folder)
-            disk.rename(folder, out)
-        disk.sync_folder(out.parent)
     except OSError as error:
         raise LogError(f"cannot write {out}: {error.strerror or error}") from error
 

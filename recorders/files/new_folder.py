@@ -43,6 +43,40 @@ def new_folder(path: Path) -> Iterator[Path]:
         disk.remove_tree(hidden)
 
 
+@contextmanager
+def whole_folder(path: Path) -> Iterator[Path]:
+    """Make a folder that gets its name, on the disk with all its files, when the block ends, and goes if it fails.
+
+    Parameters
+    ----------
+    path : Path
+        What the folder is to be called.
+
+    Yields
+    ------
+    Path
+        The folder, empty; whoever fills it brings what is in its files to the disk.
+
+    Raises
+    ------
+    OSError
+        If it cannot be written.
+    """
+    with new_folder(path) as folder:
+        yield folder
+        sync_folders(folder)
+        disk.rename(folder, path)
+    disk.sync_folder(path.parent)
+
+
+def sync_folders(folder: Path) -> None:
+    """Have the disk take the names in a folder, and in those that are in it; raises OSError."""
+    for path in sorted(folder.iterdir()):
+        if path.is_dir():
+            sync_folders(path)
+    disk.sync_folder(folder)
+
+
 def _remove_left(path: Path) -> None:
     """Remove what killed processes left, as far as locks show that nobody fills it any more; raises nothing."""
     left = re.compile(rf"\.{re.escape(path.name)}\.[0-9a-f]{{{2 * _RANDOM_BYTES}}}\.new")

@@ -3,6 +3,7 @@
 import logging
 import re
 from collections.abc import Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple, TypeAlias
@@ -76,7 +77,15 @@ def part_path(out: Path, number: int) -> Path:
 def parts_in(folder: Path, stem: str) -> list[Path]:
     """Return the parts of a session in a folder by their numbers, those that are not finished included."""
     numbered = re.compile(re.escape(stem) + r"_\d{1,9}\.mcap(\.part)?", re.IGNORECASE)
-    return sorted((path for path in folder.glob("*") if numbered.fullmatch(path.name)), key=_number)
+    found = (path for path in folder.glob("*") if numbered.fullmatch(path.name) and not _is_second_name(path))
+    return sorted(found, key=_number)
+
+
+def _is_second_name(path: Path) -> bool:
+    """Whether a `.part` is the finished log beside it, as a crash just before it lost this name leaves it."""
+    with suppress(OSError):
+        return path.suffix == ".part" and path.samefile(path.with_suffix(""))
+    return False
 
 
 def find_log(path: Path) -> Log:

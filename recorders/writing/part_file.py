@@ -222,7 +222,9 @@ class PartFile:
         return locked
 
     def _set_aside(self, size: int) -> None:
-        """Give the `.part` that was left, and is locked, a free name; remove one that is empty."""
+        """Give the `.part` that was left, and is locked, a free name; one that is empty, or has the other too, goes."""
+        with suppress(FileNotFoundError):
+            size = 0 if self.part.samefile(self.path) else size
         if not size:
             disk.unlink(self.part)
             return

@@ -9,7 +9,7 @@ from typing import Any
 
 from recorders.errors import ConfigError, LogError, ReenactError
 from recorders.files import disk
-from recorders.files.new_folder import new_folder
+from recorders.files.new_folder import new_folder, sync_folders
 from recorders.mcap_format.manifest import environment
 from recorders.text.wording import names_text
 from replay.golden.case import (
@@ -87,7 +87,7 @@ def _in_place_of(folder: Path) -> Iterator[Path]:
         disk.make_folders(folder.parent)
         with new_folder(folder) as new:
             yield new
-            disk.sync_folder(new)
+            sync_folders(new)
             swap_in(new, folder)
     except OSError as error:
         raise LogError(f"cannot write {folder}: {error.strerror or error}") from error

@@ -4,10 +4,10 @@ The format is that of LeRobot (Apache-2.0, https://github.com/huggingface/lerobo
 """
 
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from tempfile import TemporaryDirectory
 from typing import Any
 
 import numpy as np
@@ -17,6 +17,9 @@ from numpy.typing import NDArray
 
 from recorders.errors import ConfigError, LogError
 from recorders.export.lerobot.statistics import statistics
+from recorders.files import disk
+from recorders.files.anonymous_file import write_whole
+from recorders.files.new_folder import whole_folder
 from recorders.messages.validation import FloatArray
 from recorders.reading.lerobot_info import INFO_FILE
 
@@ -86,12 +89,10 @@ def write_dataset(dataset: Dataset, out: Path) -> None:
     if out.exists():
         raise ConfigError(f"{out} exists: choose another name for the folder")
     try:
-        with TemporaryDirectory(dir=out.parent, prefix=f".{out.name}.") as temporary:
-            folder = Path(temporary, out.name)
+        with whole_folder(out) as folder:
             for file in (_DATA.format(chunk_index=0, file_index=0), _EPISODES):
-                (folder / file).parent.mkdir(parents=True)
+                disk.make_folders((folder / file).parent)
             _write(dataset, folder)
-            folder.rename(out)
     except OSError as error:
         raise LogError(f"{out}: cannot be written: {error.strerror or error}") from error
 
@@ -211,9 +212,19 @@ def _for_pandas(table: pa.Table, index: str) -> dict[str, Any]:
     return {"index_columns": [index], "column_indexes": [], "columns": columns, "pandas_version": "2.0.0"}
 
 
-def _parquet(path: Path, schema: pa.Schema) -> Any:
-    return pq.ParquetWriter(path, schema, compression="snappy", use_dictionary=True)
+@contextmanager
+def _parquet(path: Path, schema: pa.Schema) -> Iterator[pq.ParquetWriter]:
+    """Write a table, to the disk; raises OSError."""
+    with disk.create(path) as file:
+        writer = pq.ParquetWriter(file, schema, compression="snappy", use_dictionary=True)
+        try:
+            yield writer
+            writer.close()
+        finally:
+            writer.is_open = False  # otherwise it tries again, and prints why it fails, when it is collected
+        file.flush()
+        disk.sync(file)
 
 
 def _write_json(path: Path, value: Mapping[str, Any]) -> None:
-    path.write_text(json.dumps(value, indent=4, ensure_ascii=False, allow_nan=False) + "\n", encoding="utf-8")
+    write_whole(path, (json.dumps(value, indent=4, ensure_ascii=False, allow_nan=False) + "\n").encode())
