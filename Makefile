@@ -9,7 +9,7 @@ CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipel
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
 EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
-.PHONY: demo test test-all test-core coverage check examples bench mutants docs lock clean
+.PHONY: demo test test-all test-core test-arm64 soak coverage check examples bench mutants docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
@@ -29,6 +29,17 @@ test-core: $(CORE)/locked
 	$(CORE)/bin/python -m pytest -q --doctest-modules $(EXAMPLES)
 	$(CORE)/bin/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign and not extra" \
 		--ignore tests/recorders/rerun_scene --ignore tests/recorders/reading/test_fuzz.py $(CORE_TESTS)
+
+# Training, alignment and golden cases on an emulated arm64, every digest against this machine's. Debian's apt is needed, root is not.
+test-arm64: .venv/dev
+	$(BIN)/python tests/arm64/compare.py --folder out/arm64
+
+# Robot, controller, learner and recorder for hours, simulated (`make soak HOURS=24`) or with the clock (`make soak HOURS=1 RATE=200 REAL_TIME=1`).
+HOURS ?= 24
+RATE ?= 20
+soak: .venv/dev
+	PYTHONPATH=$(CURDIR)/tests/support $(BIN)/python tests/soak/soak.py --hours $(HOURS) --rate $(RATE) \
+		$(if $(REAL_TIME),--real-time) --out out/soak
 
 # Lines and branches that the tests run, in other processes too; the table is the last thing printed, out/coverage shows each line.
 coverage: .venv/dev

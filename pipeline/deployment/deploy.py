@@ -245,7 +245,7 @@ class _Commands:
         self._session = session
         self._key = message_key(namespace, JOINT_COMMANDS)
         self._joints = JointMap(robot.robot.joints)
-        self._received: queue.SimpleQueue[bytes] = queue.SimpleQueue()
+        self._received: queue.Queue[bytes] = queue.Queue()
         self._stack = ExitStack()
 
     def __enter__(self) -> "_Commands":

@@ -1,8 +1,8 @@
 """A queue for arrived items that is full at so many bytes, and never makes the network wait."""
 
-import queue
 import threading
 import time
+from collections import deque
 from typing import Generic, TypeVar
 
 _Item = TypeVar("_Item")
@@ -16,6 +16,9 @@ _LOOK_S = 0.5  # longest single wait
 class BoundedQueue(Generic[_Item]):
     """A queue between the threads of the network, which put, and the one that takes.
 
+    Python's own `queue.SimpleQueue` is none: before 3.13 its `get` forgets a timeout that passes while it looks whether
+    there is an item, and waits for the next one, however long (`tests/recorders/wire/test_bounded_queue.py`).
+
     Parameters
     ----------
     limit : int
@@ -27,7 +30,8 @@ class BoundedQueue(Generic[_Item]):
         self._waiting = 0  # [bytes]
         self._dropped = 0
         self._lock = threading.Lock()
-        self._items: queue.SimpleQueue[tuple[_Item, int]] = queue.SimpleQueue()
+        self._items: deque[tuple[_Item, int]] = deque()
+        self._nothing_new = threading.Lock()  # held from when the taker looks until the next item is put
 
     def put(self, item: _Item, size: int) -> bool:
         """Queue an item of so many bytes; False if it finds no room."""
@@ -37,24 +41,24 @@ class BoundedQueue(Generic[_Item]):
                 self._dropped += 1
                 return False
             self._waiting += size
-            self._items.put((item, size))
+            self._items.append((item, size))
+            if self._nothing_new.locked():
+                self._nothing_new.release()
         return True
 
     def get(self, timeout_s: float) -> _Item | None:
         """Return the next item, or None if there is none within the time [s]."""
         deadline_s = time.monotonic() + timeout_s
         while True:
-            left_s = max(0.0, deadline_s - time.monotonic())
-            try:
-                # A signal that comes just before a wait begins does not end it.
-                item, size = self._items.get(timeout=min(left_s, _LOOK_S))
-            except queue.Empty:
-                if left_s <= _LOOK_S:
-                    return None
-                continue
             with self._lock:
-                self._waiting -= size
-            return item
+                if self._items:
+                    item, size = self._items.popleft()
+                    self._waiting -= size
+                    return item
+            left_s = max(0.0, deadline_s - time.monotonic())
+            # A signal that comes just before a wait begins does not end it.
+            if not self._nothing_new.acquire(timeout=min(left_s, _LOOK_S)) and left_s <= _LOOK_S:
+                return None
 
     def take_dropped(self) -> int:
         """Return how many items found no room since this was last asked."""

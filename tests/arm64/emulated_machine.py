@@ -1,4 +1,4 @@
-"""An arm64 machine of this one: QEMU in user mode, Debian's Python, the locked wheels; all in one folder, none installed.
+"""An arm64 machine of this one: QEMU in user mode, Debian's Python, locked wheels; in one folder, nothing installed.
 
 apt keeps its lists, its cache and its idea of the architecture in that folder too, so that those of this machine stay
 as they are, and takes packages from the same servers. No root is needed.
@@ -70,7 +70,7 @@ class EmulatedMachine:
 
     def _make_root(self) -> None:
         if any(self._pythons()):
-            return
+            return None
         apt = _Apt(self._folder / "apt_arm64", "arm64")
         for python in _PYTHONS:
             if found := apt.fetch((python, *_LIBRARIES)):

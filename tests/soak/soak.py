@@ -6,7 +6,7 @@ has taken, message by message, and gives the slope of each process's memory with
 `--out` go `samples.jsonl`, `result.json` and `soak.png`. Exit status 1 if anything was missed or grows.
 
 Without --real-time the robot's time is simulated: it is the program's robot node in lockstep, but joints without Drake
-behind it, so that a day passes in about an hour. With it the simulated robot of the program runs with the clock.
+behind it, so that a day passes in less than an hour. With it the program's own simulated robot runs with the clock.
 """
 
 import argparse
@@ -24,6 +24,7 @@ from soak_nodes import RECORDING, Nodes, SoakConfig, learned_controller, running
 from soak_picture import draw
 from soak_verdict import verdict
 
+from pipeline.terminal.signals import end_by_exceptions
 from recorders.nodes.search import find_nodes
 from recorders.nodes.status import NodeStatus
 from recorders.reading.reader import LogReader
@@ -116,9 +117,11 @@ class Soak:
         ticks = sample["counts"].get("explorer", {}).get("ticks", 0)
         rate = ticks / max(sample["time_s"], 1e-9)
         left_s = (self._config.ticks - ticks) / rate if rate else float("inf")
+        if self._config.real_time:
+            left_s = self._config.hours * 3600.0 - sample["time_s"]
         megabytes = {kind: round(process["resident"] / 1e6) for kind, process in sample["processes"].items()}
         print(
-            f"{ticks / self._config.ticks:6.1%}  {ticks} ticks, {rate:.0f} a second, "
+            f"{ticks} of {self._config.ticks} ticks, {rate:.0f} a second, "
             f"{rate / self._config.rate_hz:.1f} times real time, {left_s / 60:.0f} min left; MB: {megabytes}",
             flush=True,
         )
@@ -135,7 +138,7 @@ def soak(folder: Path, config: SoakConfig) -> dict[str, Any]:
         nodes = stack.enter_context(running_nodes(folder, endpoint, config))
         session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=120.0)))
         nodes.await_kinds(session)
-        nodes.start_script("explorer", "tick_driver.py", config.ticks, config.rate_hz, config.mode)
+        nodes.start_script("explorer", "tick_driver.py", config.hours, config.rate_hz, config.mode)
         running = Soak(folder, nodes, session, config)
         ended = running.run()
     result = {"config": asdict(config), **ended, **verdict(running.samples, ended, config)}
@@ -147,7 +150,7 @@ def soak(folder: Path, config: SoakConfig) -> dict[str, Any]:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     default = SoakConfig()
-    parser.add_argument("--hours", type=float, default=default.hours, help="in the robot's time")
+    parser.add_argument("--hours", type=float, default=default.hours, help="of the robot's time, or of the clock")
     parser.add_argument("--rate", type=float, default=default.rate_hz, help="ticks a second of that time [Hz]")
     parser.add_argument("--real-time", action="store_true", help="with the clock on the wall, simulated by Drake")
     parser.add_argument("--every", type=float, default=default.every_s, help="seconds between two looks")
@@ -160,4 +163,5 @@ def main() -> None:
 
 
 if __name__ == "__main__":
+    end_by_exceptions()  # so that the nodes are ended with it
     main()

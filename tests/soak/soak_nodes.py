@@ -24,12 +24,12 @@ _LOOK_S = 0.2
 
 @dataclass(frozen=True)
 class SoakConfig:
-    """What is soaked, and for how long.
+    """How robot, controller, learner and recorder are run, and for how long.
 
     Parameters
     ----------
     hours : float
-        How long, in the robot's time [h].
+        How long [h]: in the robot's time, or with `real_time` on the wall.
     rate_hz : float
         Ticks, and states of the robot, in a second of that time [Hz].
     real_time : bool
@@ -46,7 +46,7 @@ class SoakConfig:
 
     @property
     def ticks(self) -> int:
-        """How many ticks are driven."""
+        """How many ticks there are in these hours, if none comes late."""
         return round(self.hours * 3600.0 * self.rate_hz)
 
     @property
@@ -143,5 +143,7 @@ def running_nodes(folder: Path, endpoint: str, config: SoakConfig) -> Iterator[N
         else:
             nodes.start_script("robot", "kinematic_robot.py", config.rate_hz)
         nodes.start_verb("controller", "serve", "controller.npz", "--json")
-        nodes.start_verb("learner", "learn", "--live", "--robot", "asimo", "--out", "learned.npz", "--overwrite", "--json")
+        nodes.start_verb(
+            "learner", "learn", "--live", "--robot", "asimo", "--out", "learned.npz", "--overwrite", "--json"
+        )
         yield nodes

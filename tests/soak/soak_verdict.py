@@ -36,7 +36,7 @@ def after_warm_up(samples: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def verdict(samples: Sequence[dict[str, Any]], ended: dict[str, Any], config: SoakConfig) -> dict[str, Any]:
-    """Return what was found: of each process the slope and the ranges, a line for each finding, and whether all holds."""
+    """Return of each process the slope and the ranges, a line for each finding, and whether all holds."""
     counted = after_warm_up(samples)
     processes = {kind: _process(counted, kind) for kind in counted[0]["processes"]}
     problems = [*_losses(ended, config), *(line for kind, found in processes.items() for line in _growth(kind, found))]
@@ -77,19 +77,18 @@ def _line(kind: str, found: dict[str, Any]) -> str:
 
 def _losses(ended: dict[str, Any], config: SoakConfig) -> Iterator[str]:
     """Yield what of the messages is not where it should be."""
-    ticks, counts, log = config.ticks, ended["counts"], ended["log"]["messages"]
+    ticks, counts, log = ended["driven"]["ticks"], ended["counts"], ended["log"]["messages"]
+    if not config.real_time and ticks != config.ticks:
+        yield f"expected {config.ticks} ticks, found {ticks} that were driven"
     commands, robot = counts["controller"]["commands"], counts["robot"]["commands"]
     expected = {
-        "ticks that were driven": ended["driven"]["ticks"],
         "ticks that were learned": ended["learned_ticks"],
         "commands of the controller": commands,
         "commands that moved the robot": robot,
         **{f"messages of {topic} in the log": log.get(topic, 0) for topic in _OF_A_TICK},
     }
     yield from (f"{what}: expected {ticks}, found {found}" for what, found in expected.items() if found != ticks)
-    yield from (
-        f"{kind}: has missed {count}: {counts.get(kind)}" for kind in MISSED if (count := missed(counts, kind))
-    )
+    yield from (f"{kind}: has missed {count}: {counts.get(kind)}" for kind in MISSED if (count := missed(counts, kind)))
     if ended["driven"]["missed"]:
         yield f"explorer: {ended['driven']['missed']} states of the robot did not come"
     recording = ended["recording"]

@@ -1,15 +1,16 @@
-"""Drives a robot through a controller, tick by tick: python tests/soak/tick_driver.py ENDPOINT TICKS RATE_HZ MODE.
+"""Drives a robot through a controller, tick by tick: python tests/soak/tick_driver.py ENDPOINT HOURS RATE_HZ MODE.
 
 Each time the robot publishes its joints, targets of both hands on a small circle and the joints go out again under the
 robot's stamp: a controller answers the targets, the robot follows the answer, and a learner has a tick. In MODE
-`lockstep` the robot waits for that answer; in `real-time` it moves on. Each number and stamp that the robot left out is
-counted as missed. Ends with its counts as JSON.
+`lockstep` the robot waits for that answer, and the hours are of its time; in `real-time` it moves on, and they are of
+the clock on the wall. Each stamp that the robot left out is counted as missed. Ends with its counts as JSON.
 """
 
 import json
 import queue
 import sys
-from collections.abc import Iterator
+import time
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
 
@@ -51,26 +52,36 @@ def targets(time_ns: int, centres: Floats) -> Floats:
 
 
 @contextmanager
-def _states(session: zenoh.Session) -> Iterator[queue.SimpleQueue[bytes]]:
+def _states(session: zenoh.Session) -> Iterator[queue.Queue[bytes]]:
     """Yield what the robot publishes of its joints."""
-    waiting: queue.SimpleQueue[bytes] = queue.SimpleQueue()
-    handler = on_network_thread(lambda sample: waiting.put(sample.payload.to_bytes()))
-    with session.declare_subscriber(message_key(DEFAULT_NAMESPACE, JOINT_STATES), handler):
+    waiting: queue.Queue[bytes] = queue.Queue()
+
+    def take(sample: zenoh.Sample) -> None:
+        """Queue a state."""
+        waiting.put(sample.payload.to_bytes())
+
+    with session.declare_subscriber(message_key(DEFAULT_NAMESPACE, JOINT_STATES), on_network_thread(take)):
         yield waiting
 
 
 def _first_state(session: zenoh.Session) -> bytes:
     (reply,) = session.get(robot_key(DEFAULT_NAMESPACE, "joints"), timeout=_ANSWER_S)
+    assert reply.ok is not None
     return reply.ok.payload.to_bytes()
 
 
-def drive(session: zenoh.Session, counts: Counts, *, ticks: int, period_ns: int, lockstep: bool) -> None:
-    """Drive through so many ticks."""
+def _await_subscriber(session: zenoh.Session, topic: str) -> None:
+    """Wait until somebody takes a topic: what is put before reaches nobody."""
+    with session.declare_publisher(message_key(DEFAULT_NAMESPACE, topic)) as probe:
+        wait_until(lambda: matches(probe))
+
+
+def drive(session: zenoh.Session, counts: Counts, *, over: Callable[[], bool], period_ns: int, lockstep: bool) -> None:
+    """Drive until it is over, which is asked after each tick."""
     centres = load_robot("asimo").input_centre.reshape(2, 3)
     with _states(session) as states, TopicPublisher(session) as publisher:
         for topic in (LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS):
-            with session.declare_publisher(message_key(DEFAULT_NAMESPACE, topic)) as probe:
-                wait_until(lambda probe=probe: matches(probe))
+            _await_subscriber(session, topic)
         data = _first_state(session) if lockstep else states.get(timeout=_ANSWER_S)
         expected_ns = decode_as(JointState, data).stamp_ns
         while True:
@@ -81,22 +92,28 @@ def drive(session: zenoh.Session, counts: Counts, *, ticks: int, period_ns: int,
                 publisher.publish(topic, PoseStamped(joints.stamp_ns, hand), log_time_ns=joints.stamp_ns)
             publisher.publish(SAMPLE_JOINTS, joints, log_time_ns=joints.stamp_ns)
             counts.ticks += 1
-            if counts.ticks == ticks:
+            if over():
                 return
             data = states.get(timeout=_ANSWER_S)
 
 
-def main(endpoint: str, ticks: int, rate_hz: float, mode: str) -> None:
+def main(endpoint: str, hours: float, rate_hz: float, mode: str) -> None:
     config, counts = SessionConfig(connect=(endpoint,)), Counts()
     source = NodeSource("explorer", "soak", state=lambda: mode, counts=lambda: asdict(counts))
+    ticks, end_s, lockstep = round(hours * 3600.0 * rate_hz), time.monotonic() + hours * 3600.0, mode == "lockstep"
+
+    def over() -> bool:
+        """Whether the hours are over."""
+        return counts.ticks >= ticks if lockstep else time.monotonic() >= end_s
+
     with (
         open_session(config) as session,
         running_node(session, source, config=config, namespace=DEFAULT_NAMESPACE),
     ):
-        drive(session, counts, ticks=ticks, period_ns=round(1e9 / rate_hz), lockstep=mode == "lockstep")
+        drive(session, counts, over=over, period_ns=round(1e9 / rate_hz), lockstep=lockstep)
     print(json.dumps(asdict(counts)))
 
 
 if __name__ == "__main__":
     end_by_exceptions()
-    main(sys.argv[1], int(sys.argv[2]), float(sys.argv[3]), sys.argv[4])
+    main(sys.argv[1], float(sys.argv[2]), float(sys.argv[3]), sys.argv[4])

@@ -11,6 +11,7 @@ from sessions import write_foreign
 
 from pipeline.cli import app
 from pipeline.robot.config import RobotConfig, load_robot
+from pipeline.robot.coordinates import to_rows
 from pipeline.robot.kinematics import Kinematics
 from recorders.cdr.codec import encode
 from recorders.messages.message_types import JointState, PoseStamped
@@ -35,7 +36,10 @@ def posture(robot: RobotConfig, time_s: float) -> Any:
 
 
 def recording(folder: Path, *, tracked: bool = True) -> list[RecordedMessage]:
-    """Return what a lab records: joints and a gripper at 100 Hz, a tracker at 30 Hz, each with stamps of its own."""
+    """Return what a lab records: joints and a gripper at 100 Hz, a tracker at 30 Hz, each with stamps of its own.
+
+    The tracker measures the first hand, and how it is turned where that counts.
+    """
     robot = load_robot(folder)
     kinematics = Kinematics(robot)
     names = ("gripper", *robot.joints[::-1])
@@ -47,8 +51,9 @@ def recording(folder: Path, *, tracked: bool = True) -> list[RecordedMessage]:
         records.append(RecordedMessage("/joint_states", message.TYPE, encode(message), index, stamp + 2 * MS))
     for index in range(SECONDS * 30 if tracked else 0):
         stamp = START + index * 33_333_333 + 5 * MS
-        hand = kinematics.hands(posture(robot, (stamp - START) * 1e-9))[0]
-        tracker = PoseStamped(stamp, hand, frame_id="world")
+        row = to_rows(robot, kinematics.inputs(posture(robot, (stamp - START) * 1e-9)))[0]
+        turn = {"orientation": row[3:]} if len(row) > 3 else {}
+        tracker = PoseStamped(stamp, row[:3], frame_id="world", **turn)
         records.append(RecordedMessage("/tracker", tracker.TYPE, encode(tracker), index, stamp + 9 * MS))
     return sorted(records, key=lambda record: record.log_time_ns)
 

@@ -48,3 +48,24 @@ def test_what_waits_counts_for_more_than_its_payload() -> None:
     inbox = BoundedQueue[str](limit=5_000)
     assert [inbox.put(name, 0) for name in "abcdef"] == [True] * 4 + [False] * 2
     assert [inbox.get(0.0) for _ in range(5)] == ["a", "b", "c", "d", None]
+
+
+def test_a_time_that_is_over_at_once_ends_the_wait() -> None:
+    inbox = BoundedQueue[int](limit=10_000)
+    for number in range(2_000):  # a `queue.SimpleQueue` in its place hangs within some tens
+        assert inbox.put(number, 4)
+        assert inbox.get(1e-6) == number
+        assert inbox.get(1e-6) is None
+
+
+def test_a_taker_misses_nothing_that_is_put_while_it_begins_to_wait() -> None:
+    inbox, count = BoundedQueue[int](limit=10**9), 20_000
+    putting = threading.Thread(target=lambda: [inbox.put(number, 0) for number in range(count)])
+    putting.start()
+    taken: list[int] = []
+    while len(taken) < count:
+        item = inbox.get(60.0)
+        assert item is not None
+        taken.append(item)
+    putting.join()
+    assert taken == list(range(count))
