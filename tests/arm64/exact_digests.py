@@ -34,10 +34,10 @@ TRAINED: dict[str, tuple[object, ...]] = {
 """Options of `train` for logs that carry ticks."""
 
 ALIGNED: dict[str, tuple[str, tuple[object, ...]]] = {
-    "by the tracker's stamps": ("position", TRACKED),
+    "by the tracker's stamps": ("position", (*TRACKED, "--ticks-of", "/tracker")),
     "by the tracker, at 25 Hz": ("position", (*TRACKED, "--tick-rate", 25, "--latency", "/tracker=0.007")),
     "by kinematics": ("position", ("--tick-rate", 50, "--pairs", "computed")),
-    "poses, by the tracker": ("pose", TRACKED),
+    "poses, by the tracker": ("pose", (*TRACKED, "--ticks-of", "/tracker")),
     "poses, by the tracker, turned frame": (
         "pose", (*TRACKED, "--tick-rate", 25, "--frame", "/tracker=0.01,0.02,-0.01,0,0,0.05,0.9987492177719089")
     ),
