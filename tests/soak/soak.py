@@ -20,7 +20,6 @@ from typing import Any
 
 import zenoh
 from process_sample import process_sample
-from recorders.wire.frames import DEFAULT_NAMESPACE
 from soak_nodes import RECORDING, Nodes, SoakConfig, learned_controller, running_nodes
 from soak_picture import draw
 from soak_verdict import verdict
@@ -29,6 +28,7 @@ from pipeline.terminal.signals import end_by_exceptions
 from recorders.nodes.search import find_nodes
 from recorders.nodes.status import NodeStatus
 from recorders.reading.reader import LogReader
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 

@@ -12,9 +12,9 @@ from pathlib import Path
 
 import zenoh
 from processes import command, reenact
-from recorders.wire.frames import DEFAULT_NAMESPACE
 
 from recorders.nodes.search import find_nodes
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
 
 HERE = Path(__file__).parent
 RECORDING, PART_SIZE = "soak.mcap", "256MB"

@@ -16,7 +16,6 @@ from dataclasses import asdict, dataclass
 
 import numpy as np
 import zenoh
-from recorders.wire.frames import DEFAULT_NAMESPACE, message_key
 from waiting import matches, wait_until
 
 from pipeline.arrays import Floats
@@ -29,6 +28,7 @@ from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, RIGHT_TARGET, S
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.wire.callbacks import on_network_thread
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
