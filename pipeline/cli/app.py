@@ -12,6 +12,7 @@ from pipeline.cli.logs import cat, convert, diff, export, info, recover, view
 from pipeline.cli.network import learn, record, replay, serve, status
 from pipeline.cli.project_settings import project_defaults
 from pipeline.cli.robot import demonstrate, explore, robot
+from pipeline.cli.ros_domain import with_domain
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
 from pipeline.terminal import console
@@ -28,6 +29,7 @@ class _Program(TyperGroup):
 
     def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
         """Parse the options before the verb, and keep the whole command line for `invoke`."""
+        args = with_domain(args)
         ctx.meta[_ARGUMENTS] = list(args)
         return super().parse_args(ctx, args)
 

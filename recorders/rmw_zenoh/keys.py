@@ -2,12 +2,9 @@
 
 from typing import NamedTuple
 
-from recorders.errors import MessageError, WireError
-from recorders.rmw_zenoh.names import check_topic
+from recorders.errors import MessageError
+from recorders.rmw_zenoh.names import MAX_DOMAIN, check_domain, check_topic
 from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, dds_type, is_type_hash, ros_type
-
-MAX_DOMAIN = 232
-"""The largest domain of ROS 2; those above would need ports that there are not."""
 
 
 class TopicKey(NamedTuple):
@@ -59,10 +56,3 @@ class TopicKey(NamedTuple):
         if not (is_type_hash(type_hash) or type_hash == UNKNOWN_HASH):
             raise MessageError(f"expected a hash RIHS01_... at the end of the key, found {type_hash[:100]!r}")
         return cls(int(domain), "/" + "/".join(topic), ros_type(type_name), type_hash)
-
-
-def check_domain(domain: int) -> int:
-    """Return a ROS domain; raises WireError if there is none of that number."""
-    if not 0 <= domain <= MAX_DOMAIN:
-        raise WireError(f"ROS domain: expected 0 to {MAX_DOMAIN}, found {domain}")
-    return domain

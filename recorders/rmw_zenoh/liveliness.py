@@ -7,8 +7,7 @@ from typing import Self
 import xxhash
 
 from recorders.errors import MessageError, WireError
-from recorders.rmw_zenoh.keys import check_domain
-from recorders.rmw_zenoh.names import NodeName, check_topic
+from recorders.rmw_zenoh.names import NodeName, check_domain, check_topic
 from recorders.rmw_zenoh.qos import Qos
 from recorders.rmw_zenoh.type_hashes import dds_type, ros_type
 

@@ -10,6 +10,9 @@ from typing import Self
 
 from recorders.errors import WireError
 
+MAX_DOMAIN = 232
+"""The largest domain of ROS 2; those above would need ports that there are not."""
+
 _MAX_NAME = 247  # characters, as `rmw_validate_full_topic_name` has it
 _NAME = r"(?!.*__)[A-Za-z_][A-Za-z0-9_]*"
 _ABSOLUTE = re.compile(rf"(/{_NAME})+")
@@ -29,6 +32,13 @@ def check_topic(name: str) -> str:
     if len(name) > _MAX_NAME or not _ABSOLUTE.fullmatch(name):
         raise WireError(f"ROS topic: {_RULES}, of at most {_MAX_NAME} characters, found {name[:100]!r}")
     return name
+
+
+def check_domain(domain: int) -> int:
+    """Return a ROS domain; raises WireError if there is none of that number."""
+    if not 0 <= domain <= MAX_DOMAIN:
+        raise WireError(f"ROS domain: expected 0 to {MAX_DOMAIN}, found {domain}")
+    return domain
 
 
 def check_node_name(name: str) -> str:

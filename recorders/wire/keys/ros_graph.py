@@ -2,9 +2,10 @@
 
 import threading
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
+from dataclasses import dataclass
 from itertools import count
-from typing import Self
+from typing import Any, Self
 
 import zenoh
 
@@ -17,6 +18,72 @@ from recorders.wire.session import watching_tokens
 
 MAX_TOKENS = 10_000
 """As many tokens are remembered: anyone may declare them."""
+
+
+@dataclass(frozen=True)
+class GraphView:
+    """The graph of a ROS domain at one moment.
+
+    Parameters
+    ----------
+    tokens : tuple of Token
+        Who is there, in the order of their keys.
+    """
+
+    tokens: tuple[Token, ...]
+
+    @property
+    def nodes(self) -> list[str]:
+        """Full names of the nodes, sorted; two of one name are there twice."""
+        return sorted(token.node.full_name for token in self.tokens if token.entity is EntityType.NODE)
+
+    @property
+    def topics(self) -> dict[str, list[str]]:
+        """Types by topic, both sorted, of everything that is published or subscribed to."""
+        types: dict[str, set[str]] = {}
+        for token in self.tokens:
+            if token.endpoint is not None and token.entity in (EntityType.PUBLISHER, EntityType.SUBSCRIPTION):
+                types.setdefault(token.endpoint.topic, set()).add(token.endpoint.type)
+        return {topic: sorted(types[topic]) for topic in sorted(types)}
+
+    def endpoints(self, topic: str, entity: EntityType) -> list[Token]:
+        """Return the publishers or the subscriptions of a topic."""
+        return [
+            token
+            for token in self.tokens
+            if token.entity is entity and token.endpoint is not None and token.endpoint.topic == topic
+        ]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the graph as JSON values: names of nodes, and of each topic its types and who has it."""
+        return {"nodes": self.nodes, "topics": [self._topic(*entry) for entry in self.topics.items()]}
+
+    def _topic(self, topic: str, types: list[str]) -> dict[str, Any]:
+        sides = {"publishers": EntityType.PUBLISHER, "subscriptions": EntityType.SUBSCRIPTION}
+        return {"topic": topic, "types": types} | {
+            side: [token.node.full_name for token in self.endpoints(topic, entity)] for side, entity in sides.items()
+        }
+
+
+def find_graph(session: zenoh.Session, domain: int, *, timeout_s: float = 5.0) -> GraphView:
+    """Return the graph of a ROS domain as everybody whom a session reaches states it; what is no token is passed over.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    domain : int
+        The ROS domain.
+    timeout_s : float
+        How long to wait for those who do not answer [s].
+    """
+    found: dict[str, Token] = {}
+    for reply in session.liveliness().get(tokens_of(domain), timeout=timeout_s):
+        if reply.ok is not None and len(found) < MAX_TOKENS:
+            key = str(reply.ok.key_expr)
+            with suppress(WireError):
+                found[key] = Token.from_key(key)
+    return GraphView(tuple(found[key] for key in sorted(found)))
 
 
 class RosGraph:
@@ -52,32 +119,10 @@ class RosGraph:
         self._stack.close()
 
     @property
-    def tokens(self) -> list[Token]:
-        """All tokens that are there, in the order of their keys."""
+    def view(self) -> GraphView:
+        """The graph as it is now."""
         with self._changed:
-            return [self._tokens[key] for key in sorted(self._tokens)]
-
-    @property
-    def nodes(self) -> list[str]:
-        """Full names of the nodes, sorted; two of one name are there twice."""
-        return sorted(token.node.full_name for token in self.tokens if token.entity is EntityType.NODE)
-
-    @property
-    def topics(self) -> dict[str, list[str]]:
-        """Types by topic, both sorted, of everything that is published or subscribed to."""
-        types: dict[str, set[str]] = {}
-        for token in self.tokens:
-            if token.endpoint is not None and token.entity in (EntityType.PUBLISHER, EntityType.SUBSCRIPTION):
-                types.setdefault(token.endpoint.topic, set()).add(token.endpoint.type)
-        return {topic: sorted(types[topic]) for topic in sorted(types)}
-
-    def endpoints(self, topic: str, entity: EntityType) -> list[Token]:
-        """Return the publishers or the subscriptions of a topic."""
-        return [
-            token
-            for token in self.tokens
-            if token.entity is entity and token.endpoint is not None and token.endpoint.topic == topic
-        ]
+            return GraphView(tuple(self._tokens[key] for key in sorted(self._tokens)))
 
     def wait_for(self, topic: str, number: int, *, timeout_s: float) -> None:
         """Wait until a topic has so many subscriptions.

@@ -12,7 +12,7 @@ from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import LATCHED, Qos
-from recorders.wire.keys.ros_graph import RosGraph, RosNode
+from recorders.wire.keys.ros_graph import RosGraph, RosNode, find_graph
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -49,13 +49,16 @@ def test_a_client_of_others_lists_our_node_with_its_topics_and_types(graph: Grap
 
 
 def test_we_list_a_client_of_others(graph: Graph) -> None:
-    _, ours, peer = graph
+    session, ours, peer = graph
     peer.ask("publisher", topic="/chatter", type_name=String.TYPE, name="talker")
     peer.ask("subscribe", topic="/hand/right/target", type_name=PoseStamped.TYPE, name="listener")
-    wait_until(lambda: {"/chatter", "/hand/right/target"} <= set(ours.topics))
-    assert ours.topics["/chatter"] == [String.TYPE]
-    assert {"/talker", "/listener"} <= set(ours.nodes)
-    (token,) = ours.endpoints("/hand/right/target", EntityType.SUBSCRIPTION)
+    wait_until(lambda: {"/chatter", "/hand/right/target"} <= set(ours.view.topics))
+    assert ours.view.topics["/chatter"] == [String.TYPE]
+    assert {"/talker", "/listener"} <= set(ours.view.nodes)
+    assert find_graph(session, 7) == ours.view
+    chatter = {"topic": "/chatter", "types": [String.TYPE], "publishers": ["/talker"], "subscriptions": []}
+    assert chatter in ours.view.to_dict()["topics"]
+    (token,) = ours.view.endpoints("/hand/right/target", EntityType.SUBSCRIPTION)
     assert token.endpoint.qos == Qos()
     ours.wait_for("/hand/right/target", 1, timeout_s=0.0)
     with pytest.raises(WireError, match="/chatter: expected 2 subscriptions within 0 s, found 0"):
@@ -65,14 +68,14 @@ def test_we_list_a_client_of_others(graph: Graph) -> None:
 def test_a_node_that_dies_is_gone_from_the_graph(graph: Graph) -> None:
     _, ours, peer = graph
     peer.ask("publisher", topic="/mortal", type_name=String.TYPE, name="mortal")
-    wait_until(lambda: "/mortal" in ours.topics)
+    wait_until(lambda: "/mortal" in ours.view.topics)
     peer.process.kill()
-    wait_until(lambda: "/mortal" not in ours.topics)
-    assert "/mortal" not in ours.nodes
+    wait_until(lambda: "/mortal" not in ours.view.topics)
+    assert "/mortal" not in ours.view.nodes
 
 
 def test_what_is_no_token_is_counted_and_does_no_harm(graph: Graph) -> None:
     session, ours, _ = graph
     with session.liveliness().declare_token("@ros2_lv/7/x/0/0/NN/%/%/1 2"):
         wait_until(lambda: ours.refused)
-    assert "/1 2" not in ours.nodes
+    assert "/1 2" not in ours.view.nodes

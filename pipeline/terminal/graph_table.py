@@ -1,0 +1,26 @@
+"""The graph of a ROS domain as a table."""
+
+from rich.table import Table
+from rich.text import Text
+
+from recorders.text.wording import escape_control
+from recorders.wire.keys.ros_graph import GraphView
+
+
+def graph_table(view: GraphView) -> Table:
+    """Return a table of topics, one a row, with types and nodes, for 80 columns; all names come from anyone."""
+    table = Table(box=None, pad_edge=False)
+    for name in ("topic", "type", "published by", "subscribed by"):
+        table.add_column(name, overflow="fold")
+    described = view.to_dict()["topics"]
+    for row in described:
+        table.add_row(row["topic"], *(_lines(row[part]) for part in ("types", "publishers", "subscriptions")))
+    busy = {name for row in described for side in ("publishers", "subscriptions") for name in row[side]}
+    for name in view.nodes:
+        if name not in busy:
+            table.add_row("-", "-", _lines([name]), "-")
+    return table
+
+
+def _lines(names: list[str]) -> Text:
+    return Text("\n".join(map(escape_control, names)) or "-")

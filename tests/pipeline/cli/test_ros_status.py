@@ -1,0 +1,46 @@
+"""`status --ros`: the graph of a ROS domain on the terminal, as a client of others fills it."""
+
+import json
+from pathlib import Path
+
+import pytest
+from processes import complaint, reenact
+from ros_peer import ros_peer
+from waiting import wait_until
+
+from recorders.messages.message_types import JointState, String
+from recorders.wire.keys.ros_graph import find_graph
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import SessionConfig, open_session
+
+pytest.importorskip("zenoh_ros2_sdk")
+
+
+def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session, ros_peer(endpoint, domain=3) as peer:
+        peer.ask("publisher", topic="/joint_states", type_name=JointState.TYPE, name="arm")
+        peer.ask("subscribe", topic="/chatter", type_name=String.TYPE, name="listener")
+        wait_until(lambda: len(find_graph(session, 3).topics) == 2)
+        printed = reenact("status", "--ros", "3", "--connect", endpoint, "--json", cwd=tmp_path)
+        shown = reenact("status", "--connect", endpoint, "--ros", "3", cwd=tmp_path)
+        other = reenact("status", "--ros", "--connect", endpoint, "--json", cwd=tmp_path)
+    assert json.loads(printed.stdout) == {
+        "domain": 3,
+        "nodes": ["/arm", "/listener"],
+        "topics": [
+            {"topic": "/chatter", "types": [String.TYPE], "publishers": [], "subscriptions": ["/listener"]},
+            {"topic": "/joint_states", "types": [JointState.TYPE], "publishers": ["/arm"], "subscriptions": []},
+        ],
+    }
+    assert [row.split() for row in shown.stdout.splitlines()[1:]] == [
+        ["/chatter", String.TYPE, "-", "/listener"],
+        ["/joint_states", JointState.TYPE, "/arm", "-"],
+    ]
+    assert (other.returncode, json.loads(other.stdout)) == (1, {"domain": 0, "nodes": [], "topics": []})
+    assert f"no node is in ROS domain 0 at {endpoint}" in other.stderr
+
+
+def test_the_domain_of_the_environment_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("ROS_DOMAIN_ID", "a lab")
+    assert "ROS_DOMAIN_ID: expected 0 to 232, found 'a lab'" in complaint(reenact("status", "--ros", cwd=tmp_path))
