@@ -9,7 +9,7 @@ CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipel
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
 EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
-.PHONY: demo test test-all test-core test-arm64 soak coverage check examples bench mutants docs lock clean
+.PHONY: demo test test-all test-core test-arm64 soak coverage check examples simulate bench mutants docs lock clean
 
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
@@ -54,6 +54,12 @@ check: .venv/dev
 # Every example in a docstring.
 examples: .venv/dev
 	$(BIN)/python -m pytest -q --doctest-modules --durations=0 $(EXAMPLES)
+
+# The protocol of streams in simulated worlds, a seed each: `make simulate SEEDS=10000 FROM=2000`.
+SEEDS ?= 2000
+FROM ?= 0
+simulate: .venv/dev
+	PYTHONPATH=tests/support $(BIN)/python -m simulation --seeds $(SEEDS) --from $(FROM) $(if $(ONLY),--only $(ONLY))
 
 bench: .venv/dev
 	@for file in tests/benchmarks/bench_*.py; do $(BIN)/python $$file || exit 1; done

@@ -9,6 +9,7 @@ ALIVE_S = 1.0
 """How often each consumer is asked how far it is, which also shows it that its sender lives [s]."""
 
 _ANSWER_S = 5.0  # how long one answer may take
+_HELLOS = 5  # how often a hello is asked in the time that its answer may take: question or answer may be lost
 _RETRY_S = 0.05  # from one hello that nobody answers to the next
 
 
@@ -31,6 +32,8 @@ class Questions:
     def __init__(self, consumers: tuple[str, ...], wait_s: float) -> None:
         self._wait_s = wait_s
         self._hello_at_s = self._hello_until_s = math.inf
+        self._hello_asked_s = -math.inf
+        self._hello_timeout_s = max(wait_s, _ANSWER_S) / _HELLOS
         self._ask_at_s: dict[str, float] = {}  # who has accepted, and when it is asked next: never while it is
         self._unconfirmed: set[str] = set()  # who has published that it is through
         self._asked: dict[int, Ask] = {}
@@ -53,9 +56,10 @@ class Questions:
         return bool(self.ungreeted)
 
     def greet_later(self, now_s: float) -> bool:
-        """Greet the same again, as nobody answered; False if it has taken too long to appear."""
+        """Greet the same again, as nobody answered; False if it has taken too long to appear, or to answer."""
+        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # at once if nobody is there
         self._hello_at_s = now_s + _RETRY_S
-        return now_s <= self._hello_until_s
+        return now_s <= self._hello_until_s + (max(0.0, _ANSWER_S - self._wait_s) if is_lost else 0.0)
 
     def has_accepted(self, name: str, now_s: float) -> None:
         """Note a consumer that has accepted the offer: from now on it is asked how far it is."""
@@ -83,7 +87,7 @@ class Questions:
     def take_due(self, now_s: float) -> Iterator[tuple[str, str]]:
         """Yield whom to ask for what now."""
         if self._hello_at_s <= now_s:
-            self._hello_at_s = math.inf
+            self._hello_at_s, self._hello_asked_s = math.inf, now_s
             yield self.ungreeted[0], "hello"
         for name, at_s in self._ask_at_s.items():
             if at_s <= now_s:
@@ -100,7 +104,7 @@ class Questions:
     def ask(self, name: str, verb: str, packet: Packet) -> Ask:
         """Return a question, of which the answer is awaited."""
         self._number += 1
-        timeout_s = max(self._wait_s, _ANSWER_S) if verb == "hello" else _ANSWER_S
+        timeout_s = self._hello_timeout_s if verb == "hello" else _ANSWER_S
         ask = self._asked[self._number] = Ask(self._number, name, verb, packet, timeout_s)
         return ask
 

@@ -208,6 +208,7 @@ class SenderMachine:
     def _restart(self, name: str, now_s: float) -> None:
         """Greet a consumer anew that was started anew."""
         self._move("consumer restarted")
+        self._held = False  # nothing of before is sent again: the stream goes on from where this one wants it
         if self._questions.has_restarted(name):
             self._greet_next(now_s)
 

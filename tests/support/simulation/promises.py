@@ -1,0 +1,96 @@
+"""The promises of the protocol, checked after every event of a simulated world."""
+
+from collections.abc import Sequence
+
+from recorders.protocol.states import SenderState
+from recorders.wire.bounded_queue import ITEM_BYTES
+from simulation.consumers import Source
+from simulation.limits import PAST_STREAMS
+from simulation.receiver_node import ReceiverNode
+from simulation.scenario import Scenario
+from simulation.sender_node import SenderNode
+from simulation.world import MS, BrokenPromiseError
+
+_CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
+_COUNTING = (SenderState.SENDING, SenderState.ENDING)
+
+
+class Promises:
+    """What holds at every moment, and what holds in the end."""
+
+    def __init__(
+        self, scenario: Scenario, source: Source, *, sender: SenderNode, receivers: Sequence[ReceiverNode]
+    ) -> None:
+        self._scenario = scenario
+        self._source = source
+        self._whole = len(source.messages)
+        self._most = max(scenario.window, scenario.batch_size)
+        self._most_bytes = max(scenario.window_bytes, scenario.batch_size * scenario.most_bytes)
+        self._sender = sender
+        self._receivers = {receiver.name: receiver for receiver in receivers}
+
+    def check_sender(self) -> None:
+        """Check what holds whenever the sender has done something."""
+        machine = self._sender.machine
+        sent, consumed = machine.sent, machine.consumed
+        if not 0 <= consumed <= self._whole or not 0 <= sent <= self._whole:
+            _break("nothing is sent beyond the end", f"message {sent} of {self._whole}, {consumed} are consumed")
+        if machine.state in _COUNTING:
+            self._check_window(sent, consumed)
+            had = [each.consumer.had.get(self._sender.offer.sender, 0) for each in self._receivers.values()]
+            if consumed > min(had):
+                _break("acknowledged means consumed", f"up to {consumed}, while the consumers have {had}")
+
+    def _check_window(self, sent: int, consumed: int) -> None:
+        under_way, size = sent - consumed, self._source.sizes[sent] - self._source.sizes[consumed]
+        frames = len(self._sender.machine._window._frames)
+        most_frames = 2 * self._most + 1  # some may be consumed already, which is noted with the next answer
+        if under_way > self._most or size > self._most_bytes or frames > most_frames:
+            _break(
+                "memory is bounded",
+                f"{under_way} messages of {size} bytes are under way in {frames} frames, {self._most} of "
+                f"{self._most_bytes} bytes may be",
+            )
+        since_s = self._sender.now_s - self._sender.begun_s
+        for name, count in self._sender.questions_asked.items():
+            if count > 10 + 2 * since_s + self._sender.acknowledgements[name]:
+                _break("nobody is flooded", f"{name} was asked {count} times in {since_s:.3f} s")
+
+    def check_receiver(self, receiver: ReceiverNode) -> None:
+        """Check what holds whenever a consumer's process has done something."""
+        machine, consumer = receiver.machine, receiver.consumer
+        if machine.offer is not None and machine.progress.next > consumer.next:
+            _break("acknowledged means consumed", f"{receiver.name} has {consumer.next}, states {machine.progress}")
+        past = len(machine._past._ended)
+        if past > PAST_STREAMS:
+            _break("memory is bounded", f"{past} streams are remembered at {receiver.name}, {PAST_STREAMS} may be")
+        waiting, limit = receiver.waiting_bytes, consumer.plan.waiting_bytes
+        if waiting > limit + ITEM_BYTES:
+            _break("memory is bounded", f"{waiting} bytes wait at {receiver.name}, {limit} may")
+
+    def check_end(self, ended_ns: int) -> None:
+        """Check what holds when it is over: one digest, durable with every consumer; no error without a cause."""
+        results = self._sender.results or {}
+        _expect(set(results) == set(self._receivers), "it ends with every result", f"found those of {sorted(results)}")
+        for name, result in results.items():
+            expected = {"messages": self._whole, "digest": self._source.digests[-1]}
+            _expect(result == expected, "one digest", f"{name} reports {result}, the source has {expected}")
+            consumer = self._receivers[name].consumer
+            _expect(consumer.durable == self._whole, "what is reported is durable", f"{name} has {consumer.durable}")
+        errors = [*self._sender.errors, *(error for each in self._receivers.values() for error in each.errors)]
+        _expect(all(errors), "errors are stated", f"found {errors}")
+        if self._scenario.calm:
+            slowest_ns = max(plan.consume_ns for plan in self._scenario.consumers)
+            most_ns = self._whole * (slowest_ns + self._scenario.gap_ns) + _CALM_NS
+            _expect(ended_ns <= most_ns, "nothing waits without need", f"over after {ended_ns} ns, not {most_ns} ns")
+        if self._scenario.gentle or self._scenario.calm:
+            _expect(not errors, "nobody gives up without need", f"found {errors}")
+
+
+def _expect(holds: bool, promise: str, found: str) -> None:
+    if not holds:
+        _break(promise, found)
+
+
+def _break(promise: str, found: str) -> None:
+    raise BrokenPromiseError(promise, found)

@@ -1,0 +1,171 @@
+"""A simulated consumer's process: the protocol's receiving machine, its queue, and the consumer that takes from it."""
+
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable
+
+from recorders.errors import MessageError, ReenactError
+from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.packets import Packet
+from recorders.protocol.receiver import FAREWELL_WAIT_S, Offered, ReceiverMachine
+from recorders.wire.bounded_queue import BoundedQueue
+from simulation.consumers import SimulatedConsumer, Source
+from simulation.network import Deliver, Network
+from simulation.node import Node
+from simulation.scenario import ConsumerPlan, Fault
+from simulation.world import SECOND, World
+
+SILENCE_S = 30.0
+
+Reply = Callable[[Packet | None], None]
+
+
+class ReceiverNode(Node):
+    """Receives for one consumer, which is started again whenever it ends.
+
+    Attributes
+    ----------
+    consumer : SimulatedConsumer
+        What takes the messages.
+    machine : ReceiverMachine
+        That of the life under way.
+    errors : list of str
+        Why each life that failed did.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        plan: ConsumerPlan,
+        source: Source,
+        *,
+        network: Network,
+        faults: Iterable[Fault],
+        occurred: Counter[str],
+    ) -> None:
+        super().__init__(world, plan.name, faults=faults, occurred=occurred)
+        self._network = network
+        self.consumer = SimulatedConsumer(plan, source, self.wall_ns)
+        self.machine: ReceiverMachine
+        self.errors: list[str] = []
+        self.acknowledging: Callable[[ReceiverNode], Deliver]
+
+    def on_begin(self) -> None:
+        """Wait for a stream."""
+        self.machine = ReceiverMachine(self.name, silence_s=SILENCE_S)
+        self._queue: BoundedQueue[Frame | tuple[Offered, Reply]] = BoundedQueue(limit=self.consumer.plan.waiting_bytes)
+        self._busy = self._leaving = False
+
+    @property
+    def waiting_bytes(self) -> int:
+        """How much waits in the queue."""
+        return self._queue._waiting
+
+    def published(self, topic: str, packet: Packet) -> None:
+        """Take what came on a data key."""
+        self.hand(self._on_sample, topic, packet)
+
+    def asked(self, verb: str, reply: Reply, packet: Packet) -> None:
+        """Answer a question."""
+        if self.is_up:
+            self.hand(self._on_hello if verb == "hello" else self._on_status, packet, reply)
+        else:
+            reply(None)
+
+    def on_event(self) -> None:
+        """Let the consumer take what waits."""
+        while not (self._busy or self._leaving) and self.is_up and (item := self._queue.get(0.0)) is not None:
+            self._take(item)
+        if self._leaving and self.machine.released:
+            self.end(SECOND)
+
+    def deadline_s(self) -> float:
+        """Return when the machine wants to be woken."""
+        return math.inf if self._busy or self._leaving else self.machine.deadline_s
+
+    def on_time(self) -> None:
+        """Wake the machine; it may report that the sender is gone."""
+        error = self.machine.on_time(self.now_s)
+        if error is not None:
+            self._lose(str(error))
+
+    def _on_sample(self, topic: str, packet: Packet) -> None:
+        try:
+            frame = self.machine.on_sample(topic, packet, self.now_s)
+        except MessageError:
+            return  # refused, and counted
+        if frame is not None and self._queue.put(frame, frame.size or len(frame.reason)):
+            self.machine.arrived(frame)
+
+    def _on_hello(self, packet: Packet, reply: Reply) -> None:
+        answer = self.machine.on_hello(packet)
+        if isinstance(answer, Packet):
+            reply(answer)
+        elif not self._queue.put((answer, reply), answer.size):
+            reply(self.machine.refuse(answer, self.machine.taken))
+
+    def _on_status(self, packet: Packet, reply: Reply) -> None:
+        answer = self.machine.on_status(packet)
+        reply(answer)
+        self.step()
+        self.machine.on_status_answered(packet, answer, self.now_s)
+
+    def _take(self, item: Frame | tuple[Offered, Reply]) -> None:
+        self.step()
+        try:
+            if not isinstance(item, Frame):
+                self._take_offer(*item)
+            elif item.kind is FrameType.END:
+                self._acknowledge(self.machine.finish(self.consumer.result(), self.now_s))
+                if self.consumer.plan.kind == "learner":
+                    self._leave()
+            elif item.kind is FrameType.ABORT:
+                self._lose(str(self.machine.gave_up(item)))
+            else:
+                self._take_messages(item)
+        except ReenactError as error:
+            self._fail(str(error))
+
+    def _take_offer(self, offered: Offered, reply: Reply) -> None:
+        answer = self.machine.answer(offered)  # another may have been accepted since it came
+        if answer is None:
+            answer = self.machine.accept(offered, self.consumer.start(offered.offer), self.now_s)
+        reply(answer)
+
+    def _take_messages(self, frame: Frame) -> None:
+        for message in frame.messages:
+            self.consumer.take(message)
+            self.step()
+        self._busy = True
+        self.later(self.consumer.plan.consume_ns * len(frame.messages), self._consumed, frame)
+
+    def _consumed(self, frame: Frame) -> None:
+        self._busy = False
+        packet = self.machine.consume(frame)
+        if packet is not None:
+            self._acknowledge(packet)
+
+    def _lose(self, reason: str) -> None:
+        """Leave a stream whose sender is gone: a learner ends with an error, a recorder awaits the next stream."""
+        if self.consumer.plan.kind == "learner":
+            self._fail(reason)
+        else:
+            self.errors.append(reason)
+            self.world.note(f"{self.name} states: {reason}")
+            self.machine.abandon(reason)
+
+    def _fail(self, reason: str) -> None:
+        """End with an error, which the sender is to learn."""
+        self.errors.append(reason)
+        self.world.note(f"{self.name} states: {reason}")
+        self._acknowledge(self.machine.fail(reason, self.now_s))
+        self._leave()
+
+    def _leave(self) -> None:
+        """Take nothing more, and end when the sender knows what there is to know, or does not come for it."""
+        self._leaving = True
+        self.later(int(FAREWELL_WAIT_S * 1e9), self.machine.abandon)
+
+    def _acknowledge(self, packet: Packet) -> None:
+        self.step()
+        self._network.carry("acknowledgement", self.name, "ack", packet, self.acknowledging(self))

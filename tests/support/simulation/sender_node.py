@@ -1,0 +1,190 @@
+"""The simulated sender: the protocol's sending machine, what it sends from, and the operator who starts it again."""
+
+from collections import Counter
+from collections.abc import Iterable
+from functools import partial
+from typing import Any
+
+from recorders.protocol.packets import Ask, Packet, Publish
+from recorders.protocol.sender import SenderMachine
+from recorders.protocol.states import SenderState
+from recorders.protocol.stream import Offer
+from simulation.consumers import Source
+from simulation.network import Deliver, Network
+from simulation.node import Node
+from simulation.receiver_node import ReceiverNode
+from simulation.scenario import SENDER, Fault, Scenario
+from simulation.world import SECOND, World, draws
+
+WAIT_S = 10.0
+PATIENCE_S = 30.0
+
+
+class SenderNode(Node):
+    """Sends the source to every consumer, one attempt after the other, until one gets through.
+
+    Attributes
+    ----------
+    machine, offer : SenderMachine, Offer
+        Those of the attempt under way.
+    begun_s : float
+        When that began, on the sender's clock.
+    questions_asked, acknowledgements : counter of str
+        How often it asked each consumer how far it is, and how often something was published as its answer.
+    errors : list of str
+        Why each attempt that failed did.
+    ended_ns : int
+        When an attempt got through.
+    results : dict of str to dict, optional
+        What the consumers reported to the attempt that got through.
+    """
+
+    def __init__(
+        self,
+        world: World,
+        scenario: Scenario,
+        source: Source,
+        *,
+        network: Network,
+        receivers: Iterable[ReceiverNode],
+        faults: Iterable[Fault],
+        occurred: Counter[str],
+    ) -> None:
+        super().__init__(world, SENDER, faults=faults, occurred=occurred)
+        self._scenario = scenario
+        self._source = source
+        self._network = network
+        self._receivers = {receiver.name: receiver for receiver in receivers}
+        self._source_faults = {fault.at: fault for fault in faults if fault.kind.startswith("source ")}
+        self._draw = draws(scenario.seed, "sender")
+        self._asked: dict[int, Ask] = {}
+        self._ready_ns = 0  # when the source has its next message
+        self.machine: SenderMachine
+        self.offer: Offer
+        self.begun_s = 0.0
+        self.questions_asked: Counter[str] = Counter()
+        self.acknowledgements: Counter[str] = Counter()
+        self.errors: list[str] = []
+        self.ended_ns = 0
+        self.results: dict[str, dict[str, Any]] | None = None
+
+    def on_begin(self) -> None:
+        """Offer the stream, as a sender of its own."""
+        plan, source = self._scenario, self._source
+        self.offer = Offer(
+            run=source.run,
+            schedule={},
+            logs=[],
+            messages=len(source.messages) if plan.counted else None,
+            sender=self._draw.randbytes(16).hex(),
+            window=plan.window,
+        )
+        self._asked = {}
+        self.begun_s = self.now_s
+        self.questions_asked.clear()
+        self.acknowledgements.clear()
+        self.machine = SenderMachine(
+            self.offer, tuple(self._receivers), batched=plan.batch_size > 1, wait_s=WAIT_S, patience_s=PATIENCE_S
+        )
+        self.machine.start(self.now_s)
+
+    def on_event(self) -> None:
+        """Do what the machine wants, send what there is room for, and see how it stands."""
+        self._act()
+        while self.machine.state is SenderState.SENDING and self._send():
+            self._act()
+        if self.machine.state is SenderState.DONE:
+            self.results = self.machine.results
+            self.stop()
+            self.ended_ns = self.world.now_ns
+        elif self.machine.state is SenderState.FAILED:
+            self.errors.append(str(self.machine.error))
+            self.world.note(f"{self.name} states: {self.errors[-1]}")
+            self.end(self._draw.randint(SECOND, 10 * SECOND))
+
+    def deadline_s(self) -> float:
+        """Return when the machine wants to be woken."""
+        return self.machine.deadline_s
+
+    def on_time(self) -> None:
+        """Wake the machine."""
+        self.machine.on_time(self.now_s)
+
+    def acknowledging(self, receiver: ReceiverNode) -> Deliver:
+        """Return what takes the acknowledgements of a consumer: both processes must live on."""
+        lives = self._life, receiver._life
+
+        def deliver(packet: Packet) -> None:
+            if lives == (self._life, receiver._life):
+                self.acknowledged(receiver.name, packet)
+
+        return deliver
+
+    def acknowledged(self, consumer: str, packet: Packet) -> None:
+        """Take what came on the acknowledgement key of a consumer."""
+        self.hand(self._on_acknowledgement, consumer, packet)
+
+    def _on_acknowledgement(self, consumer: str, packet: Packet) -> None:
+        self.acknowledgements[consumer] += 1
+        self.machine.on_acknowledgement(consumer, packet, self.now_s)
+
+    def answered(self, ask: Ask, packet: Packet | None) -> None:
+        """Take the first answer to a question, or that there is none; later ones reach nobody."""
+        if self._asked.get(ask.number) is ask:
+            del self._asked[ask.number]
+            self.machine.on_answer(ask, packet, self.now_s)
+
+    def questions(self, consumer: str) -> list[Ask]:
+        """Return what a consumer is asked and has not answered yet."""
+        return [ask for ask in self._asked.values() if ask.consumer == consumer]
+
+    def _act(self) -> None:
+        """Do what the machine wants done; a kill may come in between."""
+        for action in self.machine.take_actions():
+            self.step()
+            if isinstance(action, Publish):
+                for receiver in self._receivers.values():
+                    deliver = partial(receiver.published, action.topic)
+                    self._network.carry("data", receiver.name, action.topic, action.packet, deliver)
+            else:
+                self._asked[action.number] = action
+                self.questions_asked[action.consumer] += action.verb == "status"
+                self.later(int(action.timeout_s * 1e9), self.answered, action, None)
+                deliver = partial(self._receivers[action.consumer].asked, action.verb, partial(self._reply, action))
+                self._network.carry("question", action.consumer, action.verb, action.packet, deliver)
+
+    def _reply(self, ask: Ask, packet: Packet | None) -> None:
+        """Carry a consumer's answer back; None is that of a connection that nobody is at the end of."""
+        if packet is None:
+            self.later(self._network.latency_ns, self.answered, ask, None)
+        else:
+            deliver = partial(self.hand, self.answered, ask)
+            self._network.carry("answer", ask.consumer, ask.verb, packet, deliver)
+
+    def _send(self) -> bool:
+        """Send what comes next; False if there is no room, or it is not there yet."""
+        machine, messages = self.machine, self._source.messages
+        if machine.sent == len(messages):
+            machine.end()
+            return True
+        self._meet_source_fault(machine.sent)
+        if machine.state is not SenderState.SENDING:
+            return True
+        if self.world.now_ns < self._ready_ns:
+            self.later(self._ready_ns - self.world.now_ns, lambda: None)
+            return False
+        chunk = tuple(messages[machine.sent : machine.sent + self._scenario.batch_size])
+        if not machine.send(chunk):
+            return False
+        self._ready_ns = self.world.now_ns + self._scenario.gap_ns * len(chunk)
+        return True
+
+    def _meet_source_fault(self, index: int) -> None:
+        fault = self._source_faults.pop(index, None)
+        if fault is None:
+            return
+        self.occurred[fault.kind] += 1
+        if fault.kind == "source fails":
+            self.machine.abort("the log ends in the middle of a message")
+        else:
+            self._ready_ns = self.world.now_ns + fault.amount
