@@ -14,10 +14,13 @@ from pipeline.exploration.explore import explore
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
 from pipeline.exploration.via_points import MOVE_NS
-from pipeline.motions.motion import Motion, check_targets, oriented
+from pipeline.motions.motion import Motion, check_targets
+from pipeline.motions.shown_turns import are_orientations, inputs_of, shown_turns
 from pipeline.motions.smoothing import peak_jerk, resampled, smoothed
+from pipeline.motions.source_axes import robot_plane, source_axes, world_axes
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.coordinates import POSITION_SIZE
+from pipeline.robot.coordinates import POSITION_SIZE, to_rows
+from pipeline.robot.hands import Hand
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
 from pipeline.teacher.reach import CHOICES, OutOfReach, bring_within_reach
@@ -36,8 +39,6 @@ ALIGNMENTS = ("centre", "as-is")
 _WIDER = 1.5  # the window after one in which a jerk is beyond the limit
 _LEAST_SLOWER = 1.05  # from try to try, once no window helps
 _MINIMUM_JERK_PEAK = 60.0  # largest jerk of a minimum-jerk movement, over its length and its time's third power
-
-_AXES = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
 
 
 @dataclass(frozen=True)
@@ -184,7 +185,7 @@ def demonstrate(
         Robot that follows.
     shown : DemonstratedPaths
         Paths of some of the hands; a hand that is not shown is held still in the centre of its pattern. Where the pose
-        is controlled, the orientation is that in the middle: paths are of positions.
+        is controlled and no orientation is shown, it is that in the middle.
     config : DemonstrationConfig
         Placement of the paths in the workspace.
     seed : int
@@ -202,7 +203,9 @@ def demonstrate(
     placed, smoothing = _prepared(robot, shown, config)
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
-    treated = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
+    treated: dict[str, Any] = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
+    if turned := turned_hands(robot, shown):
+        treated["orientations"] = list(turned)
     explored = explore(
         robot,
         motion,
@@ -253,15 +256,15 @@ def _prepared(robot: RobotConfig, shown: DemonstratedPaths, config: Demonstratio
     """Return the motion of demonstrated paths, and how they were smoothed.
 
     Windows grow, and then the motion slows, until the jerk of no hand is beyond the largest of an exploration of the
-    robot's boxes. Where the pose is controlled, the orientation is that in the middle.
+    robot's boxes.
     """
     limit = _jerk_limit(robot)
     window_s, slowed = config.smooth_s, 1.0
     while True:
         motion, windows_s = _motion(robot, shown, config, window_s, slowed)
-        jerk = peak_jerk(motion.targets, 1.0 / config.hz)
+        jerk = peak_jerk(motion.targets[..., :POSITION_SIZE], 1.0 / config.hz)
         if not config.smooth_s or jerk <= limit:
-            return oriented(motion, robot), Smoothing(windows_s, slowed, jerk, limit)
+            return motion, Smoothing(windows_s, slowed, jerk, limit)
         if _WIDER * window_s <= MAX_SMOOTH_S:
             window_s *= _WIDER
         else:
@@ -291,22 +294,51 @@ def _motion(
             hands.append(np.round(placed, 9))
     # To the nanosecond: k / hz is not a number of them for every rate.
     even_s = np.round((times_s - times_s[0]) * slowed, 9)
-    return Motion(shown.name, even_s, np.stack(hands, axis=1), closed=False), windows_s
+    turns = {
+        name: np.round(_turned(robot, shown.name, hand, path, times_s, config, window_s), 9)
+        for name, (hand, path) in turned_hands(robot, shown).items()
+    }
+    rows = to_rows(robot, inputs_of(robot, hands, turns))
+    return Motion(shown.name, even_s, rows, closed=False), windows_s
 
 
-def source_axes(plane: tuple[str, str]) -> Floats:
-    """Return the source's axes that are the robot's left, up, and their normal, by row, shape (3, 3).
+def turned_hands(robot: RobotConfig, shown: DemonstratedPaths) -> dict[str, tuple[Hand, HandPath]]:
+    """Return the hands whose pose is controlled and of which two orientations or more are shown, each with these."""
+    found = {}
+    for hand in robot.hands:
+        path = shown.paths.get(hand.name)
+        if hand.orientation is None or path is None or path.quaternions is None:
+            continue
+        there = are_orientations(path.quaternions)
+        if there.sum() > 1:
+            found[hand.name] = hand, HandPath(path.times_s[there], path.points[there], path.quaternions[there])
+    return found
 
-    Raises
-    ------
-    ConfigError
-        The two are not different axes, each x, y or z with or without a minus sign.
-    """
-    names = [axis.removeprefix("-") for axis in plane]
-    if len(set(names)) != 2 or not set(names) <= set(_AXES):
-        raise ConfigError(f"plane: expected two different axes, such as -x and y, found {','.join(plane):.40}")
-    left, up = (np.array(_AXES[name]) * (1 - 2 * (axis != name)) for axis, name in zip(plane, names, strict=True))
-    return np.stack([left, up, np.cross(left, up)])
+
+def _turned(
+    robot: RobotConfig,
+    name: str,
+    hand: Hand,
+    path: HandPath,
+    times_s: Floats,
+    config: DemonstrationConfig,
+    window_s: float,
+) -> Floats:
+    """Return the turns of a hand [rad], shape (T, 3); before its first orientation and after the last they stay."""
+    assert path.quaternions is not None  # noqa: S101  # of a hand that is turned
+    assert hand.orientation is not None  # noqa: S101
+    try:
+        return shown_turns(
+            path.times_s,
+            path.quaternions,
+            np.clip(times_s, path.times_s[0], path.times_s[-1]),
+            window_s=window_s,
+            axes=world_axes(robot, config.plane),
+            middle=hand.orientation,
+            centred=config.align == "centre",
+        )
+    except MotionError as error:
+        raise MotionError(f"{name}, {hand.name}: {error}") from None
 
 
 def _check_extent(name: str, points: Floats, robot: RobotConfig) -> None:
@@ -342,7 +374,7 @@ def _sampled(path: HandPath, times_s: Floats, window_s: float) -> tuple[Floats, 
 
 def _place(points: Floats, robot: RobotConfig, centre: Floats, config: DemonstrationConfig) -> Floats:
     """Turn, flatten, scale and move a path, shape (T, 3)."""
-    plane = np.stack([robot.lateral, robot.up, np.cross(robot.lateral, robot.up)])  # by row
+    plane = robot_plane(robot)
     turned = points if config.plane is None else points @ source_axes(config.plane).T @ plane
     middle = (turned.min(axis=0) + turned.max(axis=0)) / 2
     offsets = turned - middle

@@ -1,14 +1,16 @@
 """Paths of demonstrated hands: from a CSV file, from poses in a log, or pose by pose as they come in."""
 
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from pipeline.motions.csv_file import read_table
-from pipeline.motions.motion import hand_columns
+from pipeline.motions.motion import hand_columns, orientation_columns
 from recorders.containers.opening import open_log
 from recorders.errors import LogError, MotionError
 from recorders.files.whole_files import file_sha256
@@ -40,8 +42,12 @@ class DemonstratedPaths:
     source: Mapping[str, Any]
 
 
-def read_csv_paths(path: Path, hands: Sequence[str], *, hand: str | None = None) -> DemonstratedPaths:
+def read_csv_paths(
+    path: Path, hands: Sequence[str], *, hand: str | None = None, posed: Collection[str] = ()
+) -> DemonstratedPaths:
     """Read hands from a CSV file with the columns t and those of some of the hands, or with t,x,y,z.
+
+    Orientations are in four more columns of a hand, or qx,qy,qz,qw.
 
     Parameters
     ----------
@@ -51,6 +57,8 @@ def read_csv_paths(path: Path, hands: Sequence[str], *, hand: str | None = None)
         The robot's hands, whose columns are those of `pipeline.motions.motion.hand_columns`.
     hand : str, optional
         The only hand to take; the one that x,y,z belong to.
+    posed : collection of str
+        Hands whose orientation is read too, where the file has it.
 
     Raises
     ------
@@ -58,15 +66,23 @@ def read_csv_paths(path: Path, hands: Sequence[str], *, hand: str | None = None)
         As `pipeline.motions.csv_file.read_table` does, and if the columns are others.
     """
     sides: list[str] = []
+    turned: dict[str, Sequence[str]] = {}
 
     def choose(header: Sequence[str]) -> Sequence[str]:
         """Choose the columns of the hands."""
         columns = _columns_by_hand(header, hands, hand)
         sides.extend(columns)
-        return ["t", *(column for triple in columns.values() for column in triple)]
+        turned.update({side: four for side in columns if side in posed if (four := _turn_columns(header, side))})
+        rows = *columns.values(), *turned.values()
+        return ["t", *(column for row in rows for column in row)]
 
     table = read_table(path, choose=choose, max_coordinate=MAX_COORDINATE)
-    paths = {side: HandPath(table[:, 0], table[:, 1 + 3 * k : 4 + 3 * k]) for k, side in enumerate(sides)}
+    times_s, points, turns = np.split(table, [1, 1 + 3 * len(sides)], axis=1)
+    orientations = dict(zip(turned, np.split(turns, max(1, len(turned)), axis=1), strict=False))
+    paths = {
+        side: HandPath(times_s[:, 0], points[:, 3 * k : 3 * k + 3], orientations.get(side))
+        for k, side in enumerate(sides)
+    }
     return DemonstratedPaths(
         path.stem, paths, {"kind": "csv", "name": path.name, "sha256": file_sha256(path), "hands": sides}
     )
@@ -142,6 +158,17 @@ def poses_sha256(tracks: Mapping[str, PoseTrack]) -> str:
     for name in sorted(tracks):
         tracks[name].digest_into(digest)
     return digest.hexdigest()
+
+
+def _turn_columns(header: Sequence[str], hand: str) -> Sequence[str]:
+    """Return the four columns of a hand's orientation; none if there is none of them."""
+    for columns in (orientation_columns(hand), ("qx", "qy", "qz", "qw")):
+        there = set(columns) & set(header)
+        if there and (missing := [column for column in columns if column not in there]):
+            raise MotionError(f"the header lacks {names_text(missing)}: expected all four columns of an orientation")
+        if there:
+            return columns
+    return ()
 
 
 def _columns_by_hand(header: Sequence[str], hands: Sequence[str], hand: str | None) -> dict[str, list[str]]:

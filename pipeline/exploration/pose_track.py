@@ -30,10 +30,13 @@ class HandPath:
         Strictly increasing times [s], shape (N,); those of all hands count from the same instant.
     points : ndarray
         Positions, in whatever unit and axes the source has, shape (N, 3).
+    quaternions : ndarray or None
+        Orientations x, y, z, w in these axes, shape (N, 4), of which some may be none; None if none is shown.
     """
 
     times_s: Floats
     points: Floats
+    quaternions: Floats | None = None
 
 
 class PoseTrack:
@@ -99,7 +102,8 @@ class PoseTrack:
     def path(self, *, from_ns: int) -> HandPath:
         """Return the path, timed from a stamp on."""
         times_s = np.array([pose.stamp_ns - from_ns for pose in self._poses]) / 1e9
-        return HandPath(times_s, np.array([pose.position for pose in self._poses]))
+        points, turns = ([getattr(pose, part) for pose in self._poses] for part in ("position", "orientation"))
+        return HandPath(times_s, np.array(points), np.array(turns))
 
     def digest_into(self, digest: "hashlib._Hash") -> None:
         """Add stamps and positions to a digest."""

@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from pipeline.exploration.demonstration import DemonstrationConfig
     from pipeline.exploration.hand_paths import DemonstratedPaths
     from pipeline.exploration.live_paths import ListenConfig
+    from pipeline.robot.config import RobotConfig
 
 
 LIVE = "live"
@@ -151,9 +152,11 @@ def demonstrate(
 ) -> None:
     """Make an episode of what somebody showed.
 
-    Teacher and simulated robot follow it, and the log is written; Ctrl-C ends what is shown live.
+    Teacher and simulated robot follow it, and the log is written; Ctrl-C ends what is shown live. Of a hand whose pose
+    is controlled the orientation is followed too, where it is shown: in the columns NAME_qx to NAME_qw, or in poses.
     """
     from pipeline.exploration.demonstration import demonstrate as run
+    from pipeline.exploration.demonstration import turned_hands
     from pipeline.robot.config import load_robot
     from recorders.writing.part_file import check_place
 
@@ -165,10 +168,12 @@ def demonstrate(
     if pose.topic is not None and pose.hand is None and len(hands) > 1:
         others = "the other" if len(hands) == 2 else "another"
         console.notice(f"--topic: {pose.topic} is taken for the {hands[-1]} hand; --hand {hands[0]} for {others}")
-    if posed := [hand.name for hand in follower.hands if hand.orientation is not None]:
-        console.notice(f"what is shown are positions: {' and '.join(posed)} keep the orientation of the middle")
     check_place(out, overwrite=overwrite)
-    shown = _subscribe(hands, pose, live, session) if source == LIVE else _read(source, hands, pose, live, session)
+    shown = _subscribe(hands, pose, live, session) if source == LIVE else _read(source, follower, pose, live, session)
+    turned = turned_hands(follower, shown)
+    if still := [hand.name for hand in follower.hands if hand.orientation is not None and hand.name not in turned]:
+        keeps = "keeps" if len(still) == 1 else "keep"
+        console.notice(f"no orientation is shown: {' and '.join(still)} {keeps} that of the middle")
     with note_partial_log(out), console.progress(f"demonstrate {shown.name}") as advance:
         result = run(
             follower,
@@ -183,7 +188,7 @@ def demonstrate(
 
 
 def _read(
-    source: str, hands: Sequence[str], pose: PoseOptions, live: LiveOptions, session: ListeningSession
+    source: str, robot: "RobotConfig", pose: PoseOptions, live: LiveOptions, session: ListeningSession
 ) -> "DemonstratedPaths":
     from pipeline.exploration.hand_paths import pose_topics, read_csv_paths, read_log_paths
     from recorders.reading.parts import is_log, one_session
@@ -193,13 +198,14 @@ def _read(
             f"--listen, --connect, --zenoh-config, --duration, --idle-timeout and --wait: expected the source {LIVE} "
             f"beside them, found {source!r:.80}"
         )
-    path = drawings().get(source, Path(source))
+    path, hands = drawings().get(source, Path(source)), robot.hand_names
     if is_log(path):
         topics = pose_topics(pose.topic, hands, hand=pose.hand)
         return read_log_paths(one_session([path]), topics, renames=renames(pose.map_))
     if pose.topic or pose.map_:
         raise ConfigError(f"--topic and --map: expected a log or the source {LIVE}, found {source!r:.80}")
-    return read_csv_paths(path, hands, hand=pose.hand)
+    posed = [hand.name for hand in robot.hands if hand.orientation is not None]
+    return read_csv_paths(path, hands, hand=pose.hand, posed=posed)
 
 
 def _subscribe(

@@ -53,6 +53,7 @@ def backwards(records: list[RecordedMessage]) -> list[RecordedMessage]:
             backwards,
             "/tracker: expected stamps that rise in order of arrival, found 232 messages out of order and",
         ),
+        (lambda records: [], "--map: expected a topic /tracker, found none; there are: none"),
         (unstamped, "found 240 without a stamp; take the times of recording with --clock log"),
     ],
 )

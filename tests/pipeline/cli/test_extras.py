@@ -107,7 +107,10 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
         "recorders.rerun_scene": "view",
     }
     assert [module for module in lacking if module.startswith("pipeline.training")] == ["pipeline.training.dask"]
-    assert [module for module in lacking if module.startswith("pipeline.motions")] == ["pipeline.motions.smoothing"]
+    assert [module for module in lacking if module.startswith("pipeline.motions")] == [
+        "pipeline.motions.shown_turns",
+        "pipeline.motions.smoothing",
+    ]
 
 
 def test_a_log_trains_and_its_controller_is_evaluated(run: Run) -> None:
