@@ -62,10 +62,14 @@ def test_what_does_not_end_is_ended() -> None:
             pass
 
     results: dict[str, Any] = {}
-    tasks = [("endless", Task(endless, 1)), ("short", Task(lambda: ["done"], 1)), ("wrong", Task(lambda: 1 // 0, 1))]
+    tasks = [
+        ("endless", Task(endless, 1)),
+        ("long", Task(lambda: "x" * 1_000_000, 9)),
+        ("wrong", Task(lambda: 1 // 0, 9)),
+    ]
     run_in_forks(tasks, processes=2, done=results.__setitem__)
     assert results["endless"] == OUT_OF_TIME
-    assert results["short"] == ["done"]
+    assert results["long"] == "x" * 1_000_000
     assert "ZeroDivisionError" in results["wrong"]
 
 

@@ -5,9 +5,10 @@ import os
 import resource
 import select
 import signal
+import tempfile
 import traceback
 from collections.abc import Callable, Iterable
-from typing import Any, NamedTuple, TypeVar
+from typing import IO, Any, NamedTuple, TypeVar
 
 _Key = TypeVar("_Key")
 
@@ -25,7 +26,7 @@ class Task(NamedTuple):
 class _Fork(NamedTuple):
     process: int
     handle: int  # becomes readable at the end of the process
-    results: int  # reading end of a pipe
+    result: IO[str]  # a file without a name
 
 
 def run_in_forks(tasks: Iterable[tuple[_Key, Task]], *, processes: int, done: Callable[[_Key, Any], None]) -> None:
@@ -51,15 +52,14 @@ def _take_one(running: dict[int, tuple[_Key, _Fork]], done: Callable[[_Key, Any]
 
 
 def _start(task: Task) -> _Fork:
-    reading, writing = os.pipe()
+    file = tempfile.TemporaryFile("w+")  # noqa: SIM115  # whoever takes the result closes it
     process = os.fork()
     if process == 0:
-        _work(task, writing)
-    os.close(writing)
-    return _Fork(process, os.pidfd_open(process), reading)
+        _work(task, file)
+    return _Fork(process, os.pidfd_open(process), file)
 
 
-def _work(task: Task, writing: int) -> None:
+def _work(task: Task, file: IO[str]) -> None:
     """Run in the fork, which ends here."""
     try:
         os.setpgid(0, 0)
@@ -73,19 +73,20 @@ def _work(task: Task, writing: int) -> None:
         result = task.work()
     except BaseException:
         result = traceback.format_exc()
-    with os.fdopen(writing, "w") as pipe:
-        json.dump(result, pipe)
+    json.dump(result, file)
+    file.flush()
     os._exit(0)
 
 
 def _result(fork: _Fork) -> Any:
-    with os.fdopen(fork.results) as pipe:
-        if not select.select([fork.handle], [], [], 0)[0]:
-            os.kill(fork.process, signal.SIGKILL)
-        _, status = os.waitpid(fork.process, 0)
-        os.close(fork.handle)
-        _end_group(fork.process)
-        text = pipe.read()
+    if not select.select([fork.handle], [], [], 0)[0]:
+        os.kill(fork.process, signal.SIGKILL)
+    _, status = os.waitpid(fork.process, 0)
+    os.close(fork.handle)
+    _end_group(fork.process)
+    with fork.result as file:
+        file.seek(0)
+        text = file.read()
     if os.WIFSIGNALED(status):
         name = signal.Signals(os.WTERMSIG(status)).name
         return OUT_OF_TIME if name in ("SIGXCPU", "SIGKILL") else name

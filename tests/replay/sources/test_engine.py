@@ -181,3 +181,19 @@ def test_however_many_topics_a_log_has_they_are_listed_as_often(
             Replay([path], SCHEDULE)
         often.append(len(listed))
     assert often[0] == often[1]
+
+
+def test_a_small_log_is_read_once_and_a_large_one_every_time(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    records = list(LogReader(log))
+    size = sum(len(record.data) for record in records)
+    assert scheduled.CACHE_BYTES == 64 * 1024 * 1024
+    for limit, retained in ((size, True), (size - 1, False)):
+        monkeypatch.setattr(scheduled, "CACHE_BYTES", limit)
+        replay = Replay([log], SCHEDULE)
+        assert (replay.retained, replay.episodes[0].retained) == (retained, retained)
+        assert list(replay.episodes[0]) == list(replay.episodes[0]) == records
+
+
+def test_markers_have_no_time_of_their_own(log: Path) -> None:
+    markers = [message for message in Replay([log], SCHEDULE).stream() if message.topic == SESSION_PHASE]
+    assert {marker.log_time_ns for marker in markers} == {0}
