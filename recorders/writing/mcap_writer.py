@@ -70,12 +70,13 @@ class McapWriter:
         self._mcap: Any = Writer(file, compression=CompressionType.LZ4, chunk_size=chunk_size, enable_data_crcs=True)
         if index is not None:
             setattr(self._mcap, _private("chunk_indices"), index)
+        self._statistics = self._of_library("statistics")
         self.pending: list[Pending] = []
         self.written = 0
         self._chunk_messages = self._room = chunk_messages
         self._declared: list[tuple[int, bytes]] = []  # schemas and channels, and how many messages stand before each
-        self._chunk_size = chunk_size
-        self._gathered, self._ended = 0, 0  # size of everything so far, and of the chunks that are written [bytes]
+        self._gathered = 0  # size of everything so far [bytes]
+        self._full = chunk_size  # the same, at which the chunk ends
         self._mcap.start(profile=profile, library="reenact")
         self._schemas: dict[int, Schema] = {}
         self._channels: dict[int, Channel] = {}
@@ -111,9 +112,10 @@ class McapWriter:
 
         One thread may call this while another calls anything else.
         """
-        self.pending.append(message)
-        self._gathered += RECORD_SIZE + len(message[-1])
-        return len(self.pending) >= self._room or self._gathered - self._ended > self._chunk_size
+        pending = self.pending
+        pending.append(message)
+        self._gathered += RECORD_SIZE + len(message[4])
+        return len(pending) >= self._room or self._gathered > self._full
 
     def add_message_in_pieces(
         self,
@@ -138,7 +140,7 @@ class McapWriter:
         records, index = encode_chunk(chunk, compression, self._file.tell())
         self._write([records])
         self._of_library("chunk_indices").append(EncodedRecords(index))
-        self._of_library("statistics").chunk_count += 1
+        self._statistics.chunk_count += 1
         self._count(chunk.counts, *chunk.times_ns)
 
     def add_attachment(self, head: AttachmentHead, data: Iterable[bytes | memoryview]) -> None:
@@ -156,7 +158,7 @@ class McapWriter:
             self._write([piece])
             crc = zlib.crc32(piece, crc)
         self._write([CRC.pack(crc)])
-        self._of_library("statistics").attachment_count += 1
+        self._statistics.attachment_count += 1
         self._of_library("attachment_indexes").append(
             AttachmentIndex(
                 offset=offset,
@@ -177,7 +179,7 @@ class McapWriter:
     @property
     def counts(self) -> Mapping[int, int]:
         """Messages by channel, of the chunks that are written and beside them."""
-        found: Mapping[int, int] = self._of_library("statistics").channel_message_counts
+        found: Mapping[int, int] = self._statistics.channel_message_counts
         return found
 
     def finish(self) -> None:
@@ -202,7 +204,7 @@ class McapWriter:
         messages = MessageColumns.of(taken)
         self._on_chunk(messages)
         chunk = build_chunk(messages, declared)
-        self._ended += len(chunk.data)
+        self._full += len(chunk.data)
         self.add_chunk(chunk)
         return True
 
@@ -211,7 +213,7 @@ class McapWriter:
         record: bytes = self._of_library("chunk_builder").end()
         self._declared.append((len(self.pending), record))
         self._gathered += len(record)
-        if self._gathered - self._ended > self._chunk_size:
+        if self._gathered > self._full:
             self.end_chunk()
 
     def declare(self, channel: int) -> None:
@@ -224,7 +226,7 @@ class McapWriter:
         self._write([builder.end()])
 
     def _count(self, counts: Mapping[int, int], first_ns: int, last_ns: int) -> None:
-        statistics = self._of_library("statistics")
+        statistics = self._statistics
         first = statistics.message_start_time if statistics.message_count else first_ns
         statistics.message_start_time = min(first, first_ns)
         statistics.message_end_time = max(statistics.message_end_time, last_ns)

@@ -154,7 +154,10 @@ class LogWriter:
         LogError
             If the file cannot be written.
         """
-        data, kind = (message, type_name) if isinstance(message, bytes) else (encode(message), message.TYPE)
+        if isinstance(message, bytes):
+            data, kind = message, type_name
+        else:
+            data, kind = encode(message), message.TYPE
         number = self._numbered[topic] if sequence is None else sequence
         if number >> _SEQUENCE_BITS or log_time_ns >> _TIME_BITS:  # too large, or negative
             raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
