@@ -31,10 +31,11 @@ def draw(samples: Sequence[dict[str, Any]], result: dict[str, Any], path: Path) 
         for axis, values in zip(axes, series, strict=True):
             axis.plot(times, values, color=colour, linewidth=1.0, label=kind)
     _label(axes, end=hours[-1])
+    figure.legend(*axes[0].get_legend_handles_labels(), loc="outside lower center", ncols=len(MISSED), frameon=False)
     config = result["config"]
     axes[0].set_title(
-        f"{config['hours']:g} h of the robot's time at {config['rate_hz']:g} Hz, "
-        f"{'with the clock' if config['real_time'] else 'as fast as it goes'}: {result['driven']['ticks']} ticks, "
+        f"{config['hours']:g} h at {config['rate_hz']:g} Hz, "
+        f"{'with the clock' if config['real_time'] else 'simulated'}: {result['driven']['ticks']} ticks, "
         f"{result['recording']['messages']} messages recorded",
         fontsize=10,
     )
@@ -47,5 +48,4 @@ def _label(axes: Sequence[Axes], *, end: float) -> None:
         axis.set_ylim(bottom=0, top=1 if axis.dataLim.y1 == 0 else None)
         axis.axvspan(0.0, end * WARM_UP, color="#EEEEEE", zorder=0)
         axis.spines[["top", "right"]].set_visible(False)
-    axes[0].legend(ncols=len(MISSED), frameon=False, fontsize=8, loc="upper left")
     axes[-1].set_xlabel("hours of the clock; grey: warm-up, not counted")

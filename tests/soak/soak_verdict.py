@@ -3,7 +3,7 @@
 from collections.abc import Iterator, Sequence
 from typing import Any
 
-from slopes import Slope, robust_slope
+from slopes import Slope, overall_slope, steady_slope
 from soak_nodes import SoakConfig
 
 from recorders.messages.topics import CLOCK, JOINT_COMMANDS, JOINT_STATES, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
@@ -36,7 +36,11 @@ def after_warm_up(samples: Sequence[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def verdict(samples: Sequence[dict[str, Any]], ended: dict[str, Any], config: SoakConfig) -> dict[str, Any]:
-    """Return of each process the slope and the ranges, a line for each finding, and whether all holds."""
+    """Return of each process slopes and ranges, a line for each finding, and whether all holds.
+
+    A process grows if both of its slopes, within blocks and from end to end, are above 0 with 99 % confidence, and that
+    by more than is negligible.
+    """
     counted = after_warm_up(samples)
     processes = {kind: _process(counted, kind) for kind in counted[0]["processes"]}
     problems = [*_losses(ended, config), *(line for kind, found in processes.items() for line in _growth(kind, found))]
@@ -49,17 +53,17 @@ def _process(samples: Sequence[dict[str, Any]], kind: str) -> dict[str, Any]:
     series = {name: [sample["processes"][kind][name] for sample in samples] for name in samples[0]["processes"][kind]}
     hours = (times[-1] - times[0]) / _HOUR_S
     found: dict[str, Any] = {"hours": hours, "mean": sum(series["resident"]) / len(times)}
-    for name in ("resident", "anonymous"):
-        found[name] = Slope(*(value * _HOUR_S for value in robust_slope(times, series[name])))
+    for name, slope in (("overall", overall_slope), ("steady", steady_slope)):
+        found[name] = Slope(*(value * _HOUR_S for value in slope(times, series["resident"])))
     for name in ("descriptors", "threads"):
         found[name] = min(series[name]), max(series[name])
     return found
 
 
 def _growth(kind: str, found: dict[str, Any]) -> Iterator[str]:
-    slope: Slope = found["resident"]
-    if slope.low > 0.0 and slope.slope * found["hours"] > _NEGLIGIBLE * found["mean"]:
-        yield f"{kind}: its memory grows by {slope.slope / 1e6:.3f} MB an hour ({slope.low / 1e6:.3f} at least)"
+    overall, steady = found["overall"], found["steady"]
+    if min(overall.low, steady.low) > 0.0 and overall.slope * found["hours"] > _NEGLIGIBLE * found["mean"]:
+        yield f"{kind}: its memory grows by {overall.slope / 1e6:.3f} MB an hour ({overall.low / 1e6:.3f} at least)"
     for name in ("descriptors", "threads"):
         low, high = found[name]
         if low != high:
@@ -67,12 +71,16 @@ def _growth(kind: str, found: dict[str, Any]) -> Iterator[str]:
 
 
 def _line(kind: str, found: dict[str, Any]) -> str:
-    slope: Slope = found["resident"]
+    slopes = (f"{name} {_megabytes(found[name])}" for name in ("steady", "overall"))
     descriptors, threads = (" to ".join(map(str, sorted(set(found[name])))) for name in ("descriptors", "threads"))
     return (
-        f"{kind:<10}  {found['mean'] / 1e6:7.1f} MB, slope {slope.slope / 1e6:+.3f} MB an hour "
-        f"({slope.low / 1e6:+.3f} to {slope.high / 1e6:+.3f}, 99 %); {descriptors} descriptors, {threads} threads"
+        f"{kind:<10}  {found['mean'] / 1e6:5.1f} MB; slope [MB an hour, 99 %]: {', '.join(slopes)}; "
+        f"{descriptors} descriptors, {threads} threads"
     )
+
+
+def _megabytes(slope: Slope) -> str:
+    return f"{slope.slope / 1e6:+.3f} ({slope.low / 1e6:+.3f} to {slope.high / 1e6:+.3f})"
 
 
 def _losses(ended: dict[str, Any], config: SoakConfig) -> Iterator[str]:
