@@ -8,6 +8,8 @@ EXTRAS = {
     "rerun": "view",
     "matplotlib": "view",
     "distributed": "dask",
+    "viser": "browser",
+    "yourdfpy": "browser",
     "prometheus_client": "metrics",
     "google": "foxglove",
     "mcap_protobuf": "foxglove",

@@ -11,7 +11,7 @@ from pipeline.cli.learning import demo, evaluate, golden, paper, train
 from pipeline.cli.logs import cat, convert, diff, export, info, recover, view
 from pipeline.cli.network import learn, record, replay, serve, status
 from pipeline.cli.project_settings import project_defaults
-from pipeline.cli.robot import demonstrate, explore, robot
+from pipeline.cli.robot import demonstrate, explore, play, robot
 from pipeline.cli.ros_domain import with_domain
 from pipeline.cli.usage import Verbs, help_without_verb, usage_line
 from pipeline.extras import missing_extra
@@ -90,6 +90,7 @@ app.command(epilog="Example: reenact export session.mcap --out tables --format p
 app.command(epilog="Example: reenact recover session.mcap.part --out recovered.mcap")(recover.recover)
 app.command(epilog="Example: reenact paper --out out/paper")(paper.paper)
 app.command(epilog="Example: reenact view controller.npz --save controller.rrd")(view.view)
+app.command(epilog="Example: reenact play controller.npz\n\nWithout one, the teacher leads: reenact play")(play.play)
 app.add_typer(robot.app)
 app.add_typer(golden.app)
 

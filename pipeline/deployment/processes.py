@@ -1,13 +1,12 @@
 """A robot and the controller that serves it, both started here, each in a process of its own, over loopback."""
 
-import subprocess
-import sys
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
+from pipeline.deployment.verb_process import VerbProcess
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.client import RemoteRobot
@@ -49,8 +48,8 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Ses
         (folder / TOML_FILE).write_text(controller.robot_toml, encoding="utf-8")
         (folder / URDF_FILE).write_text(controller.robot_urdf, encoding="utf-8")
         processes = [
-            stack.enter_context(_running(folder, "robot", "--robot", folder, "--listen", endpoint)),
-            stack.enter_context(_running(folder, "serve", folder / "controller.npz", "--connect", endpoint)),
+            stack.enter_context(VerbProcess(folder, "robot", "--robot", folder, "--listen", endpoint)),
+            stack.enter_context(VerbProcess(folder, "serve", folder / "controller.npz", "--connect", endpoint)),
         ]
         try:
             session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=wait_s)))
@@ -59,46 +58,10 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Ses
             yield session, robot
         except WireError as error:
             # The reason for which a process ended is worth more than that it does not answer.
-            raise WireError(next(filter(None, map(_Process.complaint, processes)), str(error))) from error
+            raise WireError(next(filter(None, map(VerbProcess.complaint, processes)), str(error))) from error
 
 
-class _Process:
-    """A verb of ours in a process of its own."""
-
-    def __init__(self, process: subprocess.Popen[bytes], stderr: Path) -> None:
-        self._process = process
-        self._stderr = stderr
-
-    def complaint(self) -> str:
-        """Return why the process has ended, or nothing if it has not."""
-        status = self._process.poll()
-        if status is None:
-            return ""
-        lines = self._stderr.read_text(encoding="utf-8", errors="replace").splitlines()
-        last = lines[-1] if lines else ""
-        prefix = "reenact: "
-        if last.startswith(prefix):
-            return last.removeprefix(prefix)
-        return f"`{self._stderr.stem}` ended with status {status}"
-
-
-@contextmanager
-def _running(folder: Path, verb: str, *arguments: object) -> Iterator[_Process]:
-    command = [sys.executable, "-m", "pipeline", verb, *map(str, arguments)]
-    stderr = folder / f"{verb}.txt"  # a file, not a pipe, which would fill up
-    with (
-        stderr.open("wb") as errors,
-        subprocess.Popen(  # noqa: S603  # our own program, no shell
-            command, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=errors
-        ) as process,
-    ):
-        try:
-            yield _Process(process, stderr)
-        finally:
-            process.terminate()
-
-
-def _await_controller(session: Session, processes: Sequence[_Process], *, wait_s: float) -> None:
+def _await_controller(session: Session, processes: Sequence[VerbProcess], *, wait_s: float) -> None:
     key = controller_key(DEFAULT_NAMESPACE, _NAME, "alive")
     deadline_s = time.monotonic() + wait_s
     while not any(reply.ok is not None for reply in session.liveliness().get(key, timeout=1.0)):

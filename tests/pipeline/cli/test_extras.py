@@ -90,6 +90,7 @@ def test_every_verb_and_what_runs_without_extras_is_imported_without_them() -> N
     lacking = json.loads(done.stdout)
     rooms = {".".join(module.split(".")[:2]): extra for module, extra in lacking.items()}
     assert rooms == {
+        "pipeline.browser": "browser",
         "pipeline.demo": "sim",
         "pipeline.deployment": "sim",
         "pipeline.drake_systems": "sim",

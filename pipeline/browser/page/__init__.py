@@ -1,0 +1,1 @@
+"""The page itself, on viser: scene, panel and visitors; the only room that knows viser."""

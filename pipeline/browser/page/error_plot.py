@@ -1,0 +1,52 @@
+"""Running plot of the errors of all hands over the last seconds."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from viser import GuiUplotHandle, ViserServer, uplot
+
+from pipeline.browser.page.colours import css, hand_colour
+from pipeline.browser.session.figures import TickError
+
+_POINTS = 200
+_SPAN_S = 20.0
+
+
+class ErrorPlot:
+    """Plot of the distances of the hands from their targets.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page.
+    hands : sequence of str
+        Names of the hands.
+    """
+
+    def __init__(self, server: ViserServer, hands: Sequence[str]) -> None:
+        self._hands = len(hands)
+        empty = np.zeros(1)
+        series: list[uplot.Series] = [uplot.Series(label="s")]
+        for place, hand in enumerate(hands):
+            dash = () if place % 2 == 0 else (6.0, 3.0)  # told apart without their colours, too
+            series.append(uplot.Series(label=f"{hand} [cm]", stroke=css(hand_colour(place)), width=2, dash=dash))
+        grey = "#888888"
+        axes = tuple(uplot.Axis(stroke=grey, grid={"stroke": "rgba(128,128,128,0.25)"}) for _ in range(2))
+        self._plot: GuiUplotHandle = server.gui.add_uplot(
+            (empty, *[empty] * self._hands),
+            tuple(series),
+            scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
+            axes=axes,
+            height=150,
+        )
+
+    def show(self, errors: Sequence[TickError]) -> None:
+        """Show the errors of the last ticks."""
+        if not errors:
+            return
+        end_s = errors[-1].time_ns * 1e-9
+        shown = errors[:: max(1, len(errors) // _POINTS)]
+        times_s = np.array([error.time_ns * 1e-9 - end_s for error in shown])
+        begin = int(np.searchsorted(times_s, -_SPAN_S)) if (np.diff(times_s) > 0.0).all() else len(times_s) - 1
+        distances = np.array([error.distances_cm for error in shown])
+        self._plot.data = (times_s[begin:], *(distances[begin:, place].copy() for place in range(self._hands)))

@@ -1,0 +1,160 @@
+"""The scene: robot, handles and halos of its hands, and the paths that were asked for and reached."""
+
+from collections.abc import Callable
+
+import numpy as np
+from viser import TransformControlsEvent, TransformControlsHandle, ViserServer
+
+from pipeline.arrays import Floats
+from pipeline.browser.page.colours import ASKED, hand_colour
+from pipeline.browser.page.robot_shape import RobotShape
+from pipeline.browser.page.segments import NOTHING, segments
+from pipeline.browser.session.drive import Mode, Snapshot
+from pipeline.robot.config import RobotConfig
+from pipeline.robot.coordinates import POSITION_SIZE, row_size
+
+HALO = 10.0
+"""So many times the deviation that a controller expects is the radius of a hand's halo: fractions of a millimetre are
+none that one sees."""
+
+_HANDLE_M = 0.16
+_LEAST_HALO_M, _MOST_HALO_M = 0.02, 0.3
+_MOVED_M = 1e-4
+_EVERY = 2  # of the points of a path is shown
+
+Moved = Callable[[int, Floats, int], bool]
+"""Takes a hand's place, the row that is wanted and the visitor; False if that visitor may not."""
+
+
+class Scene:
+    """The robot and what is shown about its hands.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page.
+    robot : RobotConfig
+        The robot.
+    on_move : callable
+        Takes what a visitor wants of a hand.
+    """
+
+    def __init__(self, server: ViserServer, robot: RobotConfig, *, on_move: Moved) -> None:
+        self._server, self._robot, self._on_move = server, robot, on_move
+        self._place_camera()
+        _light(server)
+        server.scene.add_grid("/floor", width=4.0, height=4.0, cell_size=0.25, shadow_opacity=0.0)
+        self.shape = RobotShape(server, robot)
+        self._dragged: set[int] = set()
+        self._rows: list[Floats] = [np.full(row_size(robot), np.nan)] * len(robot.hands)
+        self._handles = [self._handle(place) for place in range(len(robot.hands))]
+        self._halos = [
+            server.scene.add_icosphere(
+                f"/hands/{name}/halo", radius=1.0, color=hand_colour(place), opacity=0.25, cast_shadow=False, scale=0.02
+            )
+            for place, name in enumerate(robot.hand_names)
+        ]
+        self._asked, self._reached = (
+            [
+                server.scene.add_line_segments(
+                    f"/hands/{name}/{kind}", NOTHING, colour or hand_colour(place), thickness=width
+                )
+                for place, name in enumerate(robot.hand_names)
+            ]
+            for kind, colour, width in (("asked", ASKED, 0.003), ("reached", None, 0.005))
+        )
+
+    def show(self, snapshot: Snapshot, deviations_m: Floats | None) -> None:
+        """Show the robot and its hands as they are."""
+        with self._server.atomic():
+            self.shape.show(snapshot.q)
+            rows = snapshot.wanted if snapshot.mode is Mode.HANDLES else snapshot.targets
+            for place, row in enumerate(rows):
+                self._place(place, row)
+            for place, halo in enumerate(self._halos):
+                halo.position = snapshot.hands[place, :POSITION_SIZE]
+                halo.scale = _radius_m(None if deviations_m is None else float(deviations_m[place]))
+
+    def show_paths(self, asked: Floats, reached: Floats) -> None:
+        """Show the last positions of all hands [m], shapes (T, hands, 3)."""
+        for handles, path in ((self._asked, asked), (self._reached, reached)):
+            for place, handle in enumerate(handles):
+                handle.points = segments(path[::_EVERY, place])
+
+    def show_handles(self, visible: bool) -> None:
+        """Show or hide the handles."""
+        for handle in self._handles:
+            handle.visible = visible
+
+    def handle_position(self, place: int) -> Floats:
+        """Return where a handle is [m], shape (3,)."""
+        return np.asarray(self._handles[place].position)
+
+    def _place_camera(self) -> None:
+        """Look at the hands from before the robot and a little above, from as far as they are spread."""
+        robot = self._robot
+        middle = robot.centres.mean(axis=0)
+        ahead = np.cross(robot.lateral, robot.up)
+        if float(ahead @ middle) < 0.0:
+            ahead = -ahead
+        spread = float(np.abs(robot.centres - middle).max() + robot.boxes.max())
+        camera = self._server.initial_camera
+        camera.position = tuple(middle + max(1.2, 4.0 * spread) * (ahead + 0.25 * robot.lateral + 0.25 * robot.up))
+        camera.look_at = tuple(middle)
+
+    def _handle(self, place: int) -> TransformControlsHandle:
+        hand = self._robot.hands[place]
+        handle = self._server.scene.add_transform_controls(
+            f"/handles/{hand.name}",
+            scale=_HANDLE_M,
+            disable_rotations=hand.orientation is None,
+            depth_test=False,
+            position=hand.centre,
+        )
+        self._server.scene.add_label(f"/handles/{hand.name}/name", hand.name)
+
+        def on_drag(event: TransformControlsEvent) -> None:
+            """Pass on what a visitor does to the handle."""
+            if event.phase == "end":
+                self._dragged.discard(place)
+            else:
+                self._dragged.add(place)
+            row = self._row(place)
+            if event.client_id is not None and self._on_move(place, row, event.client_id):
+                self._rows[place] = row
+            else:
+                self._dragged.discard(place)
+                self._rows[place] = np.full(len(row), np.nan)  # so that it is put back where it belongs
+
+        handle.on_update(on_drag)
+        return handle
+
+    def _row(self, place: int) -> Floats:
+        handle = self._handles[place]
+        w, *xyz = handle.wxyz
+        return np.array([*handle.position, *xyz, w])[: row_size(self._robot)]
+
+    def _place(self, place: int, row: Floats) -> None:
+        """Put a handle where its hand is wanted, unless somebody holds it."""
+        if place in self._dragged or np.abs(self._rows[place] - row).max() <= _MOVED_M:
+            return
+        self._rows[place] = row
+        handle = self._handles[place]
+        handle.position = row[:POSITION_SIZE]
+        if self._robot.hands[place].orientation is not None:
+            x, y, z, w = row[POSITION_SIZE:]
+            handle.wxyz = (w, x, y, z)
+
+
+def _light(server: ViserServer) -> None:
+    """Light the scene without shadows and reflections, which take a machine without a GPU a second for each picture."""
+    server.scene.configure_environment_map(None)
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.add_light_hemisphere("/light", intensity=1.2)
+
+
+def _radius_m(deviation_m: float | None) -> float:
+    """Return the radius of a halo [m]."""
+    if deviation_m is None:
+        return _LEAST_HALO_M
+    return float(min(max(_LEAST_HALO_M, HALO * deviation_m), _MOST_HALO_M))

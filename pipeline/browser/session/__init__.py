@@ -1,0 +1,1 @@
+"""What runs behind the page: robot, controllers, recorder and the targets of the hands; it knows no viser."""

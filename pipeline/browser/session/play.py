@@ -1,0 +1,195 @@
+"""Everything behind a page: robot, link, drive and controllers, started and ended together."""
+
+import logging
+from collections.abc import Iterator
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
+from pipeline.browser.session.activity import Activity
+from pipeline.browser.session.controllers import TEACHER, Controllers, Place
+from pipeline.browser.session.drive import Drive
+from pipeline.browser.session.own_robot import OwnRobot
+from pipeline.browser.session.robot_link import RobotLink
+from pipeline.motions.motion import load_motion
+from pipeline.motions.names import motion_names
+from pipeline.robot.config import RobotConfig, load_robot, parse_robot
+from pipeline.robot_node.client import RemoteRobot
+from recorders.errors import MotionError, RobotError, WireError
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.session import Session, SessionConfig, open_session
+
+logger = logging.getLogger(__name__)
+
+FIRST_MOTION = "circles"
+"""What a simulated robot of our own does until somebody leads it."""
+
+_WAIT_S = 60.0
+
+
+@dataclass(frozen=True)
+class PlayConfig:
+    """What is played with.
+
+    Attributes
+    ----------
+    robot : str, Path or None
+        Robot to simulate; of one that runs already, None for what it describes itself as.
+    texts : (str, str) or None
+        TOML and URDF of the robot to simulate, in place of its name: of a controller, which carries them.
+    controllers : tuple of Path
+        Learned controllers.
+    session : SessionConfig or None
+        Where a robot and a controller run already; None for a simulated robot and controllers of our own.
+    namespace : str
+        First part of every key.
+    wait_s : float
+        How long a robot that runs already may take to answer [s].
+    """
+
+    robot: str | Path | None = None
+    texts: tuple[str, str] | None = None
+    controllers: tuple[Path, ...] = ()
+    session: SessionConfig | None = None
+    namespace: str = DEFAULT_NAMESPACE
+    wait_s: float = 10.0
+
+
+@dataclass(frozen=True, eq=False)
+class Play:
+    """What runs behind a page.
+
+    Attributes
+    ----------
+    drive : Drive
+        Targets, and the robot as it reports itself.
+    link : RobotLink
+        Link to the robot and the controllers.
+    activity : Activity
+        Work under way.
+    controllers : Controllers or None
+        Controllers of our own; None where others run already.
+    own_robot : OwnRobot or None
+        Simulated robot of our own.
+    motions : tuple of str
+        Names of the motions that the robot can go through.
+    """
+
+    drive: Drive
+    link: RobotLink
+    activity: Activity
+    controllers: Controllers | None
+    own_robot: OwnRobot | None
+    motions: tuple[str, ...]
+
+    @property
+    def robot(self) -> RobotConfig:
+        """The robot."""
+        return self.drive.robot
+
+    def go_through(self, name: str) -> None:
+        """Go through a motion known by name; raises MotionError."""
+        self.drive.go_through(load_motion(name, self.robot))
+
+    def choose(self, name: str) -> None:
+        """Have a controller of our own lead, once it stands ready."""
+        controllers = self.controllers
+        if controllers is None:
+            return
+
+        def start() -> None:
+            """Start it, and give it the targets."""
+            controllers.start(name)
+            self.link.choose(name)
+            self.drive.begin_figures()
+
+        self.activity.do(f"starting {name}", start)
+
+    def look_after(self) -> None:
+        """Start the controller that leads again if its process has ended."""
+        leading = self.link.controller
+        if self.controllers is None or not leading or self.activity.doing:
+            return
+        if complaint := self.controllers.complaint(leading):
+            logger.warning(f"{leading} ended: {complaint}")
+            self.choose(leading)
+
+
+@contextmanager
+def playing(config: PlayConfig) -> Iterator[Play]:
+    """Run everything while the block runs.
+
+    Raises
+    ------
+    RobotError
+        If there is no such robot, or it is not usable.
+    WireError
+        If a robot does not start, or none answers; or one that is there moves in lockstep.
+    """
+    with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
+        if config.session is None:
+            yield _own(config, Path(name), stack)
+        else:
+            session = stack.enter_context(open_session(config.session))
+            drive = Drive(_robot_there(session, config))
+            link = stack.enter_context(RobotLink(session, drive, namespace=config.namespace))
+            yield Play(drive, link, _activity(stack), None, None, _reachable(drive.robot))
+
+
+def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
+    """Return a simulated robot of our own, and controllers beside it."""
+    robot = load_robot(config.robot or "asimo") if config.texts is None else parse_robot(*config.texts)
+    endpoint, namespace = free_endpoint(), config.namespace
+    own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=namespace))
+    drive = Drive(robot)
+    try:
+        session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=_WAIT_S)))
+        link = stack.enter_context(RobotLink(session, drive, namespace=namespace))
+    except WireError as error:
+        raise WireError(own.report or str(error)) from error
+    controllers = Controllers(Place(session, endpoint, namespace, folder, robot.hand_names))
+    activity = _activity(stack)
+    stack.callback(controllers.close)  # which ends what the activity may be waiting for
+    stack.callback(activity.cancel)
+    play = Play(drive, link, activity, controllers, own, _reachable(robot))
+    added = [controllers.add(path) for path in config.controllers]
+    play.choose(added[0] if added else TEACHER)
+    if FIRST_MOTION in play.motions:
+        play.go_through(FIRST_MOTION)
+    return play
+
+
+def _activity(stack: ExitStack) -> Activity:
+    activity = Activity()
+    stack.callback(activity.close)
+    return activity
+
+
+def _robot_there(session: Session, config: PlayConfig) -> RobotConfig:
+    """Return the robot that runs already; raises WireError where it cannot be led."""
+    if config.robot is not None:
+        return load_robot(config.robot)
+    try:
+        there = RemoteRobot(session, namespace=config.namespace, wait_s=config.wait_s)
+    except RobotError as error:
+        raise RobotError(f"{error}; give the robot with --robot") from error
+    if not there.status.real_time:
+        raise WireError(
+            f"robot '{there.robot.name}' moves in lockstep, and waits for whoever drives it; start it with "
+            "`reenact robot --real-time`"
+        )
+    return there.robot
+
+
+def _reachable(robot: RobotConfig) -> tuple[str, ...]:
+    """Return the names of the motions that this robot can be asked for."""
+    found: list[str] = []
+    for name in motion_names():
+        try:
+            load_motion(name, robot)
+        except MotionError:
+            continue
+        found.append(name)
+    return tuple(found)

@@ -1,0 +1,154 @@
+"""Link to the robot and the controllers over Zenoh: states in, targets out, and what they report of themselves."""
+
+import json
+import logging
+import threading
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
+from types import TracebackType
+from typing import Any, Self
+from uuid import uuid4
+
+import numpy as np
+
+from pipeline.arrays import Floats
+from pipeline.browser.session.drive import Drive, Tick
+from pipeline.browser.session.keys import led_topic
+from pipeline.robot.telemetry import hand_message
+from recorders.cdr.codec import decode_as
+from recorders.errors import ReenactError
+from recorders.messages.message_types import Float64MultiArray, JointState
+from recorders.messages.phase import EVALUATE, Phase
+from recorders.messages.topics import CONTROLLER_DEVIATION, JOINT_STATES, SAMPLE_JOINTS, SESSION_PHASE, hand_target
+from recorders.nodes.keys import controller_key
+from recorders.text.once import OnceWarner
+from recorders.text.wording import escape_control
+from recorders.ticks.joiner import JointMap
+from recorders.wire.keys.namespace import message_key
+from recorders.wire.publisher import TopicPublisher
+from recorders.wire.session import Sample, Session
+
+logger = logging.getLogger(__name__)
+
+_MAX_PAYLOAD = 1 << 16  # anybody may publish [bytes]
+_ANSWER_S = 0.5
+_SILENT_S = 1.0  # after so long without a state, the robot counts as gone
+_MAX_REASONS = 20
+_MAX_TEXT = 300
+
+
+class RobotLink:
+    """Answers every state of a robot with a tick, for the controller that is chosen.
+
+    Parameters
+    ----------
+    session : Session
+        An open session.
+    drive : Drive
+        Makes the ticks.
+    namespace : str
+        First part of every key.
+
+    Attributes
+    ----------
+    controller : str
+        Name of the controller that gets the targets; empty: whoever serves in the namespace.
+    deviations_m : ndarray or None
+        How far off each hand may be, as the controller predicted last [m], shape (hands,).
+    """
+
+    def __init__(self, session: Session, drive: Drive, *, namespace: str) -> None:
+        self._session, self._drive, self._namespace = session, drive, namespace
+        self._joints = JointMap(drive.robot.joints)
+        self._run = uuid4().hex
+        self._cycles = 0
+        self._warnings = OnceWarner(logger, limit=4)
+        self._lock = threading.Lock()
+        self._seen_s = -_SILENT_S
+        self._stack = ExitStack()
+        self.controller = ""
+        self.deviations_m: Floats | None = None
+
+    def __enter__(self) -> Self:
+        self._publisher = self._stack.enter_context(TopicPublisher(self._session, namespace=self._namespace))
+        for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
+            key = message_key(self._namespace, topic)
+            self._stack.enter_context(self._session.declare_subscriber(key, take))
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        self._stack.close()
+
+    @property
+    def is_there(self) -> bool:
+        """Whether the robot reports its state."""
+        return time.monotonic() - self._seen_s < _SILENT_S
+
+    def choose(self, controller: str) -> None:
+        """Give the targets to another controller from now on."""
+        with self._lock:
+            self.controller, self.deviations_m = controller, None
+
+    def controller_status(self) -> dict[str, Any]:
+        """Return what the controller that is chosen reports: `answered`, and reasons for what it refused with counts.
+
+        Empty where nobody answers.
+        """
+        key = controller_key(self._namespace, self.controller or "*", "status")
+        for reply in self._session.get(key, timeout=_ANSWER_S):
+            if reply.ok is not None and len(reply.ok.payload) <= _MAX_PAYLOAD:
+                return _read_status(reply.ok.payload.to_bytes())
+        return {}
+
+    def _on_state(self, sample: Sample) -> None:
+        """Take a state: on a thread of Zenoh's."""
+        try:
+            state = decode_as(JointState, _small(sample))
+            tick = self._drive.take(state.stamp_ns, self._joints.positions(state))
+        except ReenactError as error:
+            self._warnings.warn(f"{JOINT_STATES}: {error}", kind=JOINT_STATES)
+            return
+        self._seen_s = time.monotonic()
+        if tick is not None:
+            with self._lock:
+                self._publish(tick, state)
+
+    def _publish(self, tick: Tick, state: JointState) -> None:
+        put: Callable[..., object] = self._publisher.publish
+        if tick.begins:
+            marker = Phase(self._run, 0, self._cycles, EVALUATE, log="")
+            self._cycles += 1
+            put(SESSION_PHASE, marker.to_message(), log_time_ns=tick.stamp_ns)
+        for hand, row in zip(self._drive.robot.hand_names, tick.rows, strict=True):
+            message = hand_message(tick.stamp_ns, row)
+            if self.controller:
+                put(led_topic(self.controller, hand), message, log_time_ns=tick.stamp_ns)
+            put(hand_target(hand), message, log_time_ns=tick.stamp_ns)
+        put(SAMPLE_JOINTS, state, log_time_ns=tick.stamp_ns)
+
+    def _on_deviation(self, sample: Sample) -> None:
+        try:
+            found = decode_as(Float64MultiArray, _small(sample)).data
+        except ReenactError as error:
+            self._warnings.warn(f"{CONTROLLER_DEVIATION}: {error}", kind=CONTROLLER_DEVIATION)
+            return
+        if len(found) == len(self._drive.robot.hands) and np.isfinite(found).all():
+            self.deviations_m = found
+
+
+def _small(sample: Sample) -> bytes:
+    return sample.payload.to_bytes() if len(sample.payload) <= _MAX_PAYLOAD else b""
+
+
+def _read_status(data: bytes) -> dict[str, Any]:
+    """Return what is of use of a status from whoever answered."""
+    try:
+        found = json.loads(data)
+        refused = {str(reason)[:_MAX_TEXT]: int(count) for reason, count in dict(found.get("refused", {})).items()}
+        answered, last = int(found.get("accepted", 0)), escape_control(str(found.get("last_refusal", ""))[:_MAX_TEXT])
+    except (ValueError, TypeError, AttributeError, RecursionError):
+        return {}
+    return {"answered": answered, "refused": dict(list(refused.items())[:_MAX_REASONS]), "last_refusal": last}

@@ -1,0 +1,197 @@
+"""The page in a real Chromium, with a simulated robot and a controller in processes of their own behind it."""
+
+import os
+import signal
+import threading
+from contextlib import contextmanager
+
+import numpy as np
+import pytest
+from chromium import chromium, executable, on_screen
+from waiting import wait_until as wait_at_most
+
+pytestmark = pytest.mark.timeout(1500)  # software WebGL on a machine that is busy with something else
+
+SIZE = (900, 640)
+ARRIVED_CM = 0.2
+
+
+def wait_until(holds):
+    wait_at_most(holds, timeout_s=600.0)
+
+
+class Visit:
+    """One visitor of the page."""
+
+    def __init__(self, browser, page):
+        self._page = page
+        before = set(page._server.get_clients())
+        self.tab = browser.new_context(viewport=dict(zip(("width", "height"), SIZE, strict=True))).new_page()
+        self.requested: list[str] = []
+        self.tab.on("request", lambda request: self.requested.append(request.url))
+        self.tab.on("websocket", lambda socket: self.requested.append(socket.url))
+        self.tab.set_default_timeout(600_000)
+        self.tab.goto(f"{page.address}/?fixedDpr=0.5")
+        self.await_client(before)
+
+    def await_client(self, before):
+        wait_until(lambda: set(self._page._server.get_clients()) - before and self.shown("visitor"))
+        (self.number,) = set(self._page._server.get_clients()) - before
+
+    def shown(self, name):
+        found = self.tab.locator(f'[data-reenact="{name}"]')
+        return found.first.inner_text() if found.count() else ""
+
+    def await_shown(self, name, text):
+        wait_until(lambda: text in self.shown(name))
+
+    def at(self, point):
+        return on_screen(self._page._server.get_clients()[self.number].camera, point, SIZE)
+
+    def drag(self, *points):
+        """Press at the first point of the world [m], go through all, and let go."""
+        mouse = self.tab.mouse
+        for number, point in enumerate(points):
+            mouse.move(*self.at(point), steps=3)
+            if number == 0:
+                mouse.down()
+        mouse.up()
+
+    def drag_handle(self, place, metres):
+        """Drag the handle of a hand by its arrow along the robot's left [m]."""
+        left = self._page.play.robot.lateral
+        grip = self._page.scene.handle_position(place) + 0.1 * left
+        self.drag(grip, grip + 0.5 * metres * left, grip + metres * left)
+
+    def close(self):
+        self.tab.context.close()
+
+
+@contextmanager
+def shown_page(config):
+    from pipeline.browser.page.gate import Gate
+    from pipeline.browser.page.page import served_page
+    from pipeline.browser.session.play import playing
+
+    with playing(config) as play, served_page(play, Gate(), port=None) as page:
+        thread = threading.Thread(target=page.run)
+        thread.start()
+        try:
+            yield page
+        finally:
+            page.end()
+            thread.join()
+
+
+@pytest.fixture(scope="module")
+def page():
+    from pipeline.browser.session.play import PlayConfig
+
+    executable()
+    with shown_page(PlayConfig()) as page:
+        wait_until(lambda: page.play.link.controller == "teacher")
+        yield page
+
+
+@pytest.fixture(scope="module")
+def browser():
+    with chromium() as browser:
+        yield browser
+
+
+@pytest.fixture(scope="module")
+def visitor(browser, page):
+    return Visit(browser, page)
+
+
+@pytest.fixture
+def visit(visitor, page):
+    page.play.drive.hold()
+    return visitor
+
+
+def await_arrival(page):
+    """Wait until all targets are where they are wanted, and the hands there too."""
+
+    def arrived():
+        now = page.play.drive.snapshot()
+        return np.abs(now.targets - now.wanted).max() < 1e-4 and now.error.distances_cm.max() < ARRIVED_CM
+
+    wait_until(arrived)
+
+
+def test_a_handle_dragged_by_10_cm_takes_the_hand_with_it(page, visit):
+    await_arrival(page)
+    before = page.play.drive.snapshot()
+    visit.drag_handle(1, -0.10)
+    wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[1] - before.wanted[1]) > 0.08)
+    await_arrival(page)
+    moved = page.play.drive.snapshot().hands - before.hands
+    assert np.linalg.norm(moved[1]) == pytest.approx(0.10, abs=0.02)
+    assert np.linalg.norm(moved[0]) < 0.005
+    wait_until(lambda: float(visit.shown("now:right")) < ARRIVED_CM)
+    own = page.address.removeprefix("http")
+    assert visit.requested
+    assert all(url.startswith((f"http{own}", f"ws{own}", "blob:", "data:")) for url in visit.requested)
+
+
+def test_a_stroke_is_followed_again_and_again(page, visit):
+    visit.tab.get_by_label("Draw").click()
+    centre, (left, up) = page.play.robot.centres[1], (page.play.robot.lateral, page.play.robot.up)
+    corners = [centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
+    wait_until(lambda: page._sheets[1]._sheet.visible)
+    visit.drag(*corners)
+    wait_until(lambda: (loop := page.play.drive.snapshot().loop) is not None and loop.name == "drawing")
+    loop = page.play.drive.snapshot().loop
+    size = loop.path[:, 1].max(axis=0) - loop.path[:, 1].min(axis=0)
+    assert abs(size @ left) == pytest.approx(0.16, abs=0.04)
+    wait_until(lambda: loop.at_s > 0.5 * loop.duration_s)
+    wait_until(lambda: loop.at_s < 0.2 * loop.duration_s)
+    visit.tab.get_by_label("Pause").click()
+    wait_until(lambda: loop.paused)
+
+
+def test_one_visitor_leads_until_another_takes_over(browser, page, visit):
+    other = Visit(browser, page)
+    assert "You lead" in visit.shown("visitor")
+    assert "look on" in other.shown("visitor")
+    await_arrival(page)
+    wanted = page.play.drive.snapshot().wanted
+    other.drag_handle(0, 0.10)
+    other.tab.get_by_text("Take over to lead the robot").first.wait_for()
+    wait_until(lambda: np.abs(page.scene.handle_position(0) - wanted[0]).max() < 1e-3)
+    assert np.abs(page.play.drive.snapshot().wanted - wanted).max() < 1e-9
+    other.tab.get_by_role("button", name="Take over").click()
+    other.await_shown("visitor", "You lead")
+    visit.await_shown("visitor", "You look on")
+    other.drag_handle(0, 0.05)
+    wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[0] - wanted[0]) > 0.03)
+    other.close()
+    visit.await_shown("visitor", "You lead")
+
+
+def test_a_page_that_is_loaded_again_shows_what_is_so(page, visit):
+    before = set(page._server.get_clients())
+    visit.tab.reload()
+    visit.await_client(before)
+    visit.await_shown("visitor", "You lead")
+    visit.await_shown("state:robot", "asimo")
+    assert float(visit.shown("now:left")) >= 0.0
+
+
+def test_a_robot_that_is_killed_is_missed_and_led_again(page, visit):
+    await_arrival(page)
+    wanted = page.play.drive.snapshot().wanted
+    os.kill(page.play.own_robot.pid, signal.SIGKILL)
+    visit.await_shown("robot", "is gone")
+    wait_until(lambda: page.play.link.is_there and page.play.own_robot.restarts == 1)
+    visit.await_shown("state:robot", "asimo")
+    await_arrival(page)
+    assert np.abs(page.play.drive.snapshot().wanted - wanted).max() < 1e-9
+
+
+def test_a_controller_that_is_killed_is_started_again(page, visit):
+    os.kill(page.play.controllers.pid("teacher"), signal.SIGKILL)
+    wait_until(lambda: page.play.controllers.complaint("teacher") == "")
+    visit.drag_handle(1, 0.05)
+    await_arrival(page)
