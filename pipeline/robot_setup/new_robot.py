@@ -30,6 +30,8 @@ from pipeline.robot_setup.statics import Statics
 from pipeline.rotations import quaternions_of_matrices
 from pipeline.urdf.description import parse_urdf
 from recorders.errors import RobotError
+from recorders.files import disk
+from recorders.files.anonymous_file import write_whole
 from recorders.text.wording import names_text
 
 MODEL_FILE = "model.urdf"
@@ -118,12 +120,15 @@ class NewRobot:
         Raises
         ------
         RobotError
-            The folder holds a robot, and may not be overwritten.
+            The folder holds a robot, and may not be overwritten, or it cannot be written.
         """
         check_folder(folder, overwrite=overwrite)
-        folder.mkdir(parents=True, exist_ok=True)
-        for name, text in self.texts.items():
-            (folder / name).write_text(text, encoding="utf-8")
+        try:
+            disk.make_folders(folder)
+            for name, text in self.texts.items():
+                write_whole(folder / name, text.encode())
+        except OSError as error:
+            raise RobotError(f"{folder}: cannot be written: {error.strerror or error}") from error
         return load_robot(folder.resolve())
 
 

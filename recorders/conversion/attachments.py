@@ -7,13 +7,15 @@ from recorders.containers.reader import Reader
 from recorders.mcap_format.attachments import AttachmentHead, attachment_data, attachment_head
 from recorders.mcap_format.manifest import METADATA_NAME
 from recorders.reading.reader import LogReader
+from recorders.writing.attachment_copy import copy_attachment
 from recorders.writing.chunk_writer import media_type
 from recorders.writing.mcap_writer import McapWriter
 
 
 def copy_attachments(parts: Iterable[LogReader], log: McapWriter) -> None:
-    """Copy the attachments of logs in order, those of one name and content once."""
+    """Copy the attachments of logs in order, those of one name and content once; raises OSError if that fails."""
     there: set[tuple[str, str]] = set()
+    failure: OSError | None = None
     for part in parts:
         with part.attachment_records() as records:
             for record in records:
@@ -22,7 +24,10 @@ def copy_attachments(parts: Iterable[LogReader], log: McapWriter) -> None:
                     digest.update(piece)
                 if (head.name, digest.hexdigest()) not in there:
                     there.add((head.name, digest.hexdigest()))
-                    log.add_attachment(head, attachment_data(record))
+                    if failure := copy_attachment(record, log):
+                        break
+        if failure:
+            raise failure
 
 
 def add_attachments(readers: Iterable[Reader], log: McapWriter) -> None:

@@ -10,13 +10,13 @@ from typing import Any, BinaryIO
 
 from recorders.errors import CheckFailed, LogError
 from recorders.files import disk
-from recorders.mcap_format.attachments import attachment_data, attachment_head
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.lengths import LARGE
 from recorders.mcap_format.manifest import FORMAT_VERSION, METADATA_NAME, ContentHash, stated_counts, to_metadata
 from recorders.recovery.salvage import Damage, LogSurvey, Salvaged
 from recorders.recovery.survey import survey
 from recorders.recovery.tally import Tally
+from recorders.writing.attachment_copy import copy_attachment
 from recorders.writing.mcap_writer import McapWriter
 from recorders.writing.part_file import PartFile, check_place, part_of
 
@@ -150,7 +150,9 @@ class _Copy:
             self._log.add_metadata(metadata.name, metadata.metadata)
         for entry in found.attachments:
             with found.attachment(entry) as record:
-                self._log.add_attachment(attachment_head(record), attachment_data(record))
+                failure = copy_attachment(record, self._log)
+            if failure:
+                raise failure
         for message in found.messages(on_progress=on_progress):
             self._add(message)
             del message  # a large one would take memory beside the next
