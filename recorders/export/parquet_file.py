@@ -57,15 +57,15 @@ class Table:
 
     def close(self) -> None:
         """Write what is left, to the disk."""
-        with self._file:
-            try:
+        try:
+            with self._file:
                 if self._held:
                     self._write()
                 self._table.close()
-            finally:
-                self._table.is_open = False  # otherwise it tries again, and prints why it fails, when it is collected
-            self._file.flush()
-            disk.sync(self._file)
+                self._file.flush()
+                disk.sync(self._file)
+        finally:
+            self._table.is_open = False  # otherwise it tries again, and prints why it fails, when it is collected
 
     def _write(self) -> None:
         columns = zip(zip(*self._held, strict=True), self._schema, strict=True)

@@ -1,1 +1,1 @@
-"""Files of the operating system: regular files, files without a name yet, descriptors; knows no log."""
+"""Files of the operating system: the calls that write them, files and folders named once whole; knows no log."""

@@ -1,22 +1,22 @@
 """The calls of the operating system by which files are written, so that a disk that fails can be put in their place.
 
-They are called as `disk.rename(...)`, never imported one by one. All raise OSError. What a file system does not know of
-locks, files without a name and syncing of folders is met where it is asked for.
+They are called as `disk.rename(...)`, never imported one by one, and raise OSError.
 
-What holds after a crash of the process (P) or of the machine (M), whatever the order in which the disk took what was
-not synced:
+What holds after a crash of the process (P) or of the machine (M), in whatever order the disk took what was not synced:
 
-- A log while it is written: the name `NAME.part` (M) once it is begun; messages (P) 100 ms after they came, or with the
-  64th; messages (M) one sync later, which is begun every second.
-- A log that is finished, a log of `convert` and `recover`: all of it under its name (M). Before that nothing of it has
-  the name, and a log that it replaces is as it was. What an earlier recording left as `.part` has a name throughout.
-- A controller, a checkpoint, a file of JSON: the new one, whole, once `write_whole` returns (M); until then the old one
-  or the new one, whole.
-- A folder of tables, a golden case: the same, of all its files. While a case takes the place of another, that one may
-  be called `.CASE.replaced`, and is put back by the next `golden add`.
+- A log while it is written: its name `NAME.part` once it is begun (M); a message 100 ms after it came, or with the 64th
+  (P), and with the next sync after that, of which one begins a second after the last has ended (M).
+- A log that is finished, one of `convert` or `recover`: all of it has the name (M). Until then the name is nobody's, or
+  that of the whole log that is replaced. `NAME.part` may be a second name of a finished log. What another recording
+  left as `.part` has a name throughout.
+- A log in parts: the same of each part. Where `convert --overwrite` is cut short, some are new and some are old.
+- A controller, a checkpoint, a report, a robot's file: the old one or the new one, whole; the new one as soon as
+  `write_whole` returns (M).
+- A folder of tables or a golden case: all of it has the name, or nothing. While a case takes the place of another, the
+  latter may be called `.CASE.replaced`; the next `golden add` puts it back.
 
-A process that is killed may leave a file `NAME.tmp1`, which nothing needs; a folder in the making that it leaves is
-removed by the next one of its name.
+A killed process may leave a file `NAME.tmp1`, which nothing needs. A folder in the making that it leaves is removed
+by the next one of that name.
 """
 
 import errno
