@@ -1,12 +1,13 @@
 """Rows that a viewer draws of the messages of a session: posture, targets in force, hands reached."""
 
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig
-from pipeline.robot.coordinates import POSITION_SIZE, row_size
+from pipeline.robot.coordinates import POSITION_SIZE, row_size, to_rows
 from pipeline.robot.kinematics import Kinematics
 from pipeline.views.orientations import orientations_of_rows
 from recorders.errors import MotionError
@@ -67,6 +68,9 @@ class MotionRows:
         Whose joints they are, and how they move the hands.
     joints_topic : str
         The topic that postures are taken from.
+    asked : callable, optional
+        Returns the topic, by the name of a hand, of what its posture is compared with: of its target unless given. None
+        compares with nothing: targets are then where the posture has the hands.
 
     Attributes
     ----------
@@ -76,11 +80,15 @@ class MotionRows:
         Times [ns], and the errors of the hands [cm], shape (hands,), that a learner published then.
     """
 
-    def __init__(self, robot: RobotConfig, *, joints_topic: str) -> None:
+    def __init__(
+        self, robot: RobotConfig, *, joints_topic: str, asked: Callable[[str], str] | None = hand_target
+    ) -> None:
         self._kinematics = Kinematics(robot)
         self._joints = JointMap(robot.joints)
         self._topic = joints_topic
-        self._hands = {hand_target(name): _Target(row_size(robot)) for name in robot.hand_names}
+        self._at_once = joints_topic == JOINT_COMMANDS or asked is not hand_target  # what is held comes before
+        self._robot = robot
+        self._hands = {asked(name): _Target(row_size(robot)) for name in robot.hand_names} if asked else {}
         self.topics = frozenset({*self._hands, LEARNER_ERROR, *JOINT_TOPICS})
         self._start_ns: int | None = None
         self._rows: list[tuple[int, Floats, Floats, bool]] = []  # time [ns], posture (n,), targets by row, scored
@@ -108,7 +116,7 @@ class MotionRows:
                 f"{topic}: expected messages within {MAX_TIME_NS // _NS_PER_S} s of the first, which a time line "
                 f"holds, found one {since_ns // _NS_PER_S} s from it; its log time is wrong"
             )
-        hand, hands = self._hands.get(topic), (len(self._hands),)
+        hand, hands = self._hands.get(topic), (len(self._robot.hands),)
         if hand is not None and isinstance(message, PoseStamped):
             hand.take(message)
         elif topic == LEARNER_ERROR and isinstance(message, Float64MultiArray) and message.data.shape == hands:
@@ -130,7 +138,7 @@ class MotionRows:
         times_ns, postures, targets, scored = (np.array(column) for column in zip(*rows, strict=True))
         track = Track.checked(
             joint_count=postures.shape[1],
-            hand_count=len(self._hands),
+            hand_count=len(self._robot.hands),
             times_ns=times_ns,
             joints=postures,
             targets=targets[..., :POSITION_SIZE],
@@ -140,11 +148,10 @@ class MotionRows:
         return replace(track, scored=scored)
 
     def _add(self, joints: JointState, since_ns: int) -> None:
-        commanded = self._topic == JOINT_COMMANDS
         hands = self._hands.values()
-        aims = [aim for hand in hands if (aim := hand.aimed_at(joints.stamp_ns, commanded=commanded)) is not None]
+        aims = [aim for hand in hands if (aim := hand.aimed_at(joints.stamp_ns, commanded=self._at_once)) is not None]
         if len(aims) == len(hands):  # before the first targets there is nothing to compare with
-            scored = commanded or any(hand.changes_at(joints.stamp_ns) for hand in hands)
+            scored = self._at_once or any(hand.changes_at(joints.stamp_ns) for hand in hands)
             posture = self._joints.positions(joints)
             if not np.isfinite(posture).all():
                 index = int(np.flatnonzero(~np.isfinite(posture))[0])
@@ -152,4 +159,5 @@ class MotionRows:
                     f"{self._topic}: expected a finite position for joint {self._joints.names[index]}, "
                     f"found {posture[index]}"
                 )
-            self._rows.append((since_ns, posture, np.stack(aims), scored))
+            rows = np.stack(aims) if aims else to_rows(self._robot, self._kinematics.inputs(posture))
+            self._rows.append((since_ns, posture, rows, scored))

@@ -1,5 +1,6 @@
 """Logs and controllers as Rerun recordings: what `view` shows or saves."""
 
+import logging
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
@@ -19,7 +20,8 @@ from recorders.cdr.codec import decode
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Reader
 from recorders.errors import LogError
-from recorders.messages.topics import hand_target, type_of
+from recorders.messages.message_types import PoseStamped
+from recorders.messages.topics import hand_measured, hand_target, type_of
 from recorders.reading.parts import Log
 from recorders.rerun_scene.blueprint import controller_blueprint, motion_blueprint, stack_points
 from recorders.rerun_scene.learning import log_activity, send_learning_styles, send_network, send_parts
@@ -28,6 +30,8 @@ from recorders.rerun_scene.robot import RobotModel
 from recorders.rerun_scene.track import TIMELINE, Instants, Track
 from recorders.text.wording import names_text
 from replay.sources.scheduled import naming, renamed
+
+logger = logging.getLogger(__name__)
 
 PERIOD_NS = 100_000_000
 """Time from one target to the next at deployment; the paper's 10 Hz."""
@@ -41,7 +45,8 @@ def view_log(
     """Send a log as a recording: the robot by its measured joints, else by the commands that it was given.
 
     Time is the log's own, from its first message on. Reached hands are those of the posture, by forward kinematics, and
-    compared with the targets that were in force before it.
+    compared with the targets that were in force before it; in a log without targets with the hands as measured, if it
+    has them.
 
     Parameters
     ----------
@@ -62,13 +67,16 @@ def view_log(
     Raises
     ------
     LogError
-        The log cannot be read, or has no targets, no postures, or no robot, or the recording cannot be written.
+        The log cannot be read, has targets of some hands alone, no postures, or no robot, or the recording cannot be
+        written.
     ReenactError
         A message or the robot is not what it should be.
     """
     reader = open_log(path)
     config = load_robot(robot) if robot is not None else _recorded_robot(reader)
-    rows = MotionRows(config, joints_topic=_joints_topic(reader, renames, config.hand_names))
+    topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
+    asked = _asked(reader, topics, config.hand_names)
+    rows = MotionRows(config, joints_topic=_joints_topic(reader, renames, config.hand_names, asked), asked=asked)
     with naming(path):
         for record in renamed(reader, renames, rows.topics):
             rows.feed(record.topic, decode(record.type, record.data), record.log_time_ns)
@@ -162,14 +170,28 @@ def _recorded_robot(reader: Reader) -> RobotConfig:
     return require_recorded_robot(reader, has_option=True)
 
 
-def _joints_topic(reader: Reader, renames: Mapping[str, str], hands: Sequence[str]) -> str:
+def _asked(reader: Reader, topics: Mapping[str, str], hands: Sequence[str]) -> Callable[[str], str] | None:
+    """Return what postures are compared with: targets, hands as measured where there are none, or nothing; says so."""
+    if any(hand_target(hand) in topics for hand in hands):
+        return hand_target
+    if all(topics.get(hand_measured(hand)) in ("", PoseStamped.TYPE) for hand in hands):
+        logger.info(f"{reader.path} has no targets: hands as measured stand for them")
+        return hand_measured
+    logger.info(f"{reader.path} has neither targets nor hands as measured: the hands are where its joints put them")
+    return None
+
+
+def _joints_topic(
+    reader: Reader, renames: Mapping[str, str], hands: Sequence[str], asked: Callable[[str], str] | None
+) -> str:
     topics = {renames.get(topic, topic): kind for topic, kind in reader.topics.items()}
     found = [topic for topic in JOINT_TOPICS if topic in topics]
     others = [topic for topic in reader.topics if topic not in renames and topic not in found]
-    targets = [hand_target(hand) for hand in hands]
+    targets = [asked(hand) for hand in hands] if asked else []
     if not found or not set(targets) <= topics.keys():
+        wanted = f"{names_text(targets)} and " if targets else ""
         raise LogError(
-            f"{reader.path}: expected {names_text(targets)} and one of {names_text(JOINT_TOPICS)}, "
+            f"{reader.path}: expected {wanted}one of {names_text(JOINT_TOPICS)}, "
             f"found {names_text(sorted(found + others)) or 'nothing'}; give foreign names with --map"
         )
     for topic in (*targets, found[0]):

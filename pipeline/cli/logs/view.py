@@ -5,7 +5,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from pipeline.cli.options import MOTIONS, Json, Overwrite, Renames, complete_motion, renames
+from pipeline.cli.alignment import AlignmentOptions
+from pipeline.cli.options import MOTIONS, Json, Overwrite, Renames, complete_motion
 from pipeline.cli.project_settings import of_settings
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -65,7 +66,7 @@ def view(
     if learned:
         ticks = view_controller(shown[0], to, motion=motion or "circles")
     else:
-        ticks = view_log(log, to, robot=robot, renames=renames(map_))
+        ticks = view_log(log, to, robot=robot, renames=AlignmentOptions(map_=map_).of_logs([log]).renames)
     where = str(save) if save is not None else to.url
     console.show({"shown": str(log), "samples": ticks, "recording": where}, as_json=as_json)
 
