@@ -21,6 +21,10 @@ Await = Annotated[
     list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.", metavar="NAME")
 ]
 Wait = Annotated[float, typer.Option(help="How long to wait for the other end to appear.", min=0, metavar="SECONDS")]
+StreamKey = Annotated[
+    Path | None,
+    typer.Option(help="Key that both ends of a stream share: 64 hexadecimal digits; yours alone.", metavar="FILE"),
+]
 _Prometheus = Annotated[
     int | None,
     typer.Option(help="Port on 127.0.0.1 at which Prometheus may read the status.", min=1, max=65535, metavar="PORT"),
@@ -86,8 +90,15 @@ class ListeningNode(ListeningSession):
 
 
 @dataclass(frozen=True)
+class StreamingNode(ListeningNode):
+    """Session of a verb that listens, takes a stream, and has a status."""
+
+    key: StreamKey = None
+
+
+@dataclass(frozen=True)
 class ConnectingNode:
-    """Session of a verb that connects, unless `--listen` is given, and has a status."""
+    """Session of a verb that connects, unless `--listen` is given, sends or takes a stream, and has a status."""
 
     listen: Annotated[
         list[str] | None,
@@ -103,6 +114,7 @@ class ConnectingNode:
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
     prometheus: _Prometheus = None
+    key: StreamKey = None
 
     def config(self, *, wait_s: float = 10.0) -> "SessionConfig":
         """Return where the session listens and connects."""

@@ -245,7 +245,7 @@ class LiveLearner:
             yield from self._choice.settle(_topics_of(event.offer))
             self._receiver.accept(event, 0)
         elif event.kind is FrameType.ABORT:
-            self._leave(f"the sender gave up at message {event.first}: {event.reason}")
+            self._leave(event.reason)
         else:
             self._ended = event.kind is FrameType.END
             for record in event.messages:

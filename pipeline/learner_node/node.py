@@ -136,13 +136,13 @@ def replay(
             on_progress(consumed / offer.messages)
 
     with open_session(session) as opened:
+        transport = ZenohTransport(opened, config=sender, on_progress=advanced, channels=channels)
         node = NodeSource(
             "replay",
             str(opened.info.zid())[:_NAME_DIGITS],
             state=lambda: "sending" if sent else "waiting",
-            counts=lambda: {"messages": sent},
+            counts=lambda: {"messages": sent, "refused": sum(tuple(transport.refused.values()))},
         )
         with running_node(opened, node, config=session, namespace=sender.namespace, metrics_port=metrics_port):
-            transport = ZenohTransport(opened, config=sender, on_progress=advanced, channels=channels)
             results = transport.deliver(offer, counted)
     return {"run": offer.run, "messages": sent, "consumers": results}

@@ -15,6 +15,12 @@ MAX_PAYLOAD = MAX_MESSAGE + (1 << 16)
 """Larger payloads are refused unread [bytes]: a message, and its entry in a batch."""
 
 _ATTACHMENT = struct.Struct("<BBxxI16s16sQQ")  # version, kind, sequence, run, sender, stream index, log time
+ATTACHMENT_BYTES = _ATTACHMENT.size
+"""Size of what is attached to a frame [bytes]; its seal comes behind that."""
+
+SEAL_BYTES = 24
+"""Size of a seal [bytes]."""
+
 _RUN, _SENDER = slice(8, 24), slice(24, 40)
 _LIVE = struct.Struct("<4sI32sQQ")  # the same, with what all live messages share in two pieces
 _RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
@@ -46,6 +52,7 @@ class Frame(NamedTuple):
     first: int
     messages: tuple[RecordedMessage, ...] = ()
     reason: str = ""
+    digests: bytes = b""  # of the whole stream, with its end
 
     @property
     def size(self) -> int:
@@ -70,9 +77,9 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
         (message,) = frame.messages
         sequence, log_time_ns, payload = message.sequence, message.log_time_ns, message.data
     elif frame.kind is FrameType.BATCH:
-        payload = _pack_messages(frame.messages)
-    elif frame.kind is FrameType.ABORT:
-        payload = frame.reason.encode()
+        payload = records(frame.messages)
+    else:
+        payload = frame.digests or frame.reason.encode()
     attachment = _ATTACHMENT.pack(
         PROTOCOL_VERSION, frame.kind, sequence, frame.run, frame.sender, frame.first, log_time_ns
     )
@@ -85,8 +92,8 @@ def live_attachment(sequence: int, log_time_ns: int) -> bytes:
 
 
 def stream_of(attachment: bytes) -> tuple[bytes, bytes] | None:
-    """Return the run and the sender that an attachment names; None if it is no attachment of a frame."""
-    return (attachment[_RUN], attachment[_SENDER]) if len(attachment) == _ATTACHMENT.size else None
+    """Return the run and the sender that a sealed attachment names; None if it is not one of a frame."""
+    return (attachment[_RUN], attachment[_SENDER]) if len(attachment) == ATTACHMENT_BYTES + SEAL_BYTES else None
 
 
 def unpack(topic: str, payload: bytes, attachment: bytes, *, type_name: str = "") -> Frame:
@@ -97,7 +104,7 @@ def unpack(topic: str, payload: bytes, attachment: bytes, *, type_name: str = ""
     topic : str
         Topic of the key that the sample came on; only a single message has one.
     payload, attachment : bytes
-        As `pack` returns them.
+        As `pack` returns them; the attachment may be sealed, which is not looked at.
     type_name : str
         Type of a single message on a topic of which none is known.
 
@@ -107,21 +114,25 @@ def unpack(topic: str, payload: bytes, attachment: bytes, *, type_name: str = ""
         If attachment or payload are not what `pack` makes.
     """
     try:
-        version, kind, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(attachment)
+        body = attachment[:ATTACHMENT_BYTES] if stream_of(attachment) else attachment
+        version, kind, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(body)
         frame = Frame(FrameType(kind), run, sender, index)
         if version != PROTOCOL_VERSION:
             raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
         if frame.kind is FrameType.MESSAGE:
-            kind = type_of(topic) or type_name
-            return frame._replace(messages=(RecordedMessage(topic, kind, payload, sequence, log_time_ns),))
+            message = RecordedMessage(topic, type_of(topic) or type_name, payload, sequence, log_time_ns)
+            return frame._replace(messages=(message,))
         if frame.kind is FrameType.BATCH:
             return frame._replace(messages=_unpack_messages(payload))
+        if frame.kind is FrameType.END:
+            return frame._replace(digests=payload)
         return frame._replace(reason=payload.decode(errors="replace"))
     except (struct.error, ValueError) as error:
         raise MessageError(f"{topic}: {len(payload)} bytes that are no frame of a replay ({error})") from error
 
 
-def _pack_messages(messages: Sequence[RecordedMessage]) -> bytes:
+def records(messages: Sequence[RecordedMessage]) -> bytes:
+    """Return messages as a batch of them travels."""
     parts: list[bytes] = []
     for topic, kind, data, sequence, log_time_ns in messages:
         name = _name(topic, kind)

@@ -2,7 +2,9 @@
 
 from typing import NamedTuple, TypeAlias
 
+from recorders.errors import WireError
 from recorders.protocol.frames import Frame
+from recorders.protocol.stream import Progress
 
 
 class Packet(NamedTuple):
@@ -31,3 +33,11 @@ class Ask(NamedTuple):
 
 
 Action: TypeAlias = Publish | Ask
+
+
+def read_progress(packet: Packet) -> Progress | None:
+    """Return the progress that a packet holds; None if it holds none."""
+    try:
+        return Progress.from_json(packet.payload)
+    except WireError:
+        return None

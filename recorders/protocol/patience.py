@@ -10,12 +10,28 @@ class Patience:
     ----------
     patience_s : float
         How long that may last [s].
+
+    Attributes
+    ----------
+    is_tried : bool
+        Whether messages, or the end, wait for the consumers.
     """
 
     def __init__(self, patience_s: float) -> None:
         self._patience_s = patience_s
         self._received: dict[str, int | None] = {}
         self._since_s: dict[str, float] = {}
+        self.is_tried = False
+
+    def begin(self) -> None:
+        """Begin to wait for the consumers, unless they are waited for already."""
+        if not self.is_tried:
+            self._received.clear()
+        self.is_tried = True
+
+    def end(self) -> None:
+        """Wait for nobody any more."""
+        self.is_tried = False
 
     def lacks(self, name: str, received: int | None, now_s: float, *, lacking: bool) -> bool:
         """Note an answer, or that there was none; True if the consumer lacks the same message as at the one before.

@@ -55,10 +55,10 @@ class Questions:
         self._hello_at_s, self._hello_until_s = (now_s, now_s + self._wait_s) if self.ungreeted else (math.inf,) * 2
         return bool(self.ungreeted)
 
-    def greet_later(self, now_s: float) -> bool:
-        """Greet the same again, as nobody answered; False if it has taken too long to appear, or to answer."""
-        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # at once if nobody is there
-        self._hello_at_s = now_s + _RETRY_S
+    def greet_later(self, now_s: float, *, at_once: bool = False) -> bool:
+        """Greet the same again, as nobody has taken the offer; False if that has taken too long."""
+        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # an answer, or that nobody is there, comes sooner
+        self._hello_at_s = now_s if at_once else now_s + _RETRY_S
         return now_s <= self._hello_until_s + (max(0.0, _ANSWER_S - self._wait_s) if is_lost else 0.0)
 
     def has_accepted(self, name: str, now_s: float) -> None:

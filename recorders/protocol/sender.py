@@ -1,27 +1,22 @@
 """The sending end of a stream: a machine without I/O that greets, sends, sends again, and fetches the results."""
 
 import math
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import FrameType
+from recorders.protocol.opening import Opening
 from recorders.protocol.outbox import Outbox
 from recorders.protocol.packets import Action, Ask, Packet
 from recorders.protocol.patience import Patience
 from recorders.protocol.questions import Questions
+from recorders.protocol.sealing import SenderSeals
 from recorders.protocol.send_window import Rewind, SendWindow
 from recorders.protocol.states import SENDER_TRANSITIONS, SenderState
 from recorders.protocol.stream import Offer, Progress, asking
-
-
-class UnansweredError(WireError):
-    """Nobody of a consumer's name has answered."""
-
-    def __init__(self, consumer: str, line: str) -> None:
-        super().__init__(line)
-        self.consumer = consumer
 
 
 class SenderMachine:
@@ -37,12 +32,16 @@ class SenderMachine:
         The stream, with a sender of its own and the window.
     consumers : sequence of str
         Who is awaited; the window is the slowest one's.
+    key : bytes
+        The key that all of them share.
     batched : bool
         Whether messages travel in batches, or each on its own topic.
     wait_s : float
         How long a consumer may take to appear [s].
     patience_s : float
         How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
+    refuse : callable
+        Takes key and reason of what is not authentic.
 
     Attributes
     ----------
@@ -53,16 +52,24 @@ class SenderMachine:
     """
 
     def __init__(
-        self, offer: Offer, consumers: tuple[str, ...], *, batched: bool, wait_s: float, patience_s: float
+        self,
+        offer: Offer,
+        consumers: tuple[str, ...],
+        *,
+        key: bytes,
+        batched: bool,
+        wait_s: float,
+        patience_s: float,
+        refuse: Callable[[str, str], None] = lambda topic, reason: None,
     ) -> None:
         self._offer = offer
-        self._batched = batched
-        self._wait_s, self._patience_s = wait_s, patience_s
+        self._kind, self._wait_s = FrameType.BATCH if batched else FrameType.MESSAGE, wait_s
         self._window = SendWindow(offer.run, offer.window)
         self._questions = Questions(consumers, wait_s)
         self._patience = Patience(patience_s)
-        self._held = False  # messages, or the end, wait for the consumers
-        self._outbox = Outbox(offer)
+        self._seals = SenderSeals(key, offer.identity[1])
+        self._outbox = Outbox(offer, self._seals)
+        self._opening = Opening(self._seals, refuse)
         self.state = SenderState.GREETING
         self.error: WireError | None = None
 
@@ -113,18 +120,17 @@ class SenderMachine:
             If one is larger than anybody receives.
         """
         if not self._window.has_room(len(messages), sum(len(message.data) for message in messages)):
-            self._hold()
+            self._patience.begin()
             return False
-        self._held = False
-        kind = FrameType.BATCH if self._batched else FrameType.MESSAGE
-        self._window.add(self._outbox.publish(kind, self.sent, messages))
+        self._patience.end()
+        self._window.add(self._outbox.publish(self._kind, self.sent, messages))
         return True
 
     def end(self) -> None:
         """Note that the stream has no more messages: `sent` is its end."""
         self._window.add(self._outbox.publish(FrameType.END, self.sent))
         self._move("ended")
-        self._hold()
+        self._patience.begin()
         self._conclude()
 
     def abort(self, reason: str) -> None:
@@ -141,23 +147,22 @@ class SenderMachine:
 
     def on_acknowledgement(self, consumer: str, packet: Packet, now_s: float) -> None:
         """Take in what was published as a consumer's progress; that it is through counts once it has confirmed it."""
-        progress = _read(packet)
+        progress = self._opening.acknowledgement(consumer, packet)
         if progress is None or progress.run != self._offer.run or not self._window.can_be(progress):
             return
         if progress.is_final:
             self._questions.confirm(consumer, now_s)
         self._window.note(consumer, replace(progress, result=None, error=None))
-        self._window.discard_consumed()
 
     def on_answer(self, ask: Ask, packet: Packet | None, now_s: float) -> None:
         """Take in the answer to a question; None if there was none in time."""
         if not self._questions.is_answered(ask) or self.is_over:
             return
-        answer = _read(packet)
+        answer = self._opening.answer(ask, packet)
         if ask.verb == "hello":
             self._take_hello(ask.consumer, answer, now_s)
         elif self.state is SenderState.LEAVING:
-            self._leave_if_all_know()
+            self._conclude()
         else:
             self._take_status(ask.consumer, answer, now_s)
 
@@ -172,45 +177,44 @@ class SenderMachine:
         if not self._questions.greet_next(now_s):
             self._window.begin(self._window.start())
             self._move("greeted")
-            self._held = False
+            self._patience.end()
         self.on_time(now_s)
 
     def _take_hello(self, name: str, answer: Progress | None, now_s: float) -> None:
-        if answer is None:
-            if not self._questions.greet_later(now_s):
-                self._fail(UnansweredError(name, f"no consumer named {name!r} answered within {self._wait_s:g} s"))
-        elif answer.error is not None:
+        if answer is not None and answer.error is not None:
             self._fail(WireError(f"{name}: {answer.error}"))
+        elif answer is None or answer.run != self._offer.run:  # an offer to another instance is not taken
+            if not self._questions.greet_later(now_s, at_once=answer is not None):
+                self._fail(self._opening.unanswered(name, self._wait_s))
         elif self._offer.messages is not None and answer.next > self._offer.messages:
             self._fail(WireError(f"{name}: wants message {answer.next} of a stream that has {self._offer.messages}"))
         else:
             self._window.progress[name] = answer
+            self._outbox.digests.begin(name, answer.next)
             self._questions.has_accepted(name, now_s)
             self._greet_next(now_s)
+        self.on_time(now_s)
 
     def _take_status(self, name: str, answer: Progress | None, now_s: float) -> None:
         self._questions.ask_later(name, now_s)
         if self._window.progress[name].result is not None:
             return
-        if answer is not None and answer.run != self._offer.run:
-            self._restart(name, now_s)
+        if answer is not None and answer.run != self._offer.run:  # it was started anew
+            self._move("consumer restarted")
+            self._patience.end()  # nothing of before is sent again: the stream goes on from where this one wants it
+            if self._questions.has_restarted(name):
+                self._greet_next(now_s)
         elif answer is not None and answer.error is not None:
             self._fail(WireError(f"{name}: {answer.error}"))
+        elif answer is not None and answer.result is not None and answer.digest != self._outbox.digests.digest(name):
+            self._fail(WireError(f"{name}: took in another stream than was sent; its result is not to be trusted"))
         else:
             if answer is not None:
                 self._window.note(name, answer)
-                self._window.discard_consumed()
-            if self._held and self._window.progress[name].result is None:
+            if self._patience.is_tried and self._window.progress[name].result is None:
                 self._send_missing(name, answer, now_s)
             self._conclude()
         self.on_time(now_s)
-
-    def _restart(self, name: str, now_s: float) -> None:
-        """Greet a consumer anew that was started anew."""
-        self._move("consumer restarted")
-        self._held = False  # nothing of before is sent again: the stream goes on from where this one wants it
-        if self._questions.has_restarted(name):
-            self._greet_next(now_s)
 
     def _send_missing(self, name: str, answer: Progress | None, now_s: float) -> None:
         """Send again what a consumer has lacked twice in a row; go back for what is not here any longer."""
@@ -223,27 +227,18 @@ class SenderMachine:
         except Rewind as rewind:
             self._window.begin(rewind.index)
             self._move("rewound")
-            self._held = False
+            self._patience.end()
         except WireError as error:
             self._fail(error)
 
     def _conclude(self) -> None:
-        """Say farewell once all results are there."""
+        """Say farewell once all results are there, and be done once everybody has answered."""
         if self.state is SenderState.ENDING and self._window.through:
             self._move("all reported")
             for name in self._questions.take_accepted():
                 self._ask(name, "status", asking(self._offer, farewell=True))
-            self._leave_if_all_know()
-
-    def _leave_if_all_know(self) -> None:
-        if self._questions.are_all_answered:
+        if self.state is SenderState.LEAVING and self._questions.are_all_answered:
             self._move("all know")
-
-    def _hold(self) -> None:
-        """Wait for the consumers: from now on they try this sender's patience."""
-        if not self._held:
-            self._patience = Patience(self._patience_s)
-        self._held = True
 
     def _fail(self, error: WireError) -> None:
         if not self.is_over:
@@ -254,12 +249,4 @@ class SenderMachine:
         self.state = SENDER_TRANSITIONS[self.state, event]
 
     def _ask(self, name: str, verb: str, payload: bytes) -> None:
-        self._outbox.ask(self._questions.ask(name, verb, Packet(payload)))
-
-
-def _read(packet: Packet | None) -> Progress | None:
-    """Return a consumer's answer; None if there is none that is one."""
-    try:
-        return None if packet is None else Progress.from_json(packet.payload)
-    except WireError:
-        return None
+        self._outbox.ask(self._questions.ask(name, verb, self._seals.question(name, verb, payload)))

@@ -2,15 +2,16 @@
 
 import json
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from dataclasses import asdict, dataclass, field
+from types import MappingProxyType
 from typing import Any, Protocol, Self
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.text.wording import value_text
 
-PROTOCOL_VERSION = 1
+PROTOCOL_VERSION = 2
 
 MAX_MESSAGE = 64 << 20
 """The largest message that travels [bytes]: an uncompressed picture takes 33 MB in 4K."""
@@ -87,7 +88,7 @@ class Offer:
         offer = cls(**fields)
         if offer.version != PROTOCOL_VERSION:
             raise WireError(f"offer: expected protocol version {PROTOCOL_VERSION}, found {offer.version}")
-        if not (_is_name(offer.run) and _is_name(offer.sender) and 1 <= offer.window <= _MAX_INDEX):
+        if not (is_identifier(offer.run) and is_identifier(offer.sender) and 1 <= offer.window <= _MAX_INDEX):
             raise WireError(
                 "offer: expected 32 hexadecimal digits as run and as sender, and a window, "
                 f"found {offer.run[:40]!r}, {offer.sender[:40]!r}, {offer.window}"
@@ -121,6 +122,8 @@ class Progress:
         What the consumer made of the whole stream, once it is through.
     error : str, optional
         Why the consumer refuses, or stopped.
+    digest : str, optional
+        Digest of the messages that arrived, in hexadecimal, beside the result.
     """
 
     run: str = ""
@@ -128,6 +131,7 @@ class Progress:
     received: int = 0
     result: dict[str, Any] | None = None
     error: str | None = None
+    digest: str | None = None
 
     @property
     def is_final(self) -> bool:
@@ -135,13 +139,16 @@ class Progress:
         return self.result is not None or self.error is not None
 
     def to_json(self) -> bytes:
-        """Return the progress as JSON."""
-        return json.dumps(asdict(self)).encode()
+        """Return the progress as JSON; without a digest as version 1 has it, which is to read why it is refused."""
+        fields = asdict(self)
+        if self.digest is None:
+            del fields["digest"]
+        return json.dumps(fields).encode()
 
     @classmethod
     def from_json(cls, data: bytes) -> Self:
         """Read a progress back; raises WireError if it is not one."""
-        progress = cls(**_json_object(data, _PROGRESS_TYPES))
+        progress = cls(**_json_object(data, _PROGRESS_TYPES, {"digest": str}))
         if not 0 <= progress.next <= progress.received <= _MAX_INDEX:
             raise WireError(f"progress: expected 0 <= next <= received, found {progress.next} and {progress.received}")
         return progress
@@ -157,18 +164,23 @@ def asker(asked: bytes) -> str:
     return asked.removeprefix(_FAREWELL).decode(errors="replace")
 
 
-def _is_name(text: str) -> bool:
+def is_identifier(text: str) -> bool:
+    """Whether a text is 32 hexadecimal digits, as they name a run or a sender."""
     return re.fullmatch("[0-9a-f]{32}", text) is not None
 
 
-def _json_object(data: bytes, types: dict[str, type | tuple[type, ...]]) -> dict[str, Any]:
+def _json_object(
+    data: bytes,
+    types: dict[str, type | tuple[type, ...]],
+    optional: Mapping[str, type] = MappingProxyType({}),
+) -> dict[str, Any]:
     try:
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise WireError(f"expected JSON, found {value_text(data[:40])}") from error
-    if not isinstance(found, dict) or set(found) != set(types):
+    if not isinstance(found, dict) or set(found) - set(optional) != set(types):
         raise WireError(f"expected an object with {', '.join(types)}, found {value_text(data[:80])}")
-    for name, kind in types.items():
+    for name, kind in (*types.items(), *((name, kind) for name, kind in optional.items() if name in found)):
         if not isinstance(found[name], kind) or isinstance(found[name], bool):
             raise WireError(f"{name}: found {value_text(found[name])}, which is of the wrong type")
     return found

@@ -193,7 +193,7 @@ class LiveRecorder:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.to_dict())
         elif frame.kind is FrameType.ABORT:
-            self._leave(receiver, f"the sender gave up at message {frame.first}: {frame.reason}")
+            self._leave(receiver, frame.reason)
         else:
             receiver.consumed(frame)
 

@@ -8,8 +8,8 @@ from typing import NamedTuple, Self, TypeAlias
 import zenoh
 
 from recorders.errors import WireError
+from recorders.protocol.answers import Offered
 from recorders.protocol.packets import Packet
-from recorders.protocol.receiver import Offered
 from recorders.protocol.stream import Offer
 from recorders.wire.keys.namespace import control_key
 from recorders.wire.session import publishing

@@ -2,12 +2,14 @@
 
 import logging
 import math
+import secrets
 import threading
 import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
+from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
 
@@ -15,6 +17,7 @@ import zenoh
 
 from recorders.errors import ReenactError, WireError
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.authentication import INSTANCE_BYTES
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, GIVEN_UP, ReceiverMachine
@@ -24,6 +27,7 @@ from recorders.wire.channel_table import SenderChannels
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
 from recorders.wire.queries import Answer, ConsumerQueries, ReceivedOffer, only_of_its_name
 from recorders.wire.refusals import Refusals
+from recorders.wire.shared_key import shared_key
 from recorders.wire.subscription import LiveMessage, Subscription, live_messages, schema_of
 
 logger = logging.getLogger(__name__)
@@ -54,6 +58,8 @@ class ReceiverConfig:
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
     latched_topics : frozenset of str
         Topics of which the last message from before this came is handed over too, if its publisher keeps it.
+    key_file : Path, optional
+        File with the key that it shares with senders; if left out, the user's own.
     """
 
     name: str = "learner"
@@ -63,6 +69,7 @@ class ReceiverConfig:
     silence_s: float = 30.0
     waiting_bytes: int = 256 << 20
     latched_topics: frozenset[str] = frozenset()
+    key_file: Path | None = None
 
     def __post_init__(self) -> None:
         """Check the names."""
@@ -95,10 +102,16 @@ class Receiver:
         self._session = session
         self._config = config or ReceiverConfig()
         self._events: BoundedQueue[Event] = BoundedQueue(limit=self._config.waiting_bytes)
-        self._machine = ReceiverMachine(self._config.name, silence_s=self._config.silence_s)
+        self._refusals = Refusals()
+        self._machine = ReceiverMachine(
+            self._config.name,
+            key=shared_key(self._config.key_file),
+            instance=secrets.token_bytes(INSTANCE_BYTES),
+            silence_s=self._config.silence_s,
+            refuse=lambda verb, reason: self._refusals.count(f"@consumer/{self._config.name}/{verb}", reason),
+        )
         self._lock = threading.Lock()  # held for each step of the machine
         self._released = threading.Condition(self._lock)
-        self._refusals = Refusals()
         self._stack = ExitStack()
         self.channels = SenderChannels(session, self._config.namespace)
         self._subscription = Subscription(
@@ -219,7 +232,8 @@ class Receiver:
         """Report the result of the stream, which is through; `is_released` is true once the sender needs no more."""
         with self._lock:
             report = self._machine.finish(result, time.monotonic())
-        self._queries.acknowledge(report)
+        if report is not None:
+            self._queries.acknowledge(report)
 
     def is_released(self, timeout_s: float = 0.0) -> bool:
         """Whether no sender waits for word from here, now or within the time [s].
@@ -242,7 +256,8 @@ class Receiver:
         """Inform the sender, if it still lives, that its stream is given up, and why."""
         with self._lock:
             report = self._machine.fail(reason, time.monotonic())
-        self._queries.acknowledge(report)
+        if report is not None:
+            self._queries.acknowledge(report)
         self._await_release(FAREWELL_WAIT_S)
 
     def abandon_stream(self, reason: str = GIVEN_UP) -> None:
@@ -288,7 +303,7 @@ class Receiver:
                 if event.kind is FrameType.END:
                     return
                 if event.kind is FrameType.ABORT:
-                    raise self._machine.gave_up(event)
+                    raise WireError(event.reason)
                 yield from event.messages
                 self.consumed(event)
 

@@ -1,6 +1,7 @@
 """Whom a stream is sent to over Zenoh, and how."""
 
 from dataclasses import dataclass
+from pathlib import Path
 
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text
@@ -29,6 +30,8 @@ class SenderConfig:
         How long a consumer may take to appear [s].
     patience_s : float
         How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
+    key_file : Path, optional
+        File with the key that this shares with the consumers; if left out, the user's own.
 
     Raises
     ------
@@ -42,6 +45,7 @@ class SenderConfig:
     batch_size: int = 64
     wait_s: float = 10.0
     patience_s: float = 30.0
+    key_file: Path | None = None
 
     def __post_init__(self) -> None:
         """Check names and ranges."""

@@ -1,19 +1,24 @@
 """Delivers a stream over Zenoh to consumers in other processes, and to served controllers."""
 
 import logging
+import secrets
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from typing import Any
-from uuid import uuid4
 
 from recorders.errors import ReenactError, WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.sender import SenderMachine, UnansweredError
+from recorders.protocol.authentication import KEY_BYTES
+from recorders.protocol.opening import UnansweredError
+from recorders.protocol.sender import SenderMachine
 from recorders.protocol.stream import Offer
 from recorders.wire.channel_table import published_channels
+from recorders.wire.refusals import Refusals
 from recorders.wire.sender import StreamSender, find_listener
 from recorders.wire.session import Session
+from recorders.wire.shared_key import shared_key
 from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status
 from replay.transports.batches import batches
 from replay.transports.sender_config import SenderConfig
@@ -43,6 +48,11 @@ class ZenohTransport:
         Called with how many messages every consumer has consumed.
     channels : sequence of DeclaredChannel
         The channels of what is sent, published for recorders: by the names that it is sent under.
+
+    Attributes
+    ----------
+    refused : counter of str
+        How many answers and acknowledgements were refused, by key and reason.
     """
 
     def __init__(
@@ -57,13 +67,19 @@ class ZenohTransport:
         self._config = config or SenderConfig()
         self._on_progress = on_progress
         self._channels = channels
+        self._refusals = Refusals()
+
+    @property
+    def refused(self) -> Counter[str]:
+        """How many answers and acknowledgements were refused, by key and reason."""
+        return self._refusals.counts
 
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
         namespace = self._config.namespace
         if not self._config.consumers and not find_listener(self._session, namespace):
             logger.warning(f"nobody listens in namespace '{namespace}' yet; the stream begins all the same")
-        offer = replace(offer, sender=uuid4().hex, window=self._config.window)
+        offer = replace(offer, sender=secrets.token_hex(16), window=self._config.window)
         with (
             published_channels(self._session, namespace, offer.sender, self._channels),
             AwaitedControllers(self._session, namespace) as controllers,
@@ -89,6 +105,8 @@ class ZenohTransport:
         machine = SenderMachine(
             offer,
             config.consumers,
+            key=shared_key(config.key_file) if config.consumers else secrets.token_bytes(KEY_BYTES),
+            refuse=lambda key, reason: self._refusals.count(f"@consumer/{key}", reason),
             batched=config.batch_size > 1,
             wait_s=config.wait_s,
             patience_s=config.patience_s,

@@ -1,13 +1,11 @@
 """A peer that means ill, in a process of its own: publishes and asks everything it can, before and during a replay."""
 
-import json
 import random
 import subprocess
 import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from dataclasses import asdict
 
 import numpy as np
 import zenoh
@@ -18,13 +16,15 @@ from recorders.messages.message_types import Float64MultiArray, JointState, Pose
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, batch_topic, pack, unpack
-from recorders.protocol.stream import Progress
+from recorders.protocol.stream import Offer, Progress, asking
 from recorders.wire.keys.namespace import batch_key, control_key, message_key
 from recorders.wire.session import SessionConfig, open_session
 
 NAMESPACE = "reenact"
 HUGE = 100 << 20
 STRANGER = b"stranger" * 2
+OVERHEARD = 200
+"""How many packets it keeps."""
 
 
 @contextmanager
@@ -50,21 +50,25 @@ class Intruder:
         self._random = random.Random(7)
         self._seen = threading.Event()
         self._stream = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0)
+        self._overheard: list[tuple[str, bytes, bytes]] = []
 
     def listen(self) -> None:
         """Learn run, sender and place of the stream, as anyone can who may subscribe."""
 
         def note(sample: zenoh.Sample) -> None:
+            if sample.attachment is not None and len(self._overheard) < OVERHEARD:
+                self._overheard.append((str(sample.key_expr), sample.payload.to_bytes(), sample.attachment.to_bytes()))
             try:
                 attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
                 frame = unpack("/" + str(sample.key_expr), b"", attachment)
             except MessageError:
                 return
-            if frame.run != NO_RUN and frame.sender != STRANGER:
+            if frame.run != NO_RUN and frame.sender != STRANGER and not self._seen.is_set():
                 self._stream = frame
                 self._seen.set()
 
         self._session.declare_subscriber(f"{NAMESPACE}/**", note)
+        self._session.declare_subscriber(control_key(NAMESPACE, "learner", "ack"), note)
 
     def await_stream(self) -> None:
         assert self._seen.wait(120.0)
@@ -97,14 +101,35 @@ class Intruder:
             )
 
     def forged_frames(self) -> None:
-        """Frames of the run that is under way, from another sender: back in time, the end, an abort, a batch."""
+        """Frames of the run that is under way, of another sender and of its own: past, end, abort, a batch."""
         run, here = self._stream.run, self._stream.first + 1
         past = RecordedMessage(LEFT_TARGET, PoseStamped.TYPE, encode(PoseStamped(0, np.zeros(3))), 0, 0)
-        for first in range(here, here + 20):
-            self._forge(Frame(FrameType.MESSAGE, run, STRANGER, first, (past,)))
-            self._forge(Frame(FrameType.BATCH, run, STRANGER, first, (past, past)))
-            self._forge(Frame(FrameType.END, run, STRANGER, first))
-            self._forge(Frame(FrameType.ABORT, run, STRANGER, first, reason="forged"))
+        for sender in (STRANGER, self._stream.sender):
+            for first in range(here, here + 20):
+                self._forge(Frame(FrameType.MESSAGE, run, sender, first, (past,)))
+                self._forge(Frame(FrameType.BATCH, run, sender, first, (past, past)))
+                self._forge(Frame(FrameType.END, run, sender, first))
+                self._forge(Frame(FrameType.ABORT, run, sender, first, reason="forged"))
+
+    def forged_questions(self) -> None:
+        """Offers and questions of the sender that is under way, and its farewell."""
+        run, sender = self._stream.run.hex(), self._stream.sender.hex()
+        offer = Offer(run=run, schedule={}, logs=[], sender=sender)
+        for verb, payload in (
+            ("hello", offer.to_json()),
+            ("hello", Offer(run=run, schedule={}, logs=[], sender="ab" * 16).to_json()),
+            ("status", asking(offer)),
+            ("status", asking(offer, farewell=True)),
+        ):
+            for attachment in (None, self._bytes(40)):
+                key = control_key(NAMESPACE, "learner", verb)
+                list(self._session.get(key, payload=payload, attachment=attachment, timeout=120.0))
+
+    def replay_overheard(self) -> None:
+        """Everything that was overheard, once more, and on another key."""
+        for key, payload, attachment in tuple(self._overheard):
+            self._put(key, payload, attachment)
+            self._put(batch_key(NAMESPACE), payload, attachment)
 
     def forged_answers(self) -> None:
         """Acknowledgements, a result and a failure that the learner never gave."""
@@ -116,7 +141,8 @@ class Intruder:
             Progress(run=run, next=self._stream.first, received=self._stream.first, result={"digest": "forged"}),
             Progress(run=run, next=self._stream.first, received=self._stream.first, error="forged"),
         ):
-            self._put(key, json.dumps(asdict(forged)).encode())
+            self._put(key, forged.to_json())
+            self._put(key, forged.to_json(), self._bytes(40))
 
     def huge_message(self) -> None:
         self._put(message_key(NAMESPACE, SAMPLE_JOINTS), bytes(HUGE))
@@ -127,6 +153,8 @@ class Intruder:
         single = frame.kind is FrameType.MESSAGE
         key = message_key(NAMESPACE, frame.messages[0].topic) if single else batch_key(NAMESPACE)
         self._put(key, payload, attachment)
+        if frame.run != NO_RUN:
+            self._put(key, payload, attachment + self._bytes(24))  # as long as a seal
 
     def _put(self, key: str, payload: bytes, attachment: bytes | None = None) -> None:
         self._session.put(key, payload, attachment=attachment, congestion_control=zenoh.CongestionControl.BLOCK)
@@ -147,6 +175,8 @@ def main() -> None:
         for _ in range(5):
             guest.forged_frames()
             guest.forged_answers()
+            guest.forged_questions()
+            guest.replay_overheard()
         guest.huge_message()
         print("done", flush=True)
 

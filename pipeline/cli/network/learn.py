@@ -11,7 +11,7 @@ from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
 from pipeline.cli.options import Json, Overwrite, Pairs, Rule, Seed, StreamsRobot
-from pipeline.cli.sessions import ListeningNode
+from pipeline.cli.sessions import StreamingNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
 from recorders.errors import ConfigError, ReenactError
@@ -100,7 +100,7 @@ def learn(
     checkpoints: CheckpointOptions,
     live: LiveOptions,
     alignment: AlignmentOptions,
-    node: ListeningNode,
+    node: StreamingNode,
     overwrite: Overwrite = False,
     viewer: ViewOptions,
     as_json: Json = False,
@@ -129,7 +129,7 @@ def learn(
     learner = default_config(rule, seed=seed)
     config = None if robot is None else load_robot(robot)
     own = own_topics(pairing_of(learner, pairs), config)
-    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own)
+    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own, key_file=node.key)
     session = node.config()
     with (
         note_on_interrupt(checkpoints.note),

@@ -108,7 +108,7 @@ def _record(
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
 
-    receiving = _receiving(name, node.namespace, config)
+    receiving = _receiving(name, node, config)
     session = node.config()
     key = f"{node.namespace}/**"
     where = ", ".join(session.listen or session.connect)
@@ -140,12 +140,12 @@ def _record(
     return recorder.recording
 
 
-def _receiving(name: str, namespace: str, config: "RecordConfig") -> "ReceiverConfig":
+def _receiving(name: str, node: ConnectingNode, config: "RecordConfig") -> "ReceiverConfig":
     from recorders.messages.topics import ROBOT_DESCRIPTION
     from recorders.wire.receiver import ReceiverConfig
 
     latched = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
-    return ReceiverConfig(name=name, namespace=namespace, live=True, latched_topics=latched)
+    return ReceiverConfig(name=name, namespace=node.namespace, live=True, latched_topics=latched, key_file=node.key)
 
 
 def _outcome(recording: "RecordingStats", key: str) -> str:

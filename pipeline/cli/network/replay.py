@@ -94,12 +94,19 @@ class SendOptions:
         int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
     ] = None
 
-    def config(self, consumers: tuple[str, ...], *, namespace: str, paced: bool, wait_s: float) -> "SenderConfig":
+    def config(self, consumers: tuple[str, ...], node: ConnectingNode, *, paced: bool, wait_s: float) -> "SenderConfig":
         """Return the settings of the sender."""
         from replay.transports.sender_config import SenderConfig
 
         batch_size = self.batch_size or min(64 if consumers and not paced else 1, self.window)
-        return SenderConfig(consumers, namespace=namespace, window=self.window, batch_size=batch_size, wait_s=wait_s)
+        return SenderConfig(
+            consumers,
+            namespace=node.namespace,
+            window=self.window,
+            batch_size=batch_size,
+            wait_s=wait_s,
+            key_file=node.key,
+        )
 
 
 @grouped
@@ -144,7 +151,7 @@ def replay(
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    sender = sending.config(consumers, namespace=node.namespace, paced=rate is not None, wait_s=wait)
+    sender = sending.config(consumers, node, paced=rate is not None, wait_s=wait)
     pace = Unpaced() if rate is None else Paced(rate)
     if not consumers:
         console.notice(_SPECTATORS)

@@ -9,7 +9,7 @@ import typer
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_partial_log
 from pipeline.cli.options import MOTIONS, Json, Overwrite, Robot, Seed, complete_motion
-from pipeline.cli.sessions import NAMESPACE, Await, Namespace, Wait, ZenohConfig, session_config
+from pipeline.cli.sessions import NAMESPACE, Await, Namespace, StreamKey, Wait, ZenohConfig, session_config
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -33,6 +33,7 @@ class DriveOptions:
     wait: Wait = _WAIT_S
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
+    key: StreamKey = None
 
     @property
     def wanted(self) -> bool:
@@ -42,7 +43,7 @@ class DriveOptions:
     @property
     def has_more(self) -> bool:
         """True if anything is set that needs a running robot."""
-        return bool(self.awaited) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
+        return bool(self.awaited or self.key) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
 
 
 @dataclass(frozen=True)
@@ -140,7 +141,7 @@ def explore(
         if out is None:
             raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
         if drive.has_more:
-            raise ConfigError("--await, --epochs, --wait and --namespace: expected --connect beside them")
+            raise ConfigError("--await, --epochs, --wait, --namespace and --key: expected --connect beside them")
         result = _simulate(wanted.source(), robot, seed, out, viewer, overwrite=overwrite)
     console.show(result, as_json=as_json)
 
@@ -181,7 +182,11 @@ def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
     from replay.transports.sender_config import SenderConfig
 
     sender = SenderConfig(
-        consumers=tuple(drive.awaited or ()), namespace=drive.namespace, batch_size=1, wait_s=drive.wait
+        consumers=tuple(drive.awaited or ()),
+        namespace=drive.namespace,
+        batch_size=1,
+        wait_s=drive.wait,
+        key_file=drive.key,
     )
     with console.progress(f"explore {Path(source.name).stem}") as advance:
         live = explore_live(

@@ -79,6 +79,10 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
     assert json.loads(learned) == expected | {"controller": "c.npz", "pairs": "commanded"}
     for topic in (SESSION_PHASE, batch_topic(), *(topic.name for topic in LEARNER_TOPICS)):
         assert f"refused a message on {topic}: not of the stream that is under way\n" in said
+    for topic in (LEFT_TARGET, batch_topic()):
+        assert f"refused a message on {topic}: a frame of the stream that is under way, but not sealed" in said
+    for verb in ("hello", "status"):
+        assert f"refused a message on @consumer/learner/{verb}: " in said
     assert f"refused a message on {SAMPLE_JOINTS}: {HUGE} bytes, expected at most {MAX_PAYLOAD}\n" in said
     assert "that are no frame of a replay" in said
     assert "\x1b" not in said

@@ -3,14 +3,15 @@
 import random
 
 import pytest
+from sealed import Sealing, receiver
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.frames import Frame, FrameType, pack
-from recorders.protocol.packets import Packet
-from recorders.protocol.receiver import Offered, ReceiverMachine
+from recorders.protocol.answers import Offered
+from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.send_window import Rewind, SendWindow
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
+from recorders.protocol.stream_digest import StreamDigests
 
 COUNT = 60
 OFFER = Offer(run="ab" * 16, schedule={}, logs=[], sender="cd" * 16, window=8)
@@ -30,10 +31,10 @@ class Consumer:
     def __init__(self, draw: random.Random) -> None:
         self._draw = draw
         self._line: list[Frame] = []
-        self._machine = ReceiverMachine("learner", silence_s=1.0)
+        self._machine, self._sealing = receiver(silence_s=1.0), Sealing(OFFER)
         self.taken: list[RecordedMessage] = []
         self._steps = 0
-        offered = self._machine.on_hello(Packet(OFFER.to_json()))
+        offered = self._sealing.hello(self._machine)
         assert isinstance(offered, Offered)
         self._machine.accept(offered, 0, 0.0)
         self.hello = self._machine.progress
@@ -48,7 +49,7 @@ class Consumer:
         assert self._steps < 10_000, "the stream does not come to its end"
         self._draw.shuffle(self._line)
         while self._line and self._draw.random() < 0.8:
-            new = self._machine.on_sample("/count", Packet(*pack(self._line.pop())), 0.0)
+            new = self._machine.on_sample(*self._sealing.frame(self._line.pop()), 0.0)
             if new is not None:
                 self._machine.arrived(new)
                 self.taken += new.messages
@@ -60,11 +61,14 @@ class Consumer:
 
 def deliver(window: SendWindow, consumers: dict[str, Consumer], draw: random.Random) -> None:
     """Drive both ends until every consumer has its result."""
-    index = window.start()
+    index, digests = window.start(), StreamDigests()
+    digests.begin("anna", 0)
     while not window.through:
         try:
             window.begin(index)
-            for sent in (*map(frame, range(index, COUNT)), Frame(FrameType.END, *OFFER.identity, COUNT)):
+            for sent in (*map(frame, range(index, COUNT)), None):
+                sent = sent or Frame(FrameType.END, *OFFER.identity, COUNT, digests=digests.packed())
+                digests.add(sent)
                 while not window.has_room(len(sent.messages), sent.size):
                     ask(window, consumers, draw)
                 window.add(sent)

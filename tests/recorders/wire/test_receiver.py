@@ -8,12 +8,13 @@ from dataclasses import replace
 import pytest
 import zenoh
 from collector import Collector
+from sealed import Peer
 from visitor import OFFER, await_ready, outcome, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
 from recorders.protocol.frames import Frame, FrameType, pack
-from recorders.protocol.stream import Offer, Progress
+from recorders.protocol.stream import Offer, Progress, asking
 from recorders.wire.keys.namespace import batch_key, control_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.queries import ReceivedOffer
@@ -30,14 +31,6 @@ def two_sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
         open_session(SessionConfig(connect=(endpoint,))) as connected,
     ):
         yield listening, connected
-
-
-def ask(session: zenoh.Session, verb: str, payload: bytes) -> Progress | None:
-    """Ask the consumer; when it answers, what was put before has come there too."""
-    for reply in session.get(control_key("reenact", "learner", verb), payload=payload, timeout=120.0):
-        if reply.ok is not None:
-            return Progress.from_json(reply.ok.payload.to_bytes())
-    return None
 
 
 def alive(session: zenoh.Session, consumer: str) -> bool:
@@ -90,16 +83,16 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other):
         with Receiver(session, config=ReceiverConfig(live=True)) as receiver:
-            replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+            peer = Peer(other, offer)
+            replies = peer.offer()
             offered = receiver.next_event(120.0)
             assert isinstance(offered, ReceivedOffer)
             receiver.accept(offered, 0)
             assert [reply.ok is not None for reply in replies] == [True]
             receiver.abandon_stream("nobody knows why")
-            payload, attachment = pack(Frame(FrameType.END, *offer.identity, 0))
-            other.put(batch_key("reenact"), payload, attachment=attachment)
+            peer.put(Frame(FrameType.END, *offer.identity, 0))
             for verb, asked in (("status", offer.sender.encode()), ("hello", offer.to_json())):
-                answer = ask(other, verb, asked)
+                answer = peer.ask(verb, asked)
                 assert answer is not None
                 assert (answer.run, answer.error) == (offer.run, "nobody knows why")
             assert receiver.next_event(0.2) is None
@@ -110,7 +103,8 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
 ) -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
-        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+        peer = Peer(other, offer)
+        replies = peer.offer()
         offered = receiver.next_event(120.0)
         assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
@@ -120,7 +114,7 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
         monkeypatch.setattr("recorders.protocol.receiver.FAREWELL_WAIT_S", 0.5)
         assert receiver.is_released(1.0)
         assert receiver.offer is None
-        answer = ask(other, "status", offer.sender.encode())
+        answer = peer.ask("status", offer.sender.encode())
         assert answer is not None
         assert (answer.run, answer.result) == (offer.run, {"count": 3})
 
@@ -129,7 +123,7 @@ def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogC
     with two_sessions() as (session, other), Receiver(session) as receiver:
         for index in range(3):
             offer = Offer(run="ab" * 16, schedule={}, logs=[], sender=f"{index:032x}")
-            other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+            Peer(other, offer).offer()
             offered = receiver.next_event(120.0)
             assert isinstance(offered, ReceivedOffer)
             receiver.refuse(offered, "not now \x1b[2J")
@@ -139,14 +133,48 @@ def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogC
 def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session) as receiver:
-        replies = other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json(), timeout=120.0)
+        peer = Peer(other, offer)
+        replies = peer.offer()
         offered = receiver.next_event(120.0)
         assert isinstance(offered, ReceivedOffer)
         receiver.accept(offered, 0)
         assert [json.loads(reply.ok.payload.to_bytes())["next"] for reply in replies if reply.ok] == [0]
-        payload, attachment = pack(Frame(FrameType.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
-        other.put(batch_key("reenact"), payload, attachment=attachment)
+        peer.put(Frame(FrameType.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
         frame = receiver.next_event(120.0)
     assert isinstance(frame, Frame)
     assert frame.reason.isprintable()
     assert len(frame.reason) < 1_100
+
+
+def test_what_is_not_sealed_is_refused_and_counted_and_changes_nothing() -> None:
+    offer = replace(OFFER, sender="cd" * 16)
+    with two_sessions() as (session, other), Receiver(session) as receiver:
+        peer = Peer(other, offer)
+        replies = peer.offer()
+        offered = receiver.next_event(120.0)
+        assert isinstance(offered, ReceivedOffer)
+        receiver.accept(offered, 0)
+        assert [reply.ok is not None for reply in replies] == [True]
+        for kind in (FrameType.BATCH, FrameType.END, FrameType.ABORT):
+            payload, attachment = pack(Frame(kind, *offer.identity, 0, reason="forged"))
+            other.put(batch_key("reenact"), payload, attachment=attachment + bytes(24))
+        forged = other.get(control_key("reenact", "learner", "status"), payload=asking(offer, farewell=True))
+        assert [reply.ok.attachment for reply in forged if reply.ok is not None] == [None]
+        for reply in other.get(control_key("reenact", "learner", "hello"), payload=offer.to_json()):
+            assert reply.ok is not None
+            assert "not sealed with the key" in reply.ok.payload.to_string()
+        answer = peer.ask("status", asking(offer))
+        assert answer == Progress(offer.run, 0, 0)
+        assert receiver.offer == offer
+        assert sorted(receiver.refused.values()) == [1, 1, 3]
+        assert receiver.next_event(0.0) is None
+
+
+def test_a_sender_of_another_version_is_refused_in_words_that_it_understands() -> None:
+    with two_sessions() as (session, other), Receiver(session):
+        fields = json.loads(OFFER.to_json()) | {"version": 1}
+        (reply,) = other.get(control_key("reenact", "learner", "hello"), payload=json.dumps(fields), timeout=120.0)
+        assert reply.ok is not None
+        answer = json.loads(reply.ok.payload.to_bytes())
+    assert set(answer) == {"run", "next", "received", "result", "error"}
+    assert answer["error"] == "offer: expected protocol version 2, found 1"

@@ -1,0 +1,82 @@
+"""Answers of a receiver to offers and to questions how far it is, by what it knows of streams; they change nothing."""
+
+from collections.abc import Callable
+from typing import NamedTuple
+
+from recorders.errors import WireError
+from recorders.protocol.known_streams import KnownStreams
+from recorders.protocol.packets import Packet
+from recorders.protocol.sealing import ConsumerKeys, ReceiverSeals
+from recorders.protocol.stream import Offer, Progress, asker, is_identifier
+
+_NOT_SEALED = "not sealed with the key of this consumer: start both ends with the same --key FILE"
+
+
+class Offered(NamedTuple):
+    """A stream on offer that the consumer is to accept or to refuse."""
+
+    offer: Offer
+    question: Packet  # as it came
+    seals: ReceiverSeals
+
+    @property
+    def size(self) -> int:
+        """Size as it came [bytes]."""
+        return len(self.question.payload)
+
+    def answer(self, progress: Progress) -> Packet:
+        """Return an answer to the offer."""
+        return self.seals.answer(self.question, progress.to_json())
+
+
+class Answers:
+    """Answers for one consumer.
+
+    Parameters
+    ----------
+    keys : ConsumerKeys
+        Makes the seals for each sender.
+    streams : KnownStreams
+        What the consumer knows of streams.
+    refuse : callable
+        Takes what it was and why, of what is not authentic.
+    """
+
+    def __init__(self, keys: ConsumerKeys, streams: KnownStreams, refuse: Callable[[str, str], None]) -> None:
+        self._keys = keys
+        self._streams = streams
+        self._refuse = refuse
+
+    def to_hello(self, packet: Packet, taken: str) -> Packet | Offered:
+        """Return the answer to an offer, or a new one, which is to be accepted or refused."""
+        try:
+            offer = Offer.from_json(packet.payload)
+        except WireError as error:
+            return Packet(Progress(error=str(error)).to_json())
+        offered = Offered(offer, packet, self._keys.seals(offer.identity[1]))
+        if offered.seals.question_number("hello", packet) is None:
+            self._refuse("hello", f"an offer that is {_NOT_SEALED}")
+            return Packet(Progress(error=f"the offer is {_NOT_SEALED}").to_json())
+        if not offered.seals.is_for_this(packet):
+            return offered.answer(Progress())  # it is to be offered to this instance
+        return self.to_offer(offered, taken) or offered
+
+    def to_offer(self, offered: Offered, taken: str) -> Packet | None:
+        """Return the answer to an offer that can be answered without the consumer; None if it is to decide."""
+        found = self._streams.find(offered.offer.sender)
+        if found is not None:
+            return offered.answer(found)
+        return None if self._streams.current is None else offered.answer(Progress(error=taken))
+
+    def to_status(self, packet: Packet) -> Packet:
+        """Return the answer to whoever asks how far this is.
+
+        Anyone may ask, but only a sender that has the key gets an answer that is sealed.
+        """
+        sender = asker(packet.payload)
+        seals = self._keys.seals(bytes.fromhex(sender)) if is_identifier(sender) else None
+        if seals is None or seals.question_number("status", packet) is None:
+            if packet.payload:
+                self._refuse("status", f"a question that is {_NOT_SEALED}")
+            return Packet(self._streams.progress.to_json())
+        return seals.answer(packet, (self._streams.find(sender) or Progress()).to_json())

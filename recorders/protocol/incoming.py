@@ -1,0 +1,98 @@
+"""One stream as it comes in: its frames opened, put in order, and counted towards acknowledgement and digest."""
+
+from dataclasses import replace
+
+from recorders.errors import MessageError
+from recorders.protocol.frames import Frame, FrameType, unpack
+from recorders.protocol.packets import Packet
+from recorders.protocol.sealing import ReceiverSeals
+from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
+from recorders.protocol.stream_digest import StreamDigest, find_digest
+
+
+class IncomingStream:
+    """A stream that a consumer has accepted.
+
+    Parameters
+    ----------
+    offer : Offer
+        The stream.
+    seals : ReceiverSeals
+        Checks what its sender sends, and seals what goes there.
+    start : int
+        Stream index of the first message that the consumer wants.
+
+    Attributes
+    ----------
+    progress : Progress
+        How far it has come.
+    """
+
+    def __init__(self, offer: Offer, seals: ReceiverSeals, start: int) -> None:
+        self.offer, self.seals = offer, seals
+        self.identity = offer.identity
+        self.progress = Progress(offer.run, start, start)
+        self._start = self._acknowledged = start
+        self._consumed_bytes = 0  # since the last acknowledgement
+        self._digest = StreamDigest(start)
+        self._looked_at: tuple[Frame | None, bytes | None] = None, None  # what is new, and as it travels
+        self._has_end = False
+        self._newest = -1
+
+    @property
+    def digest(self) -> str:
+        """Digest of the messages that have arrived, in hexadecimal."""
+        return self._digest.digest().hex()
+
+    def is_news(self, number: int) -> bool:
+        """Whether the sender has sealed a packet later than all that were known: one that is repeated shows no life."""
+        is_news = number > self._newest
+        self._newest = max(self._newest, number)
+        return is_news
+
+    def opened(self, topic: str, packet: Packet, type_name: str) -> tuple[Frame, int]:
+        """Return a frame and the number of its seal.
+
+        Raises
+        ------
+        MessageError
+            If it is not the sender's, or no frame.
+        """
+        number = self.seals.frame_number(topic, packet, type_name)
+        if number is None:
+            raise MessageError(f"{topic}: a frame of the stream that is under way, but not sealed by its sender")
+        return unpack(topic, *packet, type_name=type_name), number
+
+    def new_part(self, frame: Frame, payload: bytes) -> Frame | None:
+        """Return what is new of a frame: what came before is a repeat, what comes after a gap is sent again.
+
+        An end after which other messages have arrived than were sent comes as the reason to give the stream up.
+        """
+        received = self.progress.received
+        is_end = frame.kind is FrameType.END and not self._has_end and frame.first == received
+        if frame.first > received or not (frame.end > received or is_end):
+            return None
+        if is_end and find_digest(frame.digests, self._start) != self.digest:
+            reason = f"what arrived up to message {received} is not what was sent: nothing of it is to be trusted"
+            return frame._replace(kind=FrameType.ABORT, reason=reason)
+        new = frame._replace(first=received, messages=frame.messages[received - frame.first :])
+        whole = frame.kind is FrameType.BATCH and frame.first == received
+        self._looked_at = new, payload if whole else None
+        return new
+
+    def arrived(self, frame: Frame) -> None:
+        """Note that what `new_part` returned is queued."""
+        looked_at, packed = self._looked_at
+        self._digest.add(frame, packed if looked_at is frame else None)
+        self._has_end = frame.kind is FrameType.END
+        self.progress = replace(self.progress, received=frame.end)
+
+    def consume(self, frame: Frame) -> bool:
+        """Note that a frame's messages are consumed; True if an acknowledgement is due."""
+        self.progress = replace(self.progress, next=frame.end)
+        self._consumed_bytes += frame.size
+        due = frame.end - self._acknowledged >= max(1, self.offer.window // 2)
+        if not due and self._consumed_bytes < WINDOW_BYTES // 4:
+            return False
+        self._acknowledged, self._consumed_bytes = frame.end, 0
+        return True

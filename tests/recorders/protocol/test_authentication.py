@@ -1,0 +1,227 @@
+"""What is not sealed by whom it seems to be from is refused, whatever bit differs; no nonce is ever used twice."""
+
+import random
+from collections import Counter
+from contextlib import suppress
+from dataclasses import replace
+
+import pytest
+from cryptography.hazmat.primitives.ciphers.aead import AESGCM
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from sealed import INSTANCE, KEY, Sealing, receiver, sender
+from small_world import Consumer, World
+
+from recorders.errors import MessageError
+from recorders.messages.record import RecordedMessage
+from recorders.protocol import authentication
+from recorders.protocol.answers import Offered
+from recorders.protocol.authentication import Signer, Verifier, consumer_key, sender_key
+from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.packets import Ask, Packet
+from recorders.protocol.receiver import ReceiverMachine
+from recorders.protocol.sealing import ConsumerKeys, SenderSeals
+from recorders.protocol.states import ReceiverState, SenderState
+from recorders.protocol.stream import Offer, Progress, asking
+
+OFFER = Offer(run="ab" * 16, schedule={}, logs=[], sender="cd" * 16, window=8)
+SENDER = OFFER.identity[1]
+ANY_BIT = st.floats(0.0, 1.0, exclude_max=True)
+
+
+def message(index: int) -> RecordedMessage:
+    return RecordedMessage("/count", "", index.to_bytes(4, "little"), index, index)
+
+
+def flipped(packet: Packet, where: float) -> Packet:
+    """The packet with one of its bits turned over, in the payload or in what is attached."""
+    whole = bytearray(packet.payload + packet.attachment)
+    bit = int(where * len(whole) * 8)
+    whole[bit // 8] ^= 1 << bit % 8
+    return Packet(bytes(whole[: len(packet.payload)]), bytes(whole[len(packet.payload) :]))
+
+
+def receiving(sealing: Sealing) -> ReceiverMachine:
+    machine = receiver()
+    offered = sealing.hello(machine)
+    assert isinstance(offered, Offered)
+    machine.accept(offered, 0, 0.0)
+    return machine
+
+
+@given(where=ANY_BIT, kind=st.sampled_from(list(FrameType)))
+@settings(deadline=None)
+def test_a_frame_with_any_bit_turned_over_changes_nothing(where: float, kind: FrameType) -> None:
+    sealing = Sealing(OFFER)
+    machine = receiving(sealing)
+    messages = (message(0),) if kind in (FrameType.MESSAGE, FrameType.BATCH) else ()
+    topic, packet = sealing.frame(Frame(kind, *OFFER.identity, 0, messages, reason="why"))
+    with suppress(MessageError):  # or else it is of another stream by its look
+        assert machine.on_sample(topic, flipped(packet, where), 20.0) is None
+    assert machine.deadline_s == 30.0
+    assert machine.progress == Progress(OFFER.run)
+    assert machine.on_sample(topic, packet, 20.0) is not None or kind is FrameType.END
+    assert machine.deadline_s == 50.0
+
+
+@pytest.mark.parametrize(("topic", "type_name"), [("/other", ""), ("/count", "std_msgs/msg/Empty")])
+def test_topic_and_type_of_a_message_are_sealed_too(topic: str, type_name: str) -> None:
+    sealing = Sealing(OFFER)
+    machine = receiving(sealing)
+    _, packet = sealing.frame(Frame(FrameType.MESSAGE, *OFFER.identity, 0, (message(0),)))
+    with pytest.raises(MessageError, match="not sealed by its sender"):
+        machine.on_sample(topic, packet, 0.0, type_name=type_name)
+    assert machine.on_sample("/count", packet, 0.0) is not None
+
+
+@given(where=ANY_BIT, verb=st.sampled_from(["hello", "status"]))
+@settings(deadline=None)
+def test_an_offer_or_a_question_with_any_bit_turned_over_changes_nothing(where: float, verb: str) -> None:
+    refused: Counter[str] = Counter()
+    machine = ReceiverMachine(
+        "learner", key=KEY, instance=INSTANCE, silence_s=30.0, refuse=lambda what, why: refused.update([what])
+    )
+    sealing = Sealing(OFFER)
+    offered = sealing.hello(machine)
+    assert isinstance(offered, Offered)
+    if verb == "hello":
+        answer = machine.on_hello(flipped(offered.question, where))
+        assert isinstance(answer, Packet)
+        assert Progress.from_json(answer.payload).error
+        assert machine.state is ReceiverState.IDLE
+    else:
+        machine.accept(offered, 0, 0.0)
+        machine.finish({}, 0.0)
+        question = flipped(sealing.question("status", asking(OFFER, farewell=True)), where)
+        answer = machine.on_status(question)
+        machine.on_status_answered(question, answer, 1.0)
+        assert answer.attachment == b""
+        assert machine.state is ReceiverState.REPORTED
+    assert sum(refused.values()) <= 1
+
+
+@given(where=ANY_BIT, kind=st.sampled_from(["answer", "ack"]))
+@settings(deadline=None)
+def test_an_answer_or_an_acknowledgement_with_any_bit_turned_over_is_none(where: float, kind: str) -> None:
+    seals, theirs = SenderSeals(KEY, SENDER), ConsumerKeys(KEY, "learner", INSTANCE).seals(SENDER)
+    question = seals.question("learner", "status", asking(OFFER))
+    answer = theirs.answer(question, Progress(OFFER.run, 1, 2).to_json())
+    assert seals.is_answer("learner", question, answer)
+    if kind == "answer":
+        assert not seals.is_answer("learner", question, flipped(answer, where))
+    else:
+        acknowledgement = theirs.acknowledgement(answer.payload)
+        assert seals.is_acknowledgement("learner", acknowledgement)
+        assert not seals.is_acknowledgement("learner", flipped(acknowledgement, where))
+
+
+def test_an_answer_is_to_its_question_and_from_one_consumer() -> None:
+    seals, theirs = SenderSeals(KEY, SENDER), ConsumerKeys(KEY, "learner", INSTANCE).seals(SENDER)
+    first, second = (seals.question("learner", "status", asking(OFFER)) for _ in range(2))
+    answer = theirs.answer(first, b"{}")
+    assert seals.is_answer("learner", first, answer)
+    assert not seals.is_answer("learner", second, answer)
+    assert not seals.is_answer("recorder", first, answer)
+    assert not seals.is_acknowledgement("learner", answer)
+    later = ConsumerKeys(KEY, "learner", b"another instance").seals(SENDER)
+    assert not seals.is_acknowledgement("learner", later.acknowledgement(b"{}"))
+
+
+def test_keys_differ_by_stream_direction_consumer_and_instance() -> None:
+    keys = {
+        sender_key(KEY, SENDER),
+        sender_key(KEY, bytes(16)),
+        sender_key(bytes(32), SENDER),
+        *(consumer_key(KEY, SENDER, name, instance) for name in ("a", "b") for instance in (INSTANCE, bytes(16))),
+        consumer_key(KEY, bytes(16), "a", INSTANCE),
+    }
+    assert len(keys) == 8
+
+
+def test_parts_cannot_be_shifted_into_one_another() -> None:
+    key = sender_key(KEY, SENDER)
+    seal = Signer(key).seal(b"ab", b"c")
+    assert Verifier(key).number(seal, b"ab", b"c") == 0
+    for parts in ((b"a", b"bc"), (b"abc",), (b"ab", b"c", b""), (b"abc", b"")):
+        assert Verifier(key).number(seal, *parts) is None
+    assert Verifier(key).number(seal[:-1], b"ab", b"c") is None
+
+
+def test_an_earlier_stream_that_was_overheard_is_not_taken_again_by_a_consumer_that_was_started_anew() -> None:
+    sealing = Sealing(OFFER)
+    overheard = sealing.hello(receiver())
+    assert isinstance(overheard, Offered)
+    later = receiver(instance=b"another instance")
+    answer = later.on_hello(overheard.question)
+    assert isinstance(answer, Packet)
+    assert Progress.from_json(answer.payload) == Progress()
+    assert later.state is ReceiverState.IDLE
+
+
+def test_frames_and_questions_that_are_repeated_show_no_life_and_change_nothing() -> None:
+    sealing = Sealing(OFFER)
+    machine = receiving(sealing)
+    topic, packet = sealing.frame(Frame(FrameType.MESSAGE, *OFFER.identity, 0, (message(0),)))
+    new = machine.on_sample(topic, packet, 1.0)
+    assert new is not None
+    machine.arrived(new)
+    question = sealing.question("status", asking(OFFER))
+    machine.on_status_answered(question, machine.on_status(question), 2.0)
+    assert machine.deadline_s == 32.0
+    assert machine.on_sample(topic, packet, 25.0) is None
+    machine.on_status_answered(question, machine.on_status(question), 25.0)
+    assert machine.deadline_s == 32.0
+    assert machine.progress.received == 1
+
+
+def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:
+    refused: list[str] = []
+    machine = sender(OFFER, ("learner",), batched=True, wait_s=1.0, patience_s=1.0)
+    machine._opening._refuse = lambda what, why: refused.append(f"{what}: {why}")
+    other, now_s = receiver(key=bytes(32)), 0.0
+    machine.start(now_s)
+    while not machine.is_over:
+        for action in machine.take_actions():
+            assert isinstance(action, Ask)
+            answer = other.on_hello(action.packet)
+            assert isinstance(answer, Packet)
+            machine.on_answer(action, answer, now_s)
+        now_s = min(machine.deadline_s, 100.0)
+        machine.on_time(now_s)
+    assert machine.state is SenderState.FAILED
+    assert "learner: it answers, but not with the key of this replay" in str(machine.error)
+    assert "the offer is not sealed with the key of this consumer" in str(machine.error)
+    assert set(refused) == {"learner/hello: an answer that is not sealed by the consumer"}
+
+
+def test_no_nonce_is_used_twice_although_the_stream_goes_back_and_consumers_start_anew(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """Over runs in which much is lost, with several senders beside one another."""
+    used: Counter[tuple[bytes, bytes]] = Counter()
+
+    class Watched:
+        def __init__(self, key: bytes) -> None:
+            self._watched, self._key = AESGCM(key), key
+
+        def encrypt(self, nonce: bytes, data: bytes, also: bytes | None) -> bytes:
+            used[self._key, nonce] += 1
+            return self._watched.encrypt(nonce, data, also)
+
+        def decrypt(self, nonce: bytes, data: bytes, also: bytes | None) -> bytes:
+            return self._watched.decrypt(nonce, data, also)
+
+    monkeypatch.setattr(authentication, "AESGCM", Watched)
+    for seed in range(5):
+        run_with_losses(random.Random(seed), replace(OFFER, sender=f"{seed:032x}", messages=20))
+    assert len(used) > 200
+    assert set(used.values()) == {1}
+
+
+def run_with_losses(draw: random.Random, offer: Offer) -> None:
+    """Deliver a stream of which much is lost, and of which a consumer is started anew in the middle."""
+    world = World({"anna": Consumer(), "bob": Consumer()}, lose=lambda action: draw.random() < 0.3, offer=offer)
+    world.run(stop=lambda: world.sender.sent >= 15)
+    world.consumers["bob"] = again = Consumer(2)
+    again.machine = receiver("bob", instance=draw.randbytes(16))
+    world.run()
