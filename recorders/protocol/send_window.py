@@ -93,7 +93,7 @@ class SendWindow:
         return consumed
 
     def note(self, name: str, progress: Progress) -> bool:
-        """Take over a consumer's progress, and forget what nobody needs any more; False if it is of another run, or no more than what is known."""
+        """Take over a consumer's progress; False if it is of another run, or no more than what is known."""
         known = self.progress.get(name)
         news = known is not None and progress.run == self._run and progress.next >= known.next and not known.is_final
         if news:

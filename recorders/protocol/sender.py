@@ -218,8 +218,7 @@ class SenderMachine:
 
     def _send_missing(self, name: str, answer: Progress | None, now_s: float) -> None:
         """Send again what a consumer has lacked twice in a row; go back for what is not here any longer."""
-        lacking = answer is None or self._window.lacks(answer)
-        received = None if answer is None else answer.received
+        lacking, received = (True, None) if answer is None else (self._window.lacks(answer), answer.received)
         try:
             if self._patience.lacks(name, received, now_s, lacking=lacking) and answer is not None:
                 for frame in self._window.missing(name, answer):
