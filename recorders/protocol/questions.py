@@ -57,7 +57,7 @@ class Questions:
 
     def greet_later(self, now_s: float, *, at_once: bool = False) -> bool:
         """Greet the same again, as nobody has taken the offer; False if that has taken too long."""
-        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # an answer, or that nobody is there, comes sooner
+        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # that nobody is there is known at once
         self._hello_at_s = now_s if at_once else now_s + _RETRY_S
         return now_s <= self._hello_until_s + (max(0.0, _ANSWER_S - self._wait_s) if is_lost else 0.0)
 

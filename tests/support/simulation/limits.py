@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from recorders.protocol import past_streams, receiver, send_window
+from recorders.protocol import incoming, known_streams, send_window
 
 PAST_STREAMS = 2
 
-_LOWERED = (send_window, "WINDOW_BYTES"), (receiver, "WINDOW_BYTES"), (past_streams, "_MAX_STREAMS")
+_LOWERED = (send_window, "WINDOW_BYTES"), (incoming, "WINDOW_BYTES"), (known_streams, "_MAX_PAST")
 
 
 @contextmanager

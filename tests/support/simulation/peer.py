@@ -5,7 +5,8 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.frames import Frame, FrameType, batch_topic, pack
+from recorders.protocol.authentication import INSTANCE_BYTES
+from recorders.protocol.frames import SEAL_BYTES, Frame, FrameType, batch_topic, pack
 from recorders.protocol.packets import Packet
 from recorders.protocol.stream import Offer, Progress, asking
 from simulation.network import Network, Overheard
@@ -56,6 +57,9 @@ class Peer:
             self._receivers[consumer].published(sent.topic, sent.packet)
         elif channel == "acknowledgement":
             self._sender.acknowledged(consumer, sent.packet)
+        elif channel == "answer":
+            for question in self._sender.questions(consumer)[:1]:
+                self._sender.hand(self._sender.answered, question, sent.packet)
         else:
             self._receivers[consumer].asked(sent.topic, lambda packet: None, sent.packet)
 
@@ -102,5 +106,8 @@ class Peer:
         return replace(self._sender.offer, sender=draw.choice((self._sender.offer.sender, draw.randbytes(16).hex())))
 
     def _signed(self, packet: Packet, draw: random.Random) -> Packet:
-        """Return a packet as well signed as who lacks the key can."""
-        return packet
+        """Return a packet as well signed as whoever lacks the key can: not at all, at random, or with a copied seal."""
+        overheard = [sent.packet.attachment for packets in self._network.overheard.values() for sent in packets[-3:]]
+        size = draw.choice((0, SEAL_BYTES, INSTANCE_BYTES + SEAL_BYTES))
+        seals = [draw.randbytes(size), *(attachment[-size:] for attachment in overheard if size)]
+        return packet._replace(attachment=packet.attachment + draw.choice(seals))

@@ -61,7 +61,7 @@ class Promises:
         machine, consumer = receiver.machine, receiver.consumer
         if machine.offer is not None and machine.progress.next > consumer.next:
             _break("acknowledged means consumed", f"{receiver.name} has {consumer.next}, states {machine.progress}")
-        past = len(machine._past._ended)
+        past = len(machine._streams._ended)
         if past > PAST_STREAMS:
             _break("memory is bounded", f"{past} streams are remembered at {receiver.name}, {PAST_STREAMS} may be")
         waiting, limit = receiver.waiting_bytes, consumer.plan.waiting_bytes

@@ -3,17 +3,20 @@
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable
+from functools import partial
 
 from recorders.errors import MessageError, ReenactError
+from recorders.protocol.answers import Offered
+from recorders.protocol.authentication import INSTANCE_BYTES
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Packet
-from recorders.protocol.receiver import FAREWELL_WAIT_S, Offered, ReceiverMachine
+from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
 from recorders.wire.bounded_queue import BoundedQueue
 from simulation.consumers import SimulatedConsumer, Source
-from simulation.network import Deliver, Network
+from simulation.network import Network
 from simulation.node import Node
-from simulation.scenario import ConsumerPlan, Fault
-from simulation.world import SECOND, World
+from simulation.scenario import KEY, ConsumerPlan, Fault
+from simulation.world import SECOND, World, draws
 
 SILENCE_S = 30.0
 
@@ -39,6 +42,7 @@ class ReceiverNode(Node):
         plan: ConsumerPlan,
         source: Source,
         *,
+        seed: int,
         network: Network,
         faults: Iterable[Fault],
         occurred: Counter[str],
@@ -47,12 +51,14 @@ class ReceiverNode(Node):
         self._network = network
         self.consumer = SimulatedConsumer(plan, source, self.wall_ns)
         self.machine: ReceiverMachine
+        self._draw = draws(seed, plan.name)
         self.errors: list[str] = []
-        self.acknowledging: Callable[[ReceiverNode], Deliver]
+        self.acknowledged: Callable[[str, Packet], None]
 
     def on_begin(self) -> None:
         """Wait for a stream."""
-        self.machine = ReceiverMachine(self.name, silence_s=SILENCE_S)
+        instance = self._draw.randbytes(INSTANCE_BYTES)
+        self.machine = ReceiverMachine(self.name, key=KEY, instance=instance, silence_s=SILENCE_S)
         self._queue: BoundedQueue[Frame | tuple[Offered, Reply]] = BoundedQueue(limit=self.consumer.plan.waiting_bytes)
         self._busy = self._leaving = False
 
@@ -120,7 +126,7 @@ class ReceiverNode(Node):
                 if self.consumer.plan.kind == "learner":
                     self._leave()
             elif item.kind is FrameType.ABORT:
-                self._lose(str(self.machine.gave_up(item)))
+                self._lose(item.reason)
             else:
                 self._take_messages(item)
         except ReenactError as error:
@@ -141,9 +147,7 @@ class ReceiverNode(Node):
 
     def _consumed(self, frame: Frame) -> None:
         self._busy = False
-        packet = self.machine.consume(frame)
-        if packet is not None:
-            self._acknowledge(packet)
+        self._acknowledge(self.machine.consume(frame))
 
     def _lose(self, reason: str) -> None:
         """Leave a stream whose sender is gone: a learner ends with an error, a recorder awaits the next stream."""
@@ -166,6 +170,8 @@ class ReceiverNode(Node):
         self._leaving = True
         self.later(int(FAREWELL_WAIT_S * 1e9), self.machine.abandon)
 
-    def _acknowledge(self, packet: Packet) -> None:
+    def _acknowledge(self, packet: Packet | None) -> None:
         self.step()
-        self._network.carry("acknowledgement", self.name, "ack", packet, self.acknowledging(self))
+        if packet is None:
+            return
+        self._network.carry("acknowledgement", self.name, "ack", packet, partial(self.acknowledged, self.name))

@@ -79,14 +79,17 @@ class Simulation:
         network = Network(self.world, latency_ns=scenario.latency_ns, faults=faults, occurred=self.occurred)
         parts: dict[str, Any] = {"network": network, "faults": faults, "occurred": self.occurred}
         self._network = network
-        self._receivers = {plan.name: ReceiverNode(self.world, plan, source, **parts) for plan in scenario.consumers}
+        self._receivers = {
+            plan.name: ReceiverNode(self.world, plan, source, seed=scenario.seed, **parts)
+            for plan in scenario.consumers
+        }
         receivers = tuple(self._receivers.values())
         self._sender = SenderNode(self.world, scenario, source, receivers=receivers, **parts)
         self._promises = Promises(scenario, source, sender=self._sender, receivers=receivers)
         self._peer = Peer(network=network, sender=self._sender, receivers=receivers)
         self._sender.check = self._promises.check_sender
         for receiver in receivers:
-            receiver.acknowledging = self._sender.acknowledging
+            receiver.acknowledged = self._sender.acknowledged
             receiver.check = partial(self._promises.check_receiver, receiver)
         self._nodes: dict[str, Node] = {SENDER: self._sender, **self._receivers}
         for fault in timed:

@@ -8,8 +8,10 @@ from typing import NamedTuple
 from simulation.world import MS, SECOND, draws
 
 SENDER = "replay"
+KEY = b"known to both ends, nobody else."
+"""The shared key, 32 bytes."""
 CHANNELS = ("data", "question", "answer", "acknowledgement")
-PACKET_FAULTS = ("lost", "repeated", "late")
+PACKET_FAULTS = ("lost", "repeated", "late", "altered")
 OUTAGES = ("cut", "stall", "disk full", "clock jump")
 NODE_FAULTS = (
     *OUTAGES,
@@ -18,8 +20,20 @@ NODE_FAULTS = (
     "sender killed",
     "consumer killed",
 )
-FORGERIES: tuple[str, ...] = ()
-COPIES = ("data", "question")  # what a peer sends once more, as it overheard it
+FORGERIES = (
+    "message",
+    "batch",
+    "end",
+    "abort",
+    "acknowledgement",
+    "result",
+    "failure",
+    "offer",
+    "question",
+    "farewell",
+    "answer",
+)
+COPIES = ("data", "question", "answer", "acknowledgement")  # what a peer sends once more, as it overheard it
 
 KINDS = (
     *(f"{channel} {kind}" for channel in CHANNELS for kind in PACKET_FAULTS),
@@ -171,7 +185,7 @@ def _forgeries(draw: random.Random, scenario: Scenario) -> Iterator[Fault]:
     """What a hostile peer sends to a consumer, or to the sender in the consumer's name, and when."""
     for _ in range(draw.choice((0, 5, 20))):
         where = draw.choice(scenario.consumers).name
-        if draw.random() < 0.3 or not FORGERIES:
+        if draw.random() < 0.3:
             yield Fault(f"{draw.choice(COPIES)} copied", where, _moment(draw), draw.randrange(1 << 16))
         else:
             yield Fault(f"{draw.choice(FORGERIES)} forged", where, _moment(draw), draw.randrange(1 << 16))

@@ -10,10 +10,10 @@ from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
 from recorders.protocol.stream import Offer
 from simulation.consumers import Source
-from simulation.network import Deliver, Network
+from simulation.network import Network
 from simulation.node import Node
 from simulation.receiver_node import ReceiverNode
-from simulation.scenario import SENDER, Fault, Scenario
+from simulation.scenario import KEY, SENDER, Fault, Scenario
 from simulation.world import SECOND, World, draws
 
 WAIT_S = 10.0
@@ -84,7 +84,12 @@ class SenderNode(Node):
         self.questions_asked.clear()
         self.acknowledgements.clear()
         self.machine = SenderMachine(
-            self.offer, tuple(self._receivers), batched=plan.batch_size > 1, wait_s=WAIT_S, patience_s=PATIENCE_S
+            self.offer,
+            tuple(self._receivers),
+            key=KEY,
+            batched=plan.batch_size > 1,
+            wait_s=WAIT_S,
+            patience_s=PATIENCE_S,
         )
         self.machine.start(self.now_s)
 
@@ -109,16 +114,6 @@ class SenderNode(Node):
     def on_time(self) -> None:
         """Wake the machine."""
         self.machine.on_time(self.now_s)
-
-    def acknowledging(self, receiver: ReceiverNode) -> Deliver:
-        """Return what takes the acknowledgements of a consumer: both processes must live on."""
-        lives = self._life, receiver._life
-
-        def deliver(packet: Packet) -> None:
-            if lives == (self._life, receiver._life):
-                self.acknowledged(receiver.name, packet)
-
-        return deliver
 
     def acknowledged(self, consumer: str, packet: Packet) -> None:
         """Take what came on the acknowledgement key of a consumer."""
