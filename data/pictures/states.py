@@ -9,6 +9,7 @@ import sys
 from collections.abc import Mapping
 from enum import Enum
 from pathlib import Path
+from typing import Any
 
 ROOT = Path(__file__).parents[2]
 GUIDE = ROOT / "data" / "guides" / "protocol.md"
@@ -19,7 +20,7 @@ from recorders.protocol.states import RECEIVER_TRANSITIONS, SENDER_TRANSITIONS, 
 _ENDS = (SenderState.DONE, SenderState.FAILED)
 
 
-def diagram(first: Enum, transitions: Mapping[tuple[Enum, str], Enum]) -> str:
+def diagram(first: Enum, transitions: Mapping[Any, Enum]) -> str:
     """Return the diagram of a machine: its events on the arrows, those between the same states on one."""
     arrows: dict[tuple[Enum, Enum], list[str]] = {}
     for (state, event), after in transitions.items():

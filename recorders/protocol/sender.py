@@ -177,7 +177,6 @@ class SenderMachine:
         if not self._questions.greet_next(now_s):
             self._window.begin(self._window.start())
             self._move("greeted")
-            self._patience.end()
         self.on_time(now_s)
 
     def _take_hello(self, name: str, answer: Progress | None, now_s: float) -> None:

@@ -93,7 +93,7 @@ def altered(packet: Packet, where: int) -> Packet:
 def _shown(packet: Packet) -> str:
     """Return what a packet holds, as far as it can be read."""
     try:
-        kind, _, _, first, messages, reason = unpack("/", *packet)
-        return f"{kind.name} {first}, {len(messages)} messages {reason}"
+        frame = unpack("/", *packet)
+        return f"{frame.kind.name} {frame.first}, {len(frame.messages)} messages {frame.reason}"
     except MessageError:
         return packet.payload[-120:].decode(errors="replace")
