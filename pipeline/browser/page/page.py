@@ -12,6 +12,7 @@ from pipeline.arrays import Floats
 from pipeline.browser.page.drawing import Sheet, drawn_motion
 from pipeline.browser.page.gate import Gate
 from pipeline.browser.page.panel import ControllerPart, MotionPart, StatePart
+from pipeline.browser.page.record_part import RecordPart
 from pipeline.browser.page.scene import Scene
 from pipeline.browser.page.server import page_server
 from pipeline.browser.page.visitor_bar import VisitorBar, set_theme
@@ -53,6 +54,7 @@ class Page:
         self._state = StatePart(server, play)
         self._motion = MotionPart(server, play, allowed=self.allowed, on_sheet=self._show_sheet)
         self._choice = ControllerPart(server, play, allowed=self.allowed)
+        self._record = RecordPart(server, play, allowed=self.allowed)
         server.on_client_connect(self._come)
         server.on_client_disconnect(self._go)
 
@@ -79,6 +81,7 @@ class Page:
             self._state.show(snapshot, self._controller)
             self._motion.show(snapshot)
             self._choice.show()
+            self._record.show()
             for bar in list(self._bars.values()):
                 bar.show()
 

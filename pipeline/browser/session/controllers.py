@@ -27,8 +27,10 @@ class Place:
     ----------
     session : Session
         An open session.
-    endpoint, namespace : str
-        Where the nodes connect, and the first part of their keys.
+    endpoints : tuple of str
+        Where the nodes connect.
+    namespace : str
+        First part of their keys.
     folder : Path
         For their files.
     hands : tuple of str
@@ -36,10 +38,16 @@ class Place:
     """
 
     session: Session
-    endpoint: str
+    endpoints: tuple[str, ...]
     namespace: str
     folder: Path
     hands: tuple[str, ...]
+
+    @property
+    def arguments(self) -> list[str]:
+        """Arguments by which a verb comes there."""
+        connect = [part for endpoint in self.endpoints for part in ("--connect", endpoint)]
+        return [*connect, "--namespace", self.namespace]
 
     def await_token(self, key: str, process: VerbProcess) -> None:
         """Wait until somebody is there that has a liveliness token; raises WireError, with the reason of a process."""
@@ -140,9 +148,9 @@ class Controllers:
         unique = f"{name}_{self._starts}"
         if name == TEACHER:
             return VerbProcess(
-                place.folder, "", place.endpoint, place.namespace, name=unique, module=teacher_node.__name__
+                place.folder, "", place.endpoints[0], place.namespace, name=unique, module=teacher_node.__name__
             )
-        where = ("--connect", place.endpoint, "--namespace", place.namespace, "--name", name, "--allow-multiple")
+        where = (*place.arguments, "--name", name, "--allow-multiple")
         return VerbProcess(
             place.folder, "serve", self._files[name], *where, *renamed_targets(name, place.hands), name=unique
         )

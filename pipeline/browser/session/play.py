@@ -11,6 +11,8 @@ from pipeline.browser.session.activity import Activity
 from pipeline.browser.session.controllers import TEACHER, Controllers, Place
 from pipeline.browser.session.drive import Drive
 from pipeline.browser.session.own_robot import OwnRobot
+from pipeline.browser.session.recorded_motion import motion_of_log, recorded_errors
+from pipeline.browser.session.recordings import Recordings, evaluated
 from pipeline.browser.session.robot_link import RobotLink
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import motion_names
@@ -47,6 +49,8 @@ class PlayConfig:
         First part of every key.
     wait_s : float
         How long a robot that runs already may take to answer [s].
+    folder : Path
+        For the recordings that are made on the page.
     """
 
     robot: str | Path | None = None
@@ -55,6 +59,7 @@ class PlayConfig:
     session: SessionConfig | None = None
     namespace: str = DEFAULT_NAMESPACE
     wait_s: float = 10.0
+    folder: Path = Path("play")
 
 
 @dataclass(frozen=True, eq=False)
@@ -71,6 +76,8 @@ class Play:
         Work under way.
     controllers : Controllers or None
         Controllers of our own; None where others run already.
+    recordings : Recordings
+        Recordings, and the logs of their folder.
     own_robot : OwnRobot or None
         Simulated robot of our own.
     motions : tuple of str
@@ -81,6 +88,7 @@ class Play:
     link: RobotLink
     activity: Activity
     controllers: Controllers | None
+    recordings: Recordings
     own_robot: OwnRobot | None
     motions: tuple[str, ...]
 
@@ -92,6 +100,22 @@ class Play:
     def go_through(self, name: str) -> None:
         """Go through a motion known by name; raises MotionError."""
         self.drive.go_through(load_motion(name, self.robot))
+
+    def go_through_log(self, name: str) -> None:
+        """Go through a log of the folder; raises LogError, MessageError or MotionError."""
+        self.drive.go_through(motion_of_log(self.recordings.path(name), self.robot))
+
+    def end_recording(self) -> str:
+        """End the recording under way, and return a line on what it is and how far off the hands were in it."""
+        log = self.recordings.end()
+        leading = None if self.controllers is None else self.controllers.file(self.link.controller)
+        found = recorded_errors(log, self.robot)
+        hands = ", ".join(f"{hand} {error_cm:.2f}" for hand, error_cm in found.hands_cm.items())
+        line = f"{log}: {found.samples} targets, hands off by {found.mean_cm:.2f} cm on average ({hands})"
+        if leading is None:
+            return line
+        answers = evaluated(leading, log)
+        return f"{line}; {self.link.controller} evaluated on it {answers['mean_cm']:.2f} cm"
 
     def choose(self, name: str) -> None:
         """Have a controller of our own lead, once it stands ready."""
@@ -135,7 +159,10 @@ def playing(config: PlayConfig) -> Iterator[Play]:
             session = stack.enter_context(open_session(config.session))
             drive = Drive(_robot_there(session, config))
             link = stack.enter_context(RobotLink(session, drive, namespace=config.namespace))
-            yield Play(drive, link, _activity(stack), None, None, _reachable(drive.robot))
+            where = Place(session, config.session.connect[:1], config.namespace, Path(name), drive.robot.hand_names)
+            activity = _activity(stack)
+            recordings = _recordings(stack, where, drive, config)
+            yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
 
 
 def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
@@ -149,16 +176,25 @@ def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
         link = stack.enter_context(RobotLink(session, drive, namespace=namespace))
     except WireError as error:
         raise WireError(own.report or str(error)) from error
-    controllers = Controllers(Place(session, endpoint, namespace, folder, robot.hand_names))
+    where = Place(session, (endpoint,), namespace, folder, robot.hand_names)
+    controllers = Controllers(where)
     activity = _activity(stack)
     stack.callback(controllers.close)  # which ends what the activity may be waiting for
     stack.callback(activity.cancel)
-    play = Play(drive, link, activity, controllers, own, _reachable(robot))
+    recordings = _recordings(stack, where, drive, config)
+    play = Play(drive, link, activity, controllers, recordings, own, _reachable(robot))
     added = [controllers.add(path) for path in config.controllers]
     play.choose(added[0] if added else TEACHER)
     if FIRST_MOTION in play.motions:
         play.go_through(FIRST_MOTION)
     return play
+
+
+def _recordings(stack: ExitStack, place: Place, drive: Drive, config: PlayConfig) -> Recordings:
+    """Return the recordings; one that is under way at the end is kept."""
+    recordings = Recordings(place, drive, config.folder)
+    stack.callback(recordings.close)
+    return recordings
 
 
 def _activity(stack: ExitStack) -> Activity:

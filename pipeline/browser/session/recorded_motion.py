@@ -7,11 +7,14 @@ from typing import Any
 
 import numpy as np
 
+from pipeline.evaluation.errors import HandErrors, posture_errors
 from pipeline.evaluation.trials import trial_pairing
 from pipeline.motions.motion import Motion
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.robot.coordinates import to_rows
+from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
+from pipeline.samples.pairs import read_samples
 from recorders.cdr.codec import stamp_ns
 from recorders.containers.opening import open_log
 from recorders.errors import LogError, MotionError
@@ -56,6 +59,12 @@ def motion_of_log(path: Path, robot: RobotConfig) -> Motion:
     times_s = np.array([tick.stamp_ns - ticks[0].stamp_ns for tick in ticks]) * 1e-9
     inputs = np.array([np.concatenate(tick.hands) for tick in ticks])
     return Motion(path.stem, times_s, to_rows(robot, inputs), closed=False)
+
+
+def recorded_errors(path: Path, robot: RobotConfig) -> HandErrors:
+    """Return how far the hands were off the targets of an episode, as `evaluate` has it of who led; raises LogError."""
+    samples = read_samples(path, robot=robot)
+    return posture_errors(Kinematics(robot), samples.joints, samples.targets)
 
 
 def write_episode(

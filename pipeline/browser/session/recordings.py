@@ -92,7 +92,7 @@ class Recordings:
             raise LogError("expected a robot that is led, found nothing asked of it: drag a handle or choose a motion")
         self._begun += 1
         log = self._place.folder / f"recorded_{self._begun}.mcap"
-        where = ("--connect", self._place.endpoint, "--namespace", self._place.namespace, "--name", _RECORDER)
+        where = (*self._place.arguments, "--name", _RECORDER)
         leave_out = ("--exclude", f"{LED}/*", "--exclude", SESSION_PHASE)
         process = VerbProcess(
             self._place.folder, "record", "--out", log, *where, *leave_out, name=f"record_{self._begun}"

@@ -62,6 +62,9 @@ def play(
             autocompletion=complete_robot,
         ),
     ] = None,
+    out: Annotated[
+        Path, typer.Option(help="Folder for the recordings that are made on the page.", metavar="DIR")
+    ] = Path("play"),
     page: PageOptions,
     session: LookingSession,
 ) -> None:
@@ -74,7 +77,7 @@ def play(
     from pipeline.browser.session.play import playing
     from pipeline.terminal.signals import until_stopped
 
-    gate, config = page.gate(), _config(controllers or [], robot, session)
+    gate, config = page.gate(), _config(controllers or [], robot, session, out)
     with (
         playing(config) as running,
         served_page(running, gate, port=page.port) as shown,
@@ -88,7 +91,7 @@ def play(
         shown.run(stopped)
 
 
-def _config(controllers: list[Path], robot: str | None, session: LookingSession) -> "PlayConfig":
+def _config(controllers: list[Path], robot: str | None, session: LookingSession, out: Path) -> "PlayConfig":
     """Return what is played with."""
     from pipeline.browser.session.play import PlayConfig
     from pipeline.learner.controller import Controller
@@ -99,12 +102,13 @@ def _config(controllers: list[Path], robot: str | None, session: LookingSession)
                 "CONTROLLER.npz: expected none with --connect, where a controller serves already, found "
                 f"{controllers[0]}; serve it with `reenact serve {controllers[0]} --connect ENDPOINT`"
             )
-        return PlayConfig(robot, session=session.config(), namespace=session.namespace)
+        return PlayConfig(robot, session=session.config(), namespace=session.namespace, folder=out)
     loaded = [Controller.load(path) for path in controllers]
     if robot is None and loaded:
         return PlayConfig(
             texts=(loaded[0].robot_toml, loaded[0].robot_urdf),
             controllers=tuple(controllers),
             namespace=session.namespace,
+            folder=out,
         )
-    return PlayConfig(robot, controllers=tuple(controllers), namespace=session.namespace)
+    return PlayConfig(robot, controllers=tuple(controllers), namespace=session.namespace, folder=out)

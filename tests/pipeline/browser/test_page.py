@@ -84,11 +84,11 @@ def shown_page(config):
 
 
 @pytest.fixture(scope="module")
-def page():
+def page(tmp_path_factory):
     from pipeline.browser.session.play import PlayConfig
 
     executable()
-    with shown_page(PlayConfig()) as page:
+    with shown_page(PlayConfig(folder=tmp_path_factory.mktemp("play"))) as page:
         wait_until(lambda: page.play.link.controller == "teacher")
         yield page
 
@@ -195,3 +195,31 @@ def test_a_controller_that_is_killed_is_started_again(page, visit):
     wait_until(lambda: page.play.controllers.complaint("teacher") == "")
     visit.drag_handle(1, 0.05)
     await_arrival(page)
+
+
+def test_what_is_recorded_is_an_episode_with_the_figures_of_the_page(page, visit):
+    from pipeline.evaluation.trials import evaluate_motion
+    from pipeline.learner.registry import default_config
+    from pipeline.robot.config import parse_robot
+    from pipeline.training.trainer import train
+    from replay.sources.schedule import Schedule
+
+    visit.drag_handle(1, 0.05)
+    visit.tab.get_by_role("button", name="Record").click()
+    visit.await_shown("recording", "recording demonstration")
+    begun = page.play.drive.snapshot().mean.ticks
+    wait_until(lambda: page.play.drive.snapshot().mean.ticks > begun + 100)
+    visit.tab.get_by_role("button", name="End the recording").click()
+    visit.await_shown("recording", "cm on average")
+    log = page.play.recordings.path("demonstration")
+    shown = visit.shown("recording")
+    robot = page.play.robot
+    trainer = train([log], schedule=Schedule(epochs=1), config=default_config("forward-inverse"))
+    assert parse_robot(trainer.controller().robot_toml, trainer.controller().robot_urdf).joints == robot.joints
+    found = evaluate_motion(trainer.controller(), log)
+    assert f"{found.errors.samples} targets, hands off by {found.teacher.mean_cm:.2f} cm" in shown
+    for hand, error_cm in found.teacher.hands_cm.items():
+        assert f"{hand} {error_cm:.2f}" in shown
+    page.play.go_through_log("demonstration")
+    assert page.play.drive.snapshot().loop.duration_s >= 2.0
+    wait_until(lambda: page.play.drive.snapshot().loop.at_s > 0.5)

@@ -1,0 +1,73 @@
+"""Part of the panel that records, and goes through what was recorded."""
+
+from typing import Any
+
+from viser import GuiEvent, ViserServer
+
+from pipeline.browser.page.panel import Allowed
+from pipeline.browser.page.texts import paragraph
+from pipeline.browser.session.play import Play
+
+_BEGIN, _END, _NONE = "Record", "End the recording", "(choose a log)"
+
+
+class RecordPart:
+    """Button that begins and ends a recording, its figures, and the logs to go through.
+
+    Parameters
+    ----------
+    server : ViserServer
+        The page.
+    play : Play
+        What runs.
+    allowed : callable
+        Whether a visitor may.
+    """
+
+    def __init__(self, server: ViserServer, play: Play, *, allowed: Allowed) -> None:
+        self._play, self._allowed = play, allowed
+        self._line = ""
+        gui = server.gui
+        with gui.add_folder("Record", order=40):
+            self._name: Any = gui.add_text("Name", initial_value="demonstration")
+            self._button: Any = gui.add_button(_BEGIN)
+            self._figures: Any = gui.add_html("")
+            self._logs: Any = gui.add_dropdown("Play", (_NONE,))
+        self._button.on_click(self._press)
+        self._logs.on_update(self._choose)
+
+    def show(self) -> None:
+        """Show what is recorded, and which logs there are."""
+        recording, activity = self._play.recordings.under_way, self._play.activity
+        label = _BEGIN if recording is None else _END
+        if self._button.label != label:
+            self._button.label = label
+        if recording is not None and not activity.doing:
+            ticks = self._play.drive.snapshot().mean.ticks
+            self._line = f"recording {recording.name}: {ticks} targets so far"
+        content = paragraph(self._line, name="recording") if self._line else ""
+        if self._figures.content != content:
+            self._figures.content = content
+        logs = (_NONE, *self._play.recordings.logs())
+        if tuple(self._logs.options) != logs:
+            self._logs.options = logs
+
+    def _press(self, event: GuiEvent[Any]) -> None:
+        if not self._allowed(event.client_id) or self._play.activity.doing:
+            return
+        recordings, name = self._play.recordings, str(self._name.value)
+        if recordings.under_way is None:
+            self._play.activity.do("beginning to record", lambda: recordings.begin(name))
+        else:
+            self._play.activity.do("ending the recording", self._end)
+
+    def _end(self) -> None:
+        self._line = ""
+        self._line = self._play.end_recording()
+
+    def _choose(self, event: GuiEvent[Any]) -> None:
+        name = str(event.target.value)
+        if event.client_id is None or name == _NONE or not self._allowed(event.client_id):
+            return
+        self._play.activity.do(f"log {name}", lambda: self._play.go_through_log(name))
+        self._logs.value = _NONE
