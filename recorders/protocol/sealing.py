@@ -4,6 +4,8 @@ Offers name the consumer's instance that they are for, and answers the seal of t
 earlier stream, of a consumer that was started anew since, or of another question, is no longer taken.
 """
 
+from itertools import count
+
 from recorders.messages.topics import type_of
 from recorders.protocol.authentication import (
     INSTANCE_BYTES,
@@ -125,17 +127,13 @@ class ConsumerKeys:
         if len(instance) != INSTANCE_BYTES:
             raise ValueError(f"expected an instance of {INSTANCE_BYTES} bytes, found {len(instance)}")
         self._shared, self._consumer, self._instance = shared, consumer, instance
-        self._number = 0
+        self._next_number = count().__next__
 
     def seals(self, sender: bytes) -> ReceiverSeals:
         """Return the seals for a sender; one count goes through all of them, so that no number comes twice."""
         key = consumer_key(self._shared, sender, self._consumer, self._instance)
         signer = Signer(key, self._next_number)
         return ReceiverSeals(self._shared, sender, self._consumer, self._instance, signer)
-
-    def _next_number(self) -> int:
-        self._number += 1
-        return self._number
 
 
 def question_number(question: Packet) -> int:

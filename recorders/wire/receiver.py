@@ -213,7 +213,9 @@ class Receiver:
     def refuse(self, event: ReceivedOffer, reason: str) -> None:
         """Turn an offer down; another may follow."""
         self._refusals.report(f"refused an offer: {reason}")
-        event.answer(self._machine.refuse(event.offered, reason))
+        with self._lock:
+            answer = self._machine.refuse(event.offered, reason)
+        event.answer(answer)
 
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""
@@ -342,10 +344,11 @@ class Receiver:
     def _on_hello(self, packet: Packet, answer: Answer) -> None:
         with self._lock:
             offered = self._machine.on_hello(packet)
-        if isinstance(offered, Packet):
-            answer(offered)
-        elif not self._events.put(ReceivedOffer(offered, answer), offered.size):
-            answer(self._machine.refuse(offered, self._machine.taken))
+            if not isinstance(offered, Packet):
+                if self._events.put(ReceivedOffer(offered, answer), offered.size):
+                    return
+                offered = self._machine.refuse(offered, self._machine.taken)
+        answer(offered)
 
     def _on_status(self, packet: Packet, answer: Answer) -> None:
         with self._lock:

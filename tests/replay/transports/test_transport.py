@@ -9,6 +9,7 @@ from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import collector
@@ -22,7 +23,7 @@ from recorders.protocol.frames import MAX_PAYLOAD, Frame, FrameType
 from recorders.protocol.packets import Publish
 from recorders.protocol.stream import WINDOW_BYTES, Offer
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.receiver import Receiver
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.sender import StreamSender
 from recorders.wire.session import SessionConfig, open_session
 from replay.transports.sender_config import SenderConfig
@@ -213,6 +214,27 @@ def test_two_consumers_both_get_everything_at_the_pace_of_the_slower() -> None:
             config = SenderConfig(consumers=("anna", "bob"), wait_s=PATIENCE_S)
             results = ZenohTransport(session, config=config).deliver(OFFER, stream_from)
     assert results == {"anna": expected(), "bob": expected(1_000)} == said
+
+
+def test_ends_that_share_no_key_refuse_each_other_and_say_so(tmp_path: Path) -> None:
+    endpoint, path = free_endpoint(), tmp_path / "stream.key"
+    path.write_text("ab" * 32)
+    path.chmod(0o600)
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as hearing,
+        open_session(SessionConfig(connect=(endpoint,))) as session,
+        Receiver(hearing, config=ReceiverConfig(key_file=path)) as receiver,
+        ThreadPoolExecutor() as threads,
+    ):
+        served = threads.submit(receiver.serve, Collector(), wait_s=PATIENCE_S)
+        other = ZenohTransport(session, config=SenderConfig(wait_s=0.2))
+        with pytest.raises(WireError, match=r"not with the key of this replay.*the offer is not sealed with the key"):
+            other.deliver(OFFER, stream_from)
+        assert sum(other.refused.values()) > 0
+        assert sum(receiver.refused.values()) > 0
+        same = ZenohTransport(session, config=SenderConfig(wait_s=PATIENCE_S, key_file=path))
+        assert same.deliver(OFFER, stream_from) == {"learner": expected()}
+        assert served.result(timeout=120) == expected()
 
 
 def test_who_accepted_is_told_when_another_refuses() -> None:
