@@ -64,9 +64,14 @@ def in_every_way(some: int) -> pytest.MarkDecorator:
     return pytest.mark.parametrize("step", [pytest.param(some, id="some"), every])
 
 
+def fail_once(task: DiskTask, folder: Path, fault: Fault) -> None:
+    """Have one operation of a task fail, and look at all that may be left."""
+    Sweep(task, folder, draws=12).fail(fault)
+
+
 def sweep(task: DiskTask, folder: Path, step: int) -> None:
     """Fail every `step`-th operation of a task in every way, and print how many failed."""
-    swept = _Sweep(task, folder, draws=1 if step > 1 else 12)
+    swept = Sweep(task, folder, draws=1 if step > 1 else 12)
     logging.disable()  # what is set aside is reported, again and again
     try:
         swept.run(step)
@@ -77,7 +82,7 @@ def sweep(task: DiskTask, folder: Path, step: int) -> None:
     )
 
 
-class _Sweep:
+class Sweep:
     """Has the operations of a task fail.
 
     Parameters
@@ -108,13 +113,13 @@ class _Sweep:
 
     def run(self, step: int) -> None:
         """Fail every `step`-th operation, each kind of fault beginning with another, in every way."""
-        operations = self._failed(Fault())
+        operations = self.fail(Fault())
         for kind in KINDS:
             for at in range(zlib.crc32(kind.encode()) % step, len(operations), step):
                 if _applies(kind, operations[at]):  # up to the first that fails they are the same
-                    self._failed(Fault(at, kind))
+                    self.fail(Fault(at, kind))
 
-    def _failed(self, fault: Fault) -> list[str]:
+    def fail(self, fault: Fault) -> list[str]:
         """Do the task with one fault and look at all that may be left; returns the operations."""
         root = shutil.copytree(self._begin, self._folder / "disk")
         promised, open_before = Promised(), _descriptors()

@@ -3,12 +3,15 @@
 from pathlib import Path
 
 import pytest
-from disk_faults import DiskTask, Promised, in_every_way, sweep
+from disk_faults import DiskTask, Promised, fail_once, in_every_way, sweep
 from log_content import TOPIC, TYPE, data_of, is_whole, payload
+from simulated_disk import Fault, SimulatedDisk
 from stepped_threads import stepped_threads
 
 from recorders.conversion.config import ConvertConfig
 from recorders.conversion.convert import convert
+from recorders.errors import LogError
+from recorders.files import disk
 from recorders.writing.writer import LogWriter
 
 MESSAGES = 70
@@ -93,3 +96,39 @@ def test_a_conversion_is_there_whole_or_not_at_all(tmp_path: Path, step: int, ov
 @in_every_way(11)
 def test_each_part_of_a_conversion_is_whole(tmp_path: Path, step: int) -> None:
     sweep(Splitting(), tmp_path, step)
+
+
+def remove_unsynced(self: object, stale: list[Path]) -> None:
+    for path in stale:
+        disk.unlink(path)
+
+
+@pytest.mark.parametrize("fault", [Fault(), Fault(6, "crash before")], ids=["came back", "gone already"])
+def test_parts_that_are_replaced_come_back_no_more(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, fault: Fault
+) -> None:
+    """After a power failure they were there again; and one that was set aside could not be removed."""
+    (tmp_path / "now").mkdir()
+    fail_once(Splitting(), tmp_path / "now", fault)
+    monkeypatch.setattr("recorders.conversion.convert._Writing._remove", remove_unsynced)
+    with pytest.raises((AssertionError, OSError)):
+        fail_once(Splitting(), tmp_path, fault)
+
+
+def test_a_part_of_which_a_crash_left_zeros_is_in_nobodys_way(tmp_path: Path) -> None:
+    task = Splitting()
+    task.prepare(tmp_path)
+    (tmp_path / "out_001.mcap.part").write_bytes(bytes(100))
+    task.run_again(tmp_path)
+
+
+def test_a_full_disk_is_not_said_to_be_the_recording(tmp_path: Path) -> None:
+    with stepped_threads(), LogWriter(tmp_path / SOURCE, manifest={}, attachments={"a.urdf": bytes(100_000)}) as log:
+        log.write(TOPIC, payload("new", 0), log_time_ns=0, type_name=TYPE)
+    simulated = SimulatedDisk(tmp_path, Fault(3, "ENOSPC"))
+    with (
+        simulated.installed(),
+        pytest.raises(LogError, match=r"^cannot write .*out.mcap.part: No space left on device$"),
+    ):
+        convert([tmp_path / SOURCE], tmp_path / OUT)
+    assert simulated.operations[3] == "write"

@@ -3,11 +3,14 @@
 from pathlib import Path
 
 import pytest
-from disk_faults import DiskTask, Promised, in_every_way, sweep
+from disk_faults import DiskTask, Promised, fail_once, in_every_way, sweep
 from log_content import TOPIC, TYPE, holds, is_whole, payload
+from simulated_disk import Fault
 from stepped_threads import stepped_threads
 
 from recorders.errors import TakenError
+from recorders.files import disk
+from recorders.files.anonymous_file import AnonymousFile
 from recorders.writing.writer import LogWriter
 
 MESSAGES = 80
@@ -82,3 +85,50 @@ class Recording(DiskTask):
 @in_every_way(11)
 def test_what_a_recording_was_promised_is_there(tmp_path: Path, step: int, overwrite: bool, rechunk: bool) -> None:
     sweep(Recording(overwrite=overwrite, rechunk=rechunk), tmp_path, step)
+
+
+def replace_unsynced(self: AnonymousFile) -> None:
+    self.stream.flush()
+    self._name = self._name or self._link()
+    disk.rename(self._name, self._near)
+    self._name = None
+
+
+def move_unsynced(old: Path, new: Path) -> None:
+    disk.link(old, new)
+    disk.unlink(old)
+
+
+@pytest.mark.parametrize(
+    ("name", "as_it_was", "task", "fault"),
+    [
+        # Between the copy in the log's place and its sync nothing of the recording was on the disk.
+        (
+            "recorders.files.anonymous_file.AnonymousFile.replace",
+            replace_unsynced,
+            Recording(overwrite=True, rechunk=True),
+            Fault(42, "crash before"),
+        ),
+        # The old name went before the disk had the new one: at the end, and when the rest of a crash is set aside.
+        (
+            "recorders.writing.part_file._move",
+            move_unsynced,
+            Recording(overwrite=False, rechunk=False),
+            Fault(24, "crash after"),
+        ),
+        (
+            "recorders.writing.part_file._move",
+            move_unsynced,
+            Recording(overwrite=True, rechunk=False),
+            Fault(6, "EIO"),
+        ),
+    ],
+)
+def test_what_was_found_once_is_found_again(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name: str, as_it_was: object, task: Recording, fault: Fault
+) -> None:
+    (tmp_path / "now").mkdir()
+    fail_once(task, tmp_path / "now", fault)
+    monkeypatch.setattr(name, as_it_was)
+    with pytest.raises(AssertionError):
+        fail_once(task, tmp_path, fault)

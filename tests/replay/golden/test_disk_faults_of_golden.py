@@ -4,10 +4,13 @@ from pathlib import Path
 
 import pytest
 from counting_runner import CountingRunner
-from disk_faults import DiskTask, Promised, in_every_way, sweep
+from disk_faults import DiskTask, Promised, fail_once, in_every_way, sweep
 from episodes import write_plain_episode
+from simulated_disk import Fault
 from stepped_threads import stepped_threads
 
+from recorders.errors import ReenactError
+from recorders.files import disk
 from replay.golden.add import add_case
 from replay.golden.case import load_case
 from replay.golden.check import check_case
@@ -64,3 +67,15 @@ class Adding(DiskTask):
 @in_every_way(41)
 def test_a_case_is_there_whole(tmp_path: Path, step: int, replaces: bool) -> None:
     sweep(Adding(replaces=replaces), tmp_path, step)
+
+
+def write_unsynced(path: Path, data: bytes) -> None:
+    with disk.create(path) as file:
+        file.write(data)
+
+
+def test_a_case_whose_files_are_not_on_the_disk_is_found(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """So they were written once: after a power failure the new case was there, and its files were empty."""
+    monkeypatch.setattr("replay.golden.case.write_whole", write_unsynced)
+    with pytest.raises((AssertionError, ReenactError)):
+        fail_once(Adding(replaces=False), tmp_path, Fault())
