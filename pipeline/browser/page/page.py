@@ -127,6 +127,7 @@ class Page:
 
     def _come(self, client: ClientHandle) -> None:
         self.visitors.come(client.client_id)
+        self.scene.fit(client.camera)
         self._bars[client.client_id] = VisitorBar(client, self.visitors)
 
     def _go(self, client: ClientHandle) -> None:

@@ -3,7 +3,7 @@
 from collections.abc import Callable
 
 import numpy as np
-from viser import TransformControlsEvent, TransformControlsHandle, ViserServer
+from viser import CameraHandle, TransformControlsEvent, TransformControlsHandle, ViserServer
 
 from pipeline.arrays import Floats
 from pipeline.browser.page.colours import ASKED, hand_colour
@@ -86,6 +86,13 @@ class Scene:
         for handle in self._handles:
             handle.visible = visible
 
+    def fit(self, camera: CameraHandle) -> None:
+        """Move the camera of a visitor whose screen is higher than wide, so that the hands are above the panel."""
+        if camera.aspect < 1.0:
+            away = self._eye - self._middle
+            camera.position = self._middle + away / camera.aspect**0.5
+            camera.look_at = self._middle - 0.35 * float(np.linalg.norm(away)) * self._robot.up
+
     def handle_position(self, place: int) -> Floats:
         """Return where a handle is [m], shape (3,)."""
         return np.asarray(self._handles[place].position)
@@ -98,9 +105,10 @@ class Scene:
         if float(ahead @ middle) < 0.0:
             ahead = -ahead
         spread = float(np.abs(robot.centres - middle).max() + robot.boxes.max())
+        self._eye = middle + max(1.0, 3.2 * spread) * (ahead + 0.25 * robot.lateral + 0.25 * robot.up)
+        self._middle = middle + 0.25 * spread * robot.up
         camera = self._server.initial_camera
-        camera.position = tuple(middle + max(1.2, 4.0 * spread) * (ahead + 0.25 * robot.lateral + 0.25 * robot.up))
-        camera.look_at = tuple(middle)
+        camera.position, camera.look_at = tuple(self._eye), tuple(self._middle)
 
     def _handle(self, place: int) -> TransformControlsHandle:
         hand = self._robot.hands[place]
@@ -150,7 +158,7 @@ def _light(server: ViserServer) -> None:
     """Light the scene without shadows and reflections, which take a machine without a GPU a second for each picture."""
     server.scene.configure_environment_map(None)
     server.scene.configure_default_lights(cast_shadow=False)
-    server.scene.add_light_hemisphere("/light", intensity=1.2)
+    server.scene.add_light_hemisphere("/light", intensity=2.5)
 
 
 def _radius_m(deviation_m: float | None) -> float:

@@ -40,7 +40,8 @@ def hand_rows(
 ) -> str:
     """Return the errors of all hands as a table: now, on average, and as the controller expects them [cm]; angles."""
     cell = f'style="text-align:right;{_NUMBER}"'
-    heads = "".join(f"<th {cell}>{title}</th>" for title in ("now [cm]", "mean", "expected", "turn"))
+    titles = ("now [cm]", "mean", "expected", *(("turn",) if turns_deg else ()))
+    heads = "".join(f"<th {cell}>{title}</th>" for title in titles)
     lines = []
     for place, hand in enumerate(robot.hand_names):
         cells = (
@@ -49,7 +50,7 @@ def hand_rows(
             "" if deviations_m is None else f"{100.0 * deviations_m[place]:.2f}",
             f"{turns_deg[hand]:.1f}°" if hand in turns_deg else "",
         )
-        named = zip(("now", "mean", "expected", "turn"), cells, strict=True)
+        named = zip(("now", "mean", "expected", "turn")[: len(titles)], cells, strict=False)
         numbers = "".join(f'<td data-reenact="{kind}:{escape(hand)}" {cell}>{text}</td>' for kind, text in named)
         dot = f'<span style="color:{css(hand_colour(place))}">&#9679;</span>'
         lines.append(f'<tr><td style="white-space:nowrap">{dot} {escape(hand)}</td>{numbers}</tr>')
