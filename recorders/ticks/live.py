@@ -21,12 +21,32 @@ MAX_MESSAGE = 64 << 10
 """Larger messages are refused undecoded [bytes]: a pose takes some 100, the joints of a large robot a few thousand."""
 
 
+RESTARTED_AFTER = 10
+"""Messages in a row of every topic, each later than the one before, that lie far behind: the clock began anew."""
+
+FAR_BEHIND_NS = 10 * 10**9
+"""Messages farther behind the last tick than this [ns] are no latecomers."""
+
+
 class LiveTick(NamedTuple):
     """A complete tick: its messages in canonical order, and whether one before it, of the same cycle, is missing."""
 
     stamp_ns: int
     records: tuple[RecordedMessage, ...]
     after_gap: bool
+
+
+class _Behind:
+    """The messages far behind the last tick, by topic: how many came in a row, and the stamp of the latest."""
+
+    def __init__(self, topics: int) -> None:
+        self._counts, self._stamps = [0] * topics, [-1] * topics
+
+    def note(self, rank: int, stamp: int) -> bool:
+        """Note one; returns whether every topic now goes on there."""
+        self._counts[rank] = self._counts[rank] + 1 if stamp > self._stamps[rank] else 1
+        self._stamps[rank] = stamp
+        return min(self._counts) >= RESTARTED_AFTER
 
 
 _APART = 4  # two counters that one tick raises by less than this in all are not one counter over both topics
@@ -81,8 +101,9 @@ class LiveTicks:
     """Joins messages of any publishers to ticks, exactly on the stamp.
 
     Unlike `TickJoiner` it expects nothing of them. A refused message changes nothing. Time is that of the last complete
-    tick, so that no single message can move it. A tick that waits is given up when a later one is complete, as on each
-    topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
+    tick, so that no single message can move it; once all topics go on far behind it, as when a simulator is reset, it
+    starts anew there, as it does for an alignment. A tick that waits is given up when a later one is complete, as on
+    each topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
     producers, where they give any. Joints may come more often than targets, and hands as measured more often than
     joints: alone they are no tick.
 
@@ -99,6 +120,8 @@ class LiveTicks:
     ----------
     dropped : int
         Stamps given up so far, as messages of theirs never came.
+    restarts : int
+        How many times the clock of the stamps began anew without a phase marker.
     """
 
     def __init__(
@@ -115,7 +138,7 @@ class LiveTicks:
         self._ticks: StampJoiner[int | None] = StampJoiner(topics, limit=MAX_PENDING, give_up=self._give_up)
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
         self._numbers = _Numbers()
-        self.dropped = 0
+        self.dropped = self.restarts = 0
         self.begin()
 
     def begin(self) -> None:
@@ -125,6 +148,8 @@ class LiveTicks:
         self._refused_at.clear()
         self._numbers.begin()
         self._last_ns = -1
+        self._behind = _Behind(len(self._inputs))
+        self._anew = False  # whether the clock began anew since the last complete tick
         self._lost = False  # whether a tick was given up since the last complete one
 
     def feed(self, record: RecordedMessage, *, numbered: bool) -> LiveTick | None:
@@ -149,13 +174,18 @@ class LiveTicks:
             self._note_refused(record, rank)
             raise
         if stamp <= self._last_ns:
-            raise RejectionError(
-                "not after the last tick",
-                f"{name_of(record)}: stamp {stamp} ns is not after the tick at {self._last_ns} ns; "
-                "time starts anew with a phase marker only",
-            )
+            line = f"{name_of(record)}: stamp {stamp} ns is not after the tick at {self._last_ns} ns"
+            self._note_behind(rank, stamp)
+            raise RejectionError("not after the last tick", line)
         parts = self._ticks.add(stamp, rank, record, record.sequence if numbered else None)
         return None if parts is None else self._complete(stamp, parts)
+
+    def _note_behind(self, rank: int, stamp: int) -> None:
+        """Note a stamp before the last tick; once every topic goes on far behind, a cycle begins."""
+        if stamp < self._last_ns - FAR_BEHIND_NS and self._behind.note(rank, stamp):
+            self.begin()
+            self.restarts += 1
+            self._anew = True
 
     def _read(self, record: RecordedMessage, tick_input: TickInput) -> int:
         if len(record.data) > MAX_MESSAGE:
@@ -189,8 +219,9 @@ class LiveTicks:
         for earlier in [other for other in self._refused_at if other <= stamp]:
             del self._refused_at[earlier]
         known, jumped = self._numbers.known, self._numbers.jump([number for _, number in parts])
-        gap = known and (self._lost or jumped)
-        self._last_ns, self._lost = stamp, False
+        gap = self._anew or (known and (self._lost or jumped))
+        self._last_ns, self._lost, self._anew = stamp, False, False
+        self._behind = _Behind(len(self._inputs))
         return LiveTick(stamp, tuple(record for record, _ in parts), gap)
 
     def _counts(self, tick: OpenTick) -> bool:

@@ -217,6 +217,35 @@ def test_markers_are_followed_and_begin_time_anew(ticks: list[list[RecordedMessa
     assert (live.ticks, live.gaps) == (3 * TICKS, 0)
 
 
+def at(ticks: Sequence[Sequence[RecordedMessage]], start_ns: int) -> list[list[RecordedMessage]]:
+    """Return ticks that begin at a stamp, at their own pace."""
+    return [
+        [altered(record, stamp_ns=start_ns + place * PERIOD_NS) for record in tick] for place, tick in enumerate(ticks)
+    ]
+
+
+def test_a_clock_that_begins_anew_is_followed_without_a_marker(ticks: list[list[RecordedMessage]]) -> None:
+    """After ten messages of each topic there are ticks again, the first of which follows upon none."""
+    late, again = at(ticks, 60 * 10**9), at([*ticks, *ticks], 10**9)
+    live, stream = made([*flat(late), *flat(again)], numbered=False)
+    assert (live.ticks, live.gaps, live.steps) == (2 * TICKS, 1, 2 * TICKS - 2)
+    assert live.refused.total() == 3 * 10
+    stamps = [decode(record.type, record.data).stamp_ns for record in stream if record.topic == SAMPLE_JOINTS]
+    assert stamps == [60 * 10**9 + place * PERIOD_NS for place in range(TICKS)] + [
+        10**9 + place * PERIOD_NS for place in range(10, 2 * TICKS)
+    ]
+
+
+def test_latecomers_and_single_topics_begin_nothing(ticks: list[list[RecordedMessage]]) -> None:
+    late = at(ticks, 60 * 10**9)
+    near = at([*ticks, *ticks], 51 * 10**9)
+    one = [tick[0] for tick in at([*ticks, *ticks], 10**9)]
+    live, stream = made([*flat(late), *flat(near)[:60], *one], numbered=False)
+    assert live.ticks == TICKS
+    assert live.refused.total() == 60 + len(one)
+    assert [record.topic for record in stream].count(SESSION_PHASE) == 1
+
+
 def test_a_marker_of_another_run_is_followed_under_the_name_of_the_first(ticks: list[list[RecordedMessage]]) -> None:
     live, stream = made([*flat(ticks), marker(cycle=3, phase=EVALUATE), *flat(ticks)])
     assert live.run == LIVE_RUN
