@@ -103,8 +103,8 @@ class LiveTicks:
     Unlike `TickJoiner` it expects nothing of them. A refused message changes nothing. Time is that of the last complete
     tick, so that no single message can move it; once all topics go on far behind it, as when a simulator is reset, it
     starts anew there, as it does for an alignment. A tick that waits is given up when a later one is complete, as on
-    each topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of their
-    producers, where they give any. Joints may come more often than targets, and hands as measured more often than
+    each topic messages come in order, or when too many wait. Whole ticks that never came are seen by the numbers of
+    their producers, where they give any. Joints may come more often than targets, and hands as measured more often than
     joints: alone they are no tick.
 
     Parameters
