@@ -77,3 +77,15 @@ def test_a_tick_waits_on_if_giving_it_up_raises() -> None:
         joined.add(2, 0, record(0, 2), 0)
     assert len(joined.open) == 1
     assert joined.add(1, 1, record(1, 1), 0) is not None
+
+
+def test_what_waits_is_in_the_order_of_the_stamps() -> None:
+    joined, _ = joiner()
+    for stamp in (5, 3, 4):
+        joined.add(stamp, 0, RecordedMessage("/a", "", b"", 9 - stamp, 0), 0)
+    assert [stamp for stamp, _ in joined.waiting()] == [3, 4, 5]
+
+
+def test_a_rejection_is_its_line_and_its_kind() -> None:
+    rejection = RejectionError("repeated", "/a #4: again")
+    assert (str(rejection), rejection.kind) == ("/a #4: again", "repeated")

@@ -4,12 +4,20 @@ import numpy as np
 import pytest
 
 from recorders.cdr.codec import encode
-from recorders.errors import JointError, MessageError
+from recorders.errors import ConfigError, JointError, MessageError, OutOfRange
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS, LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
+from recorders.messages.topics import (
+    LEARNER_TOPICS,
+    LEFT_TARGET,
+    RIGHT_TARGET,
+    SAMPLE_JOINTS,
+    commanded_tick,
+    hand_target,
+    reached_tick,
+)
 from recorders.ticks import joiner as ticks_module
-from recorders.ticks.joiner import JointMap, TickJoiner, join_ticks
+from recorders.ticks.joiner import JointMap, TickInput, TickJoiner, check_tick_topics, join_ticks
 
 NAMES = ("hip", "elbow", "wrist")
 
@@ -190,3 +198,100 @@ def test_missing_and_repeated_joints_are_named_with_those_that_exist():
         JointMap(["hip", "hip"])
     with pytest.raises(JointError, match="expected 3 joint positions, found 0"):
         JointMap(NAMES).positions(JointState(0, NAMES, np.zeros(0)))
+
+
+@pytest.mark.parametrize("error", [JointError("no such joint"), MessageError("too far away")])
+def test_what_does_not_pass_the_check_is_named(error):
+    def check(value):
+        if isinstance(value, JointState):
+            raise error
+
+    joiner = TickJoiner(check)
+    joiner.feed(record(LEFT_TARGET, 3))
+    with pytest.raises(type(error)) as found:
+        joiner.feed(record(SAMPLE_JOINTS, 3))
+    assert str(found.value) == f"/sample/joint_states #3: {error}"
+
+
+def test_it_is_idle_where_no_tick_waits():
+    joiner = TickJoiner()
+    assert joiner.idle is True
+    for item, idle in zip(one_tick(1), (False, False, True), strict=True):
+        joiner.feed(item)
+        assert joiner.idle is idle
+
+
+def measured(rank, tick):
+    topics = reached_tick(("left", "right"))
+    message = JointState(tick, NAMES, np.ones(3)) if rank == 2 else PoseStamped(tick, np.ones(3))
+    return RecordedMessage(topics[rank], message.TYPE, encode(message), tick, tick)
+
+
+def test_hands_as_measured_without_joints_are_passed_over_and_joints_without_hands_are_not():
+    joiner = TickJoiner(topics=reached_tick(("left", "right")))
+    for rank, tick in ((0, 1), (1, 1), (0, 2), (0, 3), (1, 3)):
+        joiner.feed(measured(rank, tick))
+    assert len(joiner.feed(measured(2, 3))) == 1
+    joiner.feed(measured(0, 4))
+    joiner.finish()
+    joiner.feed(measured(2, 5))
+    joiner.feed(measured(0, 5))
+    with pytest.raises(MessageError, match=r"tick at 5 ns lacks /hand/right/measured: it has .*/joint_states #5"):
+        joiner.finish()
+
+
+def test_the_first_stamp_may_be_zero_in_every_cycle():
+    joiner = TickJoiner()
+    for _ in range(2):
+        assert len([tick for item in one_tick(0) for tick in joiner.feed(item)]) == 1
+        joiner.clear()
+
+
+def test_joints_are_found_in_any_number_of_layouts_and_few_are_remembered():
+    joint_map = JointMap(NAMES)
+    for number in range(200):
+        message = JointState(0, (f"other_{number}", *NAMES), np.array([9.0, 1.0, 2.0, 3.0]))
+        assert joint_map.positions(message).tolist() == [1.0, 2.0, 3.0]
+        assert 1 <= len(joint_map._places) <= 64
+    assert len(joint_map._places) == 200 - 3 * 64
+
+
+def test_a_pose_is_read_by_its_reader_and_what_it_refuses_is_named():
+    def read(pose):
+        if pose.position[0] > 1.0:
+            raise OutOfRange("turned too far", finite=True)
+        return np.array([*pose.position, 7.0])
+
+    posed = TickInput(LEFT_TARGET, read)
+    stamp, value = posed.read(record(LEFT_TARGET, 4))
+    assert (stamp, value.tolist()) == (4, [0.3, 0.2, 4.0, 7.0])
+    assert TickInput(LEFT_TARGET).read(record(LEFT_TARGET, 4))[1].tolist() == [0.3, 0.2, 4.0]
+    with pytest.raises(OutOfRange) as found:
+        posed.read(record(LEFT_TARGET, 4, values=np.full(3, 2.0)))
+    assert (str(found.value), found.value.finite) == ("/hand/left/target #4: turned too far", True)
+    with pytest.raises(MessageError, match="expected finite numbers at 4 ns, found nan"):
+        posed.read(record(LEFT_TARGET, 4, values=np.full(3, np.nan)))
+
+
+@pytest.mark.parametrize("hands", [1, 2, 63])
+def test_topics_of_a_tick_are_hands_and_joints(hands):
+    topics = commanded_tick([f"hand_{number}" for number in range(hands)])
+    assert check_tick_topics(list(topics)) == topics
+    assert check_tick_topics(topics[::-1]) == topics[::-1]
+
+
+@pytest.mark.parametrize(
+    "topics",
+    [
+        [],
+        [LEFT_TARGET],
+        [LEFT_TARGET, RIGHT_TARGET],
+        [LEFT_TARGET, LEFT_TARGET, SAMPLE_JOINTS],
+        [LEFT_TARGET, SAMPLE_JOINTS, SAMPLE_JOINTS],
+        [LEFT_TARGET, SAMPLE_JOINTS, "/clock"],
+        [*(hand_target(f"hand_{number}") for number in range(64)), SAMPLE_JOINTS],
+    ],
+)
+def test_other_topics_are_no_tick(topics):
+    with pytest.raises(ConfigError, match="expected as a tick's topics hands, each once, and one of joints, found"):
+        check_tick_topics(topics)
