@@ -273,7 +273,7 @@ def test_a_pose_is_read_by_its_reader_and_what_it_refuses_is_named():
         posed.read(record(LEFT_TARGET, 4, values=np.full(3, np.nan)))
 
 
-@pytest.mark.parametrize("hands", [1, 2, 63])
+@pytest.mark.parametrize("hands", [0, 1, 2, 63])
 def test_topics_of_a_tick_are_hands_and_joints(hands):
     topics = commanded_tick([f"hand_{number}" for number in range(hands)])
     assert check_tick_topics(list(topics)) == topics
