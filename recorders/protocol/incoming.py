@@ -1,6 +1,6 @@
 """One stream as it comes in: its frames opened, put in order, and counted towards acknowledgement and digest."""
 
-from dataclasses import replace
+from typing import Any
 
 from recorders.errors import MessageError
 from recorders.protocol.frames import Frame, FrameType, unpack
@@ -24,25 +24,34 @@ class IncomingStream:
 
     Attributes
     ----------
-    progress : Progress
-        How far it has come.
+    result : dict, optional
+        What the consumer made of all of it.
+    error : str, optional
+        Why the consumer stopped.
     """
 
     def __init__(self, offer: Offer, seals: ReceiverSeals, start: int) -> None:
         self.offer, self.seals = offer, seals
         self.identity = offer.identity
-        self.progress = Progress(offer.run, start, start)
-        self._start = self._acknowledged = start
+        self._start = self._next = self._received = self._acknowledged = start
         self._consumed_bytes = 0  # since the last acknowledgement
         self._digest = StreamDigest(start)
-        self._looked_at: tuple[Frame | None, bytes | None] = None, None  # what is new, and as it travels
+        self._looked_at: tuple[Frame | None, bytes] = None, b""  # what is new, and as it travels if all of it is
         self._has_end = False
         self._newest = -1
+        self.result: dict[str, Any] | None = None
+        self.error: str | None = None
 
     @property
-    def digest(self) -> str:
-        """Digest of the messages that have arrived, in hexadecimal."""
-        return self._digest.digest().hex()
+    def progress(self) -> Progress:
+        """How far it has come; with the digest of what arrived, beside a result."""
+        digest = None if self.result is None else self._digest.digest().hex()
+        return Progress(self.offer.run, self._next, self._received, self.result, self.error, digest)
+
+    @property
+    def is_final(self) -> bool:
+        """Whether the consumer is through with it: it has a result, or stopped."""
+        return self.result is not None or self.error is not None
 
     def is_news(self, number: int) -> bool:
         """Whether the sender has sealed a packet later than all that were known: one that is repeated shows no life."""
@@ -68,28 +77,29 @@ class IncomingStream:
 
         An end after which other messages have arrived than were sent comes as the reason to give the stream up.
         """
-        received = self.progress.received
+        received = self._received
         is_end = frame.kind is FrameType.END and not self._has_end and frame.first == received
         if frame.first > received or not (frame.end > received or is_end):
             return None
-        if is_end and find_digest(frame.digests, self._start) != self.digest:
+        if is_end and find_digest(frame.digests, self._start) != self._digest.digest().hex():
             reason = f"what arrived up to message {received} is not what was sent: nothing of it is to be trusted"
             return frame._replace(kind=FrameType.ABORT, reason=reason)
-        new = frame._replace(first=received, messages=frame.messages[received - frame.first :])
-        whole = frame.kind is FrameType.BATCH and frame.first == received
-        self._looked_at = new, payload if whole else None
-        return new
+        if frame.first < received:
+            frame = frame._replace(first=received, messages=frame.messages[received - frame.first :])
+            payload = b""
+        self._looked_at = frame, payload if frame.kind is FrameType.BATCH else b""
+        return frame
 
     def arrived(self, frame: Frame) -> None:
         """Note that what `new_part` returned is queued."""
         looked_at, packed = self._looked_at
-        self._digest.add(frame, packed if looked_at is frame else None)
+        self._digest.add(frame, packed if looked_at is frame else b"")
         self._has_end = frame.kind is FrameType.END
-        self.progress = replace(self.progress, received=frame.end)
+        self._received = frame.end
 
     def consume(self, frame: Frame) -> bool:
         """Note that a frame's messages are consumed; True if an acknowledgement is due."""
-        self.progress = replace(self.progress, next=frame.end)
+        self._next = frame.end
         self._consumed_bytes += frame.size
         due = frame.end - self._acknowledged >= max(1, self.offer.window // 2)
         if not due and self._consumed_bytes < WINDOW_BYTES // 4:

@@ -52,7 +52,7 @@ class Outbox:
         digests = self.digests.packed() if kind is FrameType.END else b""
         frame = Frame(kind, *self._offer.identity, first, messages, reason, digests)
         payload = self.publish_again(frame)
-        self.digests.add(frame, payload if kind is FrameType.BATCH else None)
+        self.digests.add(frame, payload if kind is FrameType.BATCH else b"")
         return frame
 
     def publish_again(self, frame: Frame) -> bytes:

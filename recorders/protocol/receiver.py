@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Callable
-from dataclasses import replace
 from typing import Any
 
 from recorders.errors import WireError
@@ -115,7 +114,7 @@ class ReceiverMachine:
         self._notice(stream, question_number(packet), now_s)
         farewell = packet.payload == asking(stream.offer, farewell=True)
         is_known = answer.payload == stream.progress.to_json()
-        if is_known and (stream.progress.error is not None or (stream.progress.result is not None and farewell)):
+        if is_known and (stream.error is not None or (stream.result is not None and farewell)):
             self._leave("fetched")
 
     def concerns(self, attachment: bytes) -> bool:
@@ -165,7 +164,7 @@ class ReceiverMachine:
         elif not frame.digests:
             self._move("sender aborted")
         else:  # an end of another stream than the one that arrived, which its sender is to learn
-            stream.progress = replace(stream.progress, error=frame.reason)
+            stream.error = frame.reason
             self._move("failed")
 
     def on_time(self, now_s: float) -> WireError | None:
@@ -197,29 +196,31 @@ class ReceiverMachine:
     def consume(self, frame: Frame) -> Packet | None:
         """Note that a frame's messages are consumed; returns an acknowledgement if it is time for one."""
         stream = self._streams.current
-        if stream is None or stream.progress.is_final or not stream.consume(frame):
+        if stream is None or stream.is_final or not stream.consume(frame):
             return None
         return stream.seals.acknowledgement(stream.progress.to_json())
 
     def finish(self, result: dict[str, Any], now_s: float) -> Packet | None:
         """Note the result of the stream, which is through, and return what to publish: its sender is to fetch it."""
-        digest = None if self._streams.current is None else self._streams.current.digest
-        return self._conclude("finished", now_s, result=result, digest=digest)
+        if self._streams.current is not None:
+            self._streams.current.result = result
+        return self._conclude("finished", now_s)
 
     def fail(self, reason: str, now_s: float) -> Packet | None:
         """Note why this consumer gives the stream up, and return what to publish: its sender is to learn it."""
-        return self._conclude("failed", now_s, error=reason)
+        if self._streams.current is not None:
+            self._streams.current.error = reason
+        return self._conclude("failed", now_s)
 
     def abandon(self, reason: str = GIVEN_UP) -> None:
         """Leave the stream under way, as its sender has; the answer for that sender stays."""
         if self._streams.current is not None:
             self._leave("abandoned", reason)
 
-    def _conclude(self, event: str, now_s: float, **outcome: Any) -> Packet | None:
+    def _conclude(self, event: str, now_s: float) -> Packet | None:
         stream = self._streams.current
         if stream is None:
             return None
-        stream.progress = replace(stream.progress, **outcome)
         if self.state is ReceiverState.LOST:
             self._leave(event)
         else:

@@ -27,7 +27,7 @@ class StreamDigest:
         self._hash = hashlib.sha256()
         self.at = start
 
-    def add(self, frame: Frame, packed: bytes | None = None) -> None:
+    def add(self, frame: Frame, packed: bytes = b"") -> None:
         """Add what is new of a frame; one before which something is missing adds nothing.
 
         Parameters
@@ -39,7 +39,7 @@ class StreamDigest:
         """
         if not frame.first <= self.at < frame.end:
             return
-        if packed is None or frame.first < self.at:
+        if not packed or frame.first < self.at:
             messages = frame.messages[self.at - frame.first :]
             if frame.kind is FrameType.MESSAGE:  # of which the type travels only where the topic has none
                 messages = tuple(each._replace(type=type_of(each.topic) or each.type) for each in messages)
@@ -64,7 +64,7 @@ class StreamDigests:
         self._starts[consumer] = start
         self._by_start.setdefault(start, StreamDigest(start))
 
-    def add(self, frame: Frame, packed: bytes | None = None) -> None:
+    def add(self, frame: Frame, packed: bytes = b"") -> None:
         """Add what is new of a frame to each; see `StreamDigest.add`."""
         for digest in self._by_start.values():
             digest.add(frame, packed)

@@ -53,7 +53,8 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
 
 def deliver(endpoint: str, source: Replay, stream_from: StreamFrom, **options: int) -> dict[str, Any]:
     with open_session(SessionConfig(connect=(endpoint,))) as session:
-        return ZenohTransport(session, config=SenderConfig(**options)).deliver(source.offer(), stream_from)["learner"]
+        config = SenderConfig(wait_s=120.0, **options)
+        return ZenohTransport(session, config=config).deliver(source.offer(), stream_from)["learner"]
 
 
 def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> None:
