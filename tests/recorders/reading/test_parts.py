@@ -10,7 +10,7 @@ from sessions import split, write_foreign
 from recorders.containers.opening import open_log
 from recorders.errors import LogError
 from recorders.messages.record import RecordedMessage
-from recorders.reading.parts import Parts, find_log, is_log, one_session, part_path, recordings
+from recorders.reading.parts import Parts, find_log, is_log, one_session, part_path, parts_in, recordings
 from recorders.reading.reader import LogReader
 from recorders.recovery.recover import recover
 from recorders.writing.writer import LogWriter
@@ -161,3 +161,13 @@ def test_numbers_that_are_far_apart_are_one_line_at_once(tmp_path: Path) -> None
         write_foreign(tmp_path / f"a_{number}.mcap", [])
     with pytest.raises(LogError, match=r"part 1 is missing: expected parts 0 to 999999999, found 0, 999999999"):
         find_log(tmp_path)
+
+
+def test_a_part_with_both_names_is_one(tmp_path: Path) -> None:
+    for number in range(2):
+        with LogWriter(tmp_path / f"session_{number:03d}.mcap", manifest={}):
+            pass
+    (tmp_path / "session_001.mcap.part").hardlink_to(tmp_path / "session_001.mcap")
+    (tmp_path / "session_002.mcap.part").touch()
+    names = [path.name for path in parts_in(tmp_path, "session")]
+    assert names == ["session_000.mcap", "session_001.mcap", "session_002.mcap.part"]

@@ -151,6 +151,16 @@ def test_what_crashes_left_is_set_aside_in_order_said_and_never_lost(tmp_path, o
     assert len(caplog.messages) == 12
 
 
+def test_a_second_name_of_a_finished_log_goes_and_is_nobodys_rest(tmp_path, caplog):
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        write(log, 5)
+    log.part.hardlink_to(log.path)  # as a crash leaves it, just before it goes
+    with LogWriter(tmp_path / "log.mcap", manifest={}, overwrite=True) as other:
+        write(other, 3)
+    assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap"]
+    assert caplog.messages == []
+
+
 def test_an_empty_file_that_a_crash_left_goes(tmp_path):
     (tmp_path / "log.mcap.part").touch()
     with LogWriter(tmp_path / "log.mcap", manifest={}):
