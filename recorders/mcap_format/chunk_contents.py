@@ -1,7 +1,8 @@
 """The records inside a chunk."""
 
 import struct
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from typing import NamedTuple, Self, TypeAlias
 
 from mcap.opcode import Opcode
 
@@ -15,6 +16,37 @@ MAX_OTHER_RECORDS = 2**18
 
 _DECLARATIONS = frozenset({int(Opcode.SCHEMA), int(Opcode.CHANNEL)})
 _MESSAGE_OPCODE = int(Opcode.MESSAGE)  # a plain number is compared faster than a member of an enumeration
+
+
+Pending: TypeAlias = tuple[int, int, int, int, bytes]
+"""Channel, sequence, log time [ns], publish time [ns] and data of a message."""
+
+
+class MessageColumns(NamedTuple):
+    """One or more messages, in their order, column by column: many are then gone through by loops written in C.
+
+    Attributes
+    ----------
+    channels, sequences, log_times_ns, publish_times_ns : tuple of int
+        Number of the channel, number of the message, time of recording and of publication [ns] of each.
+    data : tuple of bytes
+        The messages themselves.
+    sizes : list of int
+        How long each is [bytes].
+    """
+
+    channels: tuple[int, ...]
+    sequences: tuple[int, ...]
+    log_times_ns: tuple[int, ...]
+    publish_times_ns: tuple[int, ...]
+    data: tuple[bytes, ...]
+    sizes: list[int]
+
+    @classmethod
+    def of(cls, messages: Sequence[Pending]) -> Self:
+        """Return the columns of one or more messages."""
+        channels, sequences, log_times_ns, publish_times_ns, data = zip(*messages, strict=True)
+        return cls(channels, sequences, log_times_ns, publish_times_ns, data, list(map(len, data)))
 
 
 def body_at(data: bytes, position: int, offset: int) -> tuple[int, int, int]:

@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from recorders.errors import DISTRIBUTION, LogError
-from recorders.mcap_format.message_columns import MessageColumns
+from recorders.mcap_format.chunk_contents import MessageColumns
 from recorders.mcap_format.migrations import upgrade
 from recorders.mcap_format.unread import Unread
 from recorders.messages.record import RecordedMessage

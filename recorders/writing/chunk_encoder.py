@@ -11,8 +11,7 @@ import lz4.frame
 import zstandard
 from mcap.opcode import Opcode
 
-from recorders.mcap_format.chunk_contents import MESSAGE
-from recorders.mcap_format.message_columns import MessageColumns
+from recorders.mcap_format.chunk_contents import MESSAGE, MessageColumns
 from recorders.mcap_format.records import CRC, HEAD
 
 _PACK: dict[str, Callable[[bytes], bytes]] = {

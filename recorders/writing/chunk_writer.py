@@ -9,7 +9,7 @@ from mcap.records import Attachment, Channel, DataEnd, McapRecord, Message, Meta
 from mcap.stream_reader import StreamReader
 
 from recorders.mcap_format.attachments import AttachmentHead
-from recorders.mcap_format.message_columns import MessageColumns
+from recorders.mcap_format.chunk_contents import MessageColumns
 from recorders.writing.chunk_index_file import ChunkIndexFile
 from recorders.writing.mcap_writer import McapWriter
 

@@ -9,7 +9,7 @@ from functools import partial
 from pathlib import Path
 
 from recorders.errors import LogError
-from recorders.mcap_format.message_columns import MessageColumns
+from recorders.mcap_format.chunk_contents import MessageColumns
 from recorders.writing.chunk_writer import ChunkWriter, rechunk_log
 from recorders.writing.part_file import PartFile
 from recorders.writing.periodic_thread import PeriodicThread

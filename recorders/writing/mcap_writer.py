@@ -12,8 +12,7 @@ from mcap.records import AttachmentIndex, Channel, Schema
 from mcap.writer import CompressionType, Writer
 
 from recorders.mcap_format.attachments import AttachmentHead
-from recorders.mcap_format.chunk_contents import MESSAGE
-from recorders.mcap_format.message_columns import MessageColumns, Pending
+from recorders.mcap_format.chunk_contents import MESSAGE, MessageColumns, Pending
 from recorders.mcap_format.records import CRC, HEAD
 from recorders.mcap_format.unread import Unread
 from recorders.writing.chunk_encoder import RECORD_SIZE, BuiltChunk, build_chunk, encode_chunk

@@ -11,6 +11,7 @@ from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.errors import LogError, MessageError
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.mcap_format.chunk_contents import MessageColumns
 from recorders.mcap_format.manifest import (
     FORMAT_VERSION,
     METADATA_NAME,
@@ -20,7 +21,6 @@ from recorders.mcap_format.manifest import (
     to_metadata,
     topic_frame,
 )
-from recorders.mcap_format.message_columns import MessageColumns
 from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
