@@ -1,13 +1,16 @@
 """Options that several verbs share, and the parsing of their values."""
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from pipeline.motions.names import motion_names
 from pipeline.resources import data_path
 from recorders.errors import ConfigError
+
+if TYPE_CHECKING:
+    from pipeline.learner.rule import Settings
 
 MOTIONS = ", ".join(motion_names())
 """The motions that come with the program, for the help."""
@@ -37,6 +40,9 @@ Pairs = Annotated[
         "--pairs", help="Pairs to learn from, commanded, reached or computed: the rule's if left out.", metavar="PAIRS"
     ),
 ]
+LearnerFile = Annotated[
+    Path | None, typer.Option("--config", help="Settings of the learner, seed included (TOML).", metavar="FILE")
+]
 Epochs = Annotated[int, typer.Option(help="Epochs of training: 150 for circles, 600 for eight.", min=1, metavar="N")]
 Logs = Annotated[list[Path], typer.Argument(help="Logs or bags, presented in this order.", metavar="LOG.mcap")]
 Controller = Annotated[Path, typer.Argument(help="A learned controller.", metavar="CONTROLLER.npz")]
@@ -55,6 +61,27 @@ AsLive = Annotated[bool, typer.Option("--as-live", help="Take the messages as `l
 Renames = Annotated[
     list[str] | None, typer.Option("--map", help="FOREIGN=OURS: rename a topic.", metavar="FOREIGN=OURS")
 ]
+
+
+def learner_settings(
+    config: Path | None, rule: str | None, pairs: str | None, seed: int
+) -> "tuple[Settings, str | None]":
+    """Return the settings of a learner and its pairs, as options or a file name them.
+
+    Raises
+    ------
+    ConfigError
+        If the file cannot be read, a setting is wrong, or it and an option name different things.
+    """
+    from pipeline.golden.own_settings import pairs_of, read_settings, without_pairs
+    from pipeline.learner.registry import default_config
+
+    if config is None:
+        return default_config(rule, seed=seed), pairs
+    if seed:
+        raise ConfigError(f"--seed: expected none beside --config, whose file has the seed, found {seed}")
+    settings = read_settings(config, rule=rule, pairs=pairs)
+    return without_pairs(settings), pairs_of(settings)
 
 
 def renames(pairs: list[str] | None) -> dict[str, str]:

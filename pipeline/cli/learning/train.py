@@ -13,12 +13,14 @@ from pipeline.cli.options import (
     AsLive,
     AsRecorded,
     Json,
+    LearnerFile,
     Logs,
     Overwrite,
     Pairs,
     Rule,
     Seed,
     StreamsRobot,
+    learner_settings,
 )
 from pipeline.terminal import console
 from recorders.errors import ConfigError
@@ -41,6 +43,7 @@ def train(
     seed: Seed = 0,
     rule: Rule = None,
     pairs: Pairs = None,
+    settings: LearnerFile = None,
     epochs: Annotated[
         int | None,
         typer.Option(
@@ -67,7 +70,6 @@ def train(
     steps what the learner took of them: with pairs commanded the last tick of a cycle ends a step and begins none.
     """
     from pipeline.learner.controller import check_writable
-    from pipeline.learner.registry import default_config
     from pipeline.robot.config import load_robot
     from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
@@ -75,7 +77,7 @@ def train(
     check_writable(out, overwrite=overwrite)
     config = None if robot is None else load_robot(robot)
     _check_ways(alignment, hold_out, as_recorded=as_recorded, as_live=as_live)
-    learner = default_config(rule, seed=seed)
+    learner, pairs = learner_settings(settings, rule, pairs, seed)
     found: Sequence[Opened] = [one_session(logs)] if as_recorded or as_live else recordings(logs)
     asked, whole = pairing_of(learner, pairs), _whole_logs(hold_out)
     alignment = alignment.of_logs([*found, *whole])

@@ -10,7 +10,7 @@ import typer
 from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
-from pipeline.cli.options import Json, Overwrite, Pairs, Rule, Seed, StreamsRobot
+from pipeline.cli.options import Json, LearnerFile, Overwrite, Pairs, Rule, Seed, StreamsRobot, learner_settings
 from pipeline.cli.sessions import StreamingNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -97,6 +97,7 @@ def learn(
     seed: Seed = 0,
     rule: Rule = None,
     pairs: Pairs = None,
+    settings: LearnerFile = None,
     checkpoints: CheckpointOptions,
     live: LiveOptions,
     alignment: AlignmentOptions,
@@ -111,7 +112,6 @@ def learn(
     --live, what cannot be used is refused and changes nothing, and the result counts it. The learner also
     ends with a stream that awaits it by name.
     """
-    from pipeline.learner.registry import default_config
     from pipeline.learner_node.live_node import learn_live
     from pipeline.learner_node.node import learn as run
     from pipeline.learner_node.node import own_topics
@@ -126,7 +126,7 @@ def learn(
         alignment.refuse("learn without --live, whose replay aligns", renames=True)
     check_metrics(node.prometheus)
     _check_files(out, checkpoints.checkpoint, live.record, overwrite=overwrite)
-    learner = default_config(rule, seed=seed)
+    learner, pairs = learner_settings(settings, rule, pairs, seed)
     config = None if robot is None else load_robot(robot)
     own = own_topics(pairing_of(learner, pairs), config)
     receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own, key_file=node.key)
