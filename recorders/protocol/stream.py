@@ -79,7 +79,7 @@ class Offer:
 
     def to_json(self) -> bytes:
         """Return the offer as JSON."""
-        return json.dumps(asdict(self)).encode()
+        return json.dumps(vars(self)).encode()
 
     @classmethod
     def from_json(cls, data: bytes) -> Self:
