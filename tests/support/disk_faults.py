@@ -60,7 +60,7 @@ class DiskTask(ABC):
 
 def in_every_way(some: int) -> pytest.MarkDecorator:
     """Give a test the `step` of a sweep: every so many-th operation fails in `make test`, all in the campaign."""
-    every = pytest.param(1, id="all", marks=pytest.mark.campaign)
+    every = pytest.param(1, id="all", marks=(pytest.mark.campaign, pytest.mark.timeout(3600)))
     return pytest.mark.parametrize("step", [pytest.param(some, id="some"), every])
 
 
