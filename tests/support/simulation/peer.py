@@ -27,6 +27,8 @@ class Peer:
 
     def meddle(self, fault: Fault) -> bool:
         """Do what a fault is; False if there is nothing yet to copy or to answer."""
+        if not hasattr(self._sender, "machine"):  # it was killed before it could begin
+            return False
         draw = random.Random(fault.amount)
         what, _, how = fault.kind.partition(" ")
         if how == "copied":

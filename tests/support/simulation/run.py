@@ -85,7 +85,7 @@ class Simulation:
         }
         receivers = tuple(self._receivers.values())
         self._sender = SenderNode(self.world, scenario, source, receivers=receivers, **parts)
-        self._promises = Promises(scenario, source, sender=self._sender, receivers=receivers)
+        self._promises = Promises(scenario, source, sender=self._sender, receivers=receivers, faults=faults)
         self._peer = Peer(network=network, sender=self._sender, receivers=receivers)
         self._sender.check = self._promises.check_sender
         for receiver in receivers:
