@@ -33,7 +33,7 @@ IMPORTED = {"icub": 15, "g1": 14, "talos": 15}
 SAMPLES = 10
 
 ARMS = {  # largest mean error [cm] on a motion never trained, after 120 s of exploration
-    "panda": 0.1,
+    "panda": 0.03,
     "ur5": 0.02,
     "so101": 0.05,
     "baxter": 0.12,
