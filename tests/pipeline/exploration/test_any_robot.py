@@ -36,7 +36,7 @@ ARMS = {  # largest mean error [cm] on a motion never trained, after 120 s of ex
     "panda": 0.03,
     "ur5": 0.02,
     "so101": 0.05,
-    "baxter": 0.12,
+    "baxter": 0.05,
 }
 
 
