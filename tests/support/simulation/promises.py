@@ -12,7 +12,7 @@ from simulation.sender_node import SenderNode
 from simulation.world import MS, BrokenPromiseError
 
 _CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
-_SHORT_NS = 6_000 * MS  # together; a sender waits 10 s for a consumer, of which some may go to offers that are lost
+_SHORT_NS = 4_000 * MS  # together; a sender waits 10 s for a consumer, and some of that goes to offers that are lost
 _COUNTING = (SenderState.SENDING, SenderState.ENDING)
 
 
