@@ -21,7 +21,7 @@ from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, 
 from recorders.reading.reader import LogReader
 from recorders.ticks.live import MAX_MESSAGE, MAX_PENDING
 from recorders.writing.writer import LogWriter
-from replay.sources.live import LIVE_RUN, LiveLog, LiveStream
+from replay.sources.live import LIVE_RUN, LiveLog, LiveStream, live_offer
 
 ASIMO = load_robot("asimo")
 TICKS = 10
@@ -288,3 +288,18 @@ def test_a_log_without_ticks_is_an_error(tmp_path: Path) -> None:
         writer.write(RIGHT_TARGET, PoseStamped(0, np.zeros(3)), log_time_ns=0)
     with pytest.raises(LogError, match=r"few\.mcap: expected complete ticks .* found none; given up 1;"):
         LiveLog(tmp_path / "few.mcap")
+
+
+def test_markers_of_its_own_are_numbered_from_zero_and_have_the_time_of_the_first_message_that_follows(
+    ticks: list[list[RecordedMessage]],
+) -> None:
+    later = [[left, right._replace(log_time_ns=right.log_time_ns + 1), joints] for left, right, joints in ticks]
+    _, stream = made(flat(later[:3] + later[4:]))
+    markers = [(record.sequence, record.log_time_ns) for record in stream if record.topic == SESSION_PHASE]
+    assert markers == [(0, later[0][0].log_time_ns), (1, later[4][0].log_time_ns)]
+
+
+def test_its_offer_is_one_presentation_for_learning_in_every_epoch() -> None:
+    offer = live_offer(LIVE_RUN, epochs=3, robot={})
+    assert offer.schedule == {"epochs": 3, "phases": [["learn", 1]]}
+    assert (offer.logs, offer.messages) == ([], None)
