@@ -15,7 +15,6 @@ HANDFUL = (
         "if frame.first > received or not (frame.end > received or is_end):",
         "frame.first > received -> frame.first <= received",
     ),
-    ("incoming.IncomingStream.new_part", "return new", "return new -> return None"),
     (
         "send_window.SendWindow.has_room",
         "if self.sent + count - consumed > max(self._window, count):",
