@@ -93,11 +93,6 @@ Before them stand inputs, joints, hands, and how many residuals there are: 0 or 
 """
 
 
-def table_size(variables: int, features: int, raised: int) -> int:
-    """Whole numbers that one model takes of the tables; `raised` is the size of `Model.raised`."""
-    return variables + 2 * features + raised
-
-
 def model_size(variables: int, degree: int, features: int, outputs: int) -> int:
     """Float64 numbers that one model takes of the memory."""
     return features * outputs + features * features + 4 * outputs + 5 + variables * (degree + 1) + 3 * features
