@@ -1,4 +1,4 @@
-"""Choice of the topics of a log that ticks are made of: as mapped, by our names, or the only ones of their kind."""
+"""Choice of the topics of a log from which ticks come: as mapped, by our names, or the only ones of their kind."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass

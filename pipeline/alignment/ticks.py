@@ -303,7 +303,7 @@ class Aligner:
         ticks = self._due(limit)
         spans = [track.span(ticks, self._config.nearness_ns) for track in self._tracks]
         near = np.logical_and.reduce([span.near for span in spans])
-        made = self._made(ticks, near, spans) if near.any() else None
+        made = self._ticks_near(ticks, near, spans) if near.any() else None
         if self._period_ns is None:
             self._since = self._since + len(ticks) if made is None else len(ticks) - 1 - int(np.flatnonzero(near)[-1])
         self._done_ns = limit
@@ -311,7 +311,7 @@ class Aligner:
             track.forget_before(limit)
         return [] if made is None else [made]
 
-    def _made(self, ticks: Times, near: NDArray[np.bool_], spans: Sequence[Span]) -> Ticks:
+    def _ticks_near(self, ticks: Times, near: NDArray[np.bool_], spans: Sequence[Span]) -> Ticks:
         """Return the ticks that can be made, and whether each follows upon the one before."""
         stamps = ticks[near]
         apart = np.diff(stamps, prepend=self._made_ns)

@@ -131,7 +131,7 @@ class LiveLearner:
         """
         self._trainer.report_to(lambda report: self._publisher.report(report, **self._counts()))
         self._trainer.show_steps_to(self._show)
-        received = self._kept(self._received(stopped), keep, on_choice)
+        received = self._with_each_stored(self._received(stopped), keep, on_choice)
         first = list(islice(received, 1))  # a marker, which names the run
         texts = {"toml": self._robot.toml_text, "urdf": self._robot.urdf_text}
         try:
@@ -182,7 +182,7 @@ class LiveLearner:
         other = find_pairing(asked.otherwise) if asked.otherwise else asked
         return LiveChoice(make, asked.topics(hands), other.topics(hands))
 
-    def _kept(
+    def _with_each_stored(
         self,
         records: Iterator[RecordedMessage],
         keep: Callable[[RecordedMessage], None],

@@ -1,1 +1,1 @@
-"""Robot folders: made from a URDF, with posture, centres and boxes found by sampling, and checked."""
+"""Robot folders: new ones of a URDF, with posture, centres and boxes found by sampling, and checked."""

@@ -1,4 +1,4 @@
-"""A robot made from a URDF: its joints, comfort posture, centres and boxes, and the folder that holds them."""
+"""Makes a robot of a URDF: its joints, comfort posture, centres and boxes, and the folder that holds them."""
 
 import math
 from collections.abc import Mapping, Sequence

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import rerun as rr
+import rerun.blueprint as rrb
 
 from pipeline.evaluation.trials import evaluate_motion, robot_of
 from pipeline.learner.controller import Controller
@@ -83,23 +84,15 @@ def view_log(
         track = rows.take()
     if track is None:
         raise LogError(f"{path}: expected postures after the first targets of all hands, found none")
-    plane = plane_of(config)
-    blueprint = motion_blueprint(
-        stack_points(track.targets, track.reached),
-        plane,
-        joints=len(config.joints),
-        top_cm=float(track.errors_cm[track.plotted].max()),
-        learning=bool(rows.errors),
-    )
     send_motion(
         destination,
         track,
         RobotModel.load(config.plain_urdf, config.joints),
-        plane=plane,
+        plane=plane_of(config),
         recording_id=track.recording_id(config.urdf_text, "log", path.name),
         title=path.name,
         kind="log",
-        blueprint=blueprint,
+        blueprint=_log_blueprint(track, config, learning=bool(rows.errors)),
         more=_errors_of(rows, config.hand_names),
     )
     return len(track.times_ns)
@@ -164,6 +157,17 @@ def view_controller(path: Path, destination: Destination, *, motion: str = "circ
         more=send,
     )
     return len(track.times_ns)
+
+
+def _log_blueprint(track: Track, robot: RobotConfig, *, learning: bool) -> rrb.Blueprint:
+    """Return the layout for a log: its hands in the plane of the robot's pattern, and errors as far as they go."""
+    return motion_blueprint(
+        stack_points(track.targets, track.reached),
+        plane_of(robot),
+        joints=len(robot.joints),
+        top_cm=float(track.errors_cm[track.plotted].max()),
+        learning=learning,
+    )
 
 
 def _recorded_robot(reader: Reader) -> RobotConfig:

@@ -11,7 +11,7 @@ _LAYOUT = struct.Struct("<qqB16s")  # sequence number, source time, length of th
 class Attachment(NamedTuple):
     """What a publisher attaches to a message.
 
-    Parameters
+    Attributes
     ----------
     sequence : int
         Number of the message, from 1 on; gap-free for each publisher.

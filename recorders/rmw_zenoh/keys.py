@@ -10,7 +10,7 @@ from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, dds_type, is_type_hash
 class TopicKey(NamedTuple):
     """What the key of a message states.
 
-    Parameters
+    Attributes
     ----------
     domain : int
         The ROS domain.

@@ -66,14 +66,14 @@ def _own_folder() -> Path:
     """Return the private folder of this user's keys: at run time, else beside the user's other state."""
     for parent in _runtime_folders():
         if _is_private(parent):
-            return _made(parent / "reenact", parent)
+            return _private_folder(parent / "reenact", parent)
     state = Path(os.environ.get("XDG_STATE_HOME", ""))
     try:
         parent = state if state.is_absolute() else Path.home() / ".local" / "state"
         parent.mkdir(parents=True, exist_ok=True)
     except (OSError, RuntimeError) as error:
         raise _no_folder(str(error)) from error
-    return _made(parent / "reenact", parent)
+    return _private_folder(parent / "reenact", parent)
 
 
 def _runtime_folders() -> Iterator[Path]:
@@ -83,7 +83,7 @@ def _runtime_folders() -> Iterator[Path]:
     yield Path(f"/run/user/{os.geteuid()}")
 
 
-def _made(folder: Path, parent: Path) -> Path:
+def _private_folder(folder: Path, parent: Path) -> Path:
     """Return a private folder, made if it is not there."""
     try:
         folder.mkdir(mode=0o700, exist_ok=True)

@@ -1,4 +1,4 @@
-"""Attachments of one log written to another, piece by piece: which of the two files fails is told apart."""
+"""Attachments of one log written to another, piece by piece: an error names the one of the two files that failed."""
 
 from collections.abc import Iterator
 

@@ -1,4 +1,4 @@
-"""The page: what runs behind it, shown thirty times a second to whoever looks on, and led by one of them."""
+"""The page: what runs behind it, shown thirty times a second to whoever looks on, and driven by one of them."""
 
 import threading
 import time
@@ -90,7 +90,7 @@ class Page:
         if self.visitors.leads(visitor):
             return True
         if visitor is not None and (bar := self._bars.get(visitor)) is not None:
-            bar.tell(_MAY_NOT)
+            bar.notify(_MAY_NOT)
         return False
 
     def _ask(self) -> None:

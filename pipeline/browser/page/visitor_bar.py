@@ -41,6 +41,6 @@ class VisitorBar:
             self._line.content = paragraph(shown[0], name="visitor")
             self._button.visible = not shown[1]
 
-    def tell(self, line: str) -> None:
-        """Tell this visitor something."""
+    def notify(self, line: str) -> None:
+        """Show this visitor a line for a few seconds."""
         self._client.add_notification("reenact", line, auto_close_seconds=4.0)

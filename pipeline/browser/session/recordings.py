@@ -1,4 +1,4 @@
-"""Recordings made on the page: the usual recorder in a process of its own, and what is in the folder of logs."""
+"""Recordings from the page: the usual recorder in a process of its own, and what is in the folder of logs."""
 
 import json
 import signal

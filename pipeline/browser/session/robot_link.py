@@ -14,7 +14,7 @@ import numpy as np
 
 from pipeline.arrays import Floats
 from pipeline.browser.session.drive import Drive, Tick
-from pipeline.browser.session.keys import led_topic
+from pipeline.browser.session.keys import controller_topic
 from pipeline.robot.telemetry import hand_message
 from recorders.cdr.codec import decode_as
 from recorders.errors import ReenactError
@@ -125,7 +125,7 @@ class RobotLink:
         for hand, row in zip(self._drive.robot.hand_names, tick.rows, strict=True):
             message = hand_message(tick.stamp_ns, row)
             if self.controller:
-                put(led_topic(self.controller, hand), message, log_time_ns=tick.stamp_ns)
+                put(controller_topic(self.controller, hand), message, log_time_ns=tick.stamp_ns)
             put(hand_target(hand), message, log_time_ns=tick.stamp_ns)
         put(SAMPLE_JOINTS, state, log_time_ns=tick.stamp_ns)
 

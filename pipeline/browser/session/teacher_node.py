@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.browser.session.keys import led_topic
+from pipeline.browser.session.keys import controller_topic
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.coordinates import to_rows
 from pipeline.robot.kinematics import Kinematics
@@ -112,7 +112,7 @@ class TeacherNode:
         key, names = self._namespace, self._robot.hand_names
         with TopicPublisher(self._session, namespace=key) as self._publisher, ExitStack() as stack:
             for place, hand in enumerate(names):
-                topic = led_topic(NAME, hand)
+                topic = controller_topic(NAME, hand)
                 stack.enter_context(
                     self._session.declare_subscriber(message_key(key, topic), partial(self._take, place))
                 )

@@ -84,11 +84,17 @@ def evaluate(
             _draw(plot, trial)
         result |= trial.summary() | _doubts(trial, as_json=as_json)
     if not (deploy or as_json):
-        result |= {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
-        if _is_of_others(motion):
-            result = {name.replace("teacher_", "recorded_"): value for name, value in result.items()}
+        result = _worded(result, motion)
     console.show(result | {"pairs": loaded.pairs}, as_json=as_json)
     _note_outside(loaded, motion)
+
+
+def _worded(result: dict[str, Any], motion: str) -> dict[str, Any]:
+    """Return a result as people read it: with what was not compared, and why; of a foreign recording, no teacher."""
+    worded = result | {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
+    if _is_of_others(motion):
+        worded = {name.replace("teacher_", "recorded_"): value for name, value in worded.items()}
+    return worded
 
 
 def _check_ways(linear_from: Path | None, plot: Path | None, *, deploy: bool, own_time: bool) -> None:

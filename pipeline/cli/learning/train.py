@@ -95,8 +95,7 @@ def train(
     notes = _notes(trainer, as_json=as_json)
     controller = _saved(trainer, out)
     left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
-    shown: dict[str, object] = {"pairs": controller.pairs, "controller": str(out)}
-    console.show(trainer.result() | shown | left | notes, as_json=as_json)
+    console.show(trainer.result() | {"pairs": controller.pairs, "controller": str(out)} | left | notes, as_json=as_json)
 
 
 def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_recorded: bool, as_live: bool) -> None:
