@@ -20,6 +20,6 @@ def test_the_diagrams_are_those_of_the_machines() -> None:
 
 def test_it_names_every_file_of_the_protocol_and_none_is_long() -> None:
     text = (ROOT / "data" / "guides" / "protocol.md").read_text()
-    for path in (ROOT / "recorders" / "protocol").glob("*.py"):
+    for path in (ROOT / "recorders" / "protocol").rglob("*.py"):
         assert len(path.read_text().splitlines()) <= 250, path
         assert path.name in (*("__init__.py", "packets.py"),) or f"`{path.name}`" in text, path

@@ -203,9 +203,8 @@ def demonstrate(
     placed, smoothing = _prepared(robot, shown, config)
     check_targets(placed, robot)
     motion, found = bring_within_reach(Teacher(Kinematics(robot)), placed, choice=config.on_unreachable)
-    turned = turned_hands(robot, shown)
-    treated = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
-    treated |= {"orientations": list(turned)} if turned else {}
+    treated: dict[str, Any] = {"smoothing": asdict(smoothing), "out_of_reach": asdict(found)}
+    treated |= {"orientations": list(turned)} if (turned := turned_hands(robot, shown)) else {}
     explored = explore(
         robot,
         motion,

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from recorders.errors import WireError
 from recorders.protocol.known_streams import KnownStreams
 from recorders.protocol.packets import Packet
-from recorders.protocol.sealing import ConsumerKeys, ReceiverSeals
+from recorders.protocol.seals.sealing import ConsumerKeys, ReceiverSeals
 from recorders.protocol.stream import Offer, Progress, asker, is_identifier
 
 _NOT_SEALED = "not sealed with the key of this consumer: start both ends with the same --key FILE"

@@ -5,7 +5,7 @@ from typing import Any
 from recorders.errors import MessageError
 from recorders.protocol.frames import Frame, FrameType, unpack
 from recorders.protocol.packets import Packet
-from recorders.protocol.sealing import ReceiverSeals
+from recorders.protocol.seals.sealing import ReceiverSeals
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
 from recorders.protocol.stream_digest import StreamDigest, find_digest
 

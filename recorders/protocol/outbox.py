@@ -4,7 +4,7 @@ from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import MAX_PAYLOAD, Frame, FrameType, batch_topic, pack
 from recorders.protocol.packets import Action, Ask, Packet, Publish
-from recorders.protocol.sealing import SenderSeals
+from recorders.protocol.seals.sealing import SenderSeals
 from recorders.protocol.stream import Offer
 from recorders.protocol.stream_digest import StreamDigests
 

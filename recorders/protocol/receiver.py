@@ -10,7 +10,7 @@ from recorders.protocol.frames import Frame, FrameType, stream_of
 from recorders.protocol.incoming import IncomingStream
 from recorders.protocol.known_streams import KnownStreams
 from recorders.protocol.packets import Packet
-from recorders.protocol.sealing import ConsumerKeys, question_number
+from recorders.protocol.seals.sealing import ConsumerKeys, question_number
 from recorders.protocol.states import RECEIVER_TRANSITIONS, ReceiverState
 from recorders.protocol.stream import Offer, Progress, asker, asking
 from recorders.text.wording import escape_control

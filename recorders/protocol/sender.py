@@ -8,12 +8,12 @@ from typing import Any
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import FrameType
-from recorders.protocol.opening import Opening
 from recorders.protocol.outbox import Outbox
 from recorders.protocol.packets import Action, Ask, Packet
 from recorders.protocol.patience import Patience
 from recorders.protocol.questions import Questions
-from recorders.protocol.sealing import SenderSeals
+from recorders.protocol.seals.opening import Opening
+from recorders.protocol.seals.sealing import SenderSeals
 from recorders.protocol.send_window import Rewind, SendWindow
 from recorders.protocol.states import SENDER_TRANSITIONS, SenderState
 from recorders.protocol.stream import Offer, Progress, asking

@@ -17,10 +17,10 @@ import zenoh
 
 from recorders.errors import ReenactError, WireError
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.authentication import INSTANCE_BYTES
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, GIVEN_UP, ReceiverMachine
+from recorders.protocol.seals.authentication import INSTANCE_BYTES
 from recorders.protocol.stream import Consumer, Offer, Progress
 from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import SenderChannels

@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from recorders.errors import ConfigError
-from recorders.protocol.authentication import KEY_BYTES
+from recorders.protocol.seals.authentication import KEY_BYTES
 
 _HEX = re.compile(rb"\s*([0-9a-fA-F]{%d})\s*" % (2 * KEY_BYTES))
 _MAX_FILE = 1024

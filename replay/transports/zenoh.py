@@ -10,8 +10,8 @@ from typing import Any
 from recorders.errors import ReenactError, WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.authentication import KEY_BYTES
-from recorders.protocol.opening import UnansweredError
+from recorders.protocol.seals.authentication import KEY_BYTES
+from recorders.protocol.seals.opening import UnansweredError
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.stream import Offer
 from recorders.wire.channel_table import published_channels

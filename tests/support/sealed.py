@@ -3,11 +3,11 @@
 import zenoh
 
 from recorders.protocol.answers import Offered
-from recorders.protocol.authentication import INSTANCE_BYTES, KEY_BYTES
 from recorders.protocol.frames import Frame, FrameType, batch_topic, pack
 from recorders.protocol.packets import Packet, read_progress
 from recorders.protocol.receiver import ReceiverMachine
-from recorders.protocol.sealing import SenderSeals
+from recorders.protocol.seals.authentication import INSTANCE_BYTES, KEY_BYTES
+from recorders.protocol.seals.sealing import SenderSeals
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.stream import Offer, Progress
 from recorders.wire.keys.namespace import control_key, message_key

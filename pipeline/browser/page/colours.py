@@ -1,4 +1,4 @@
-"""Colours that people with any colour vision distinguish, light enough for dark pages and dark enough for light ones."""
+"""Colours that people with any colour vision distinguish, on dark pages and on light ones."""
 
 from typing import TypeAlias
 

@@ -14,13 +14,13 @@ from small_world import Consumer, World
 
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
-from recorders.protocol import authentication
 from recorders.protocol.answers import Offered
-from recorders.protocol.authentication import Signer, Verifier, consumer_key, sender_key
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Ask, Packet
 from recorders.protocol.receiver import ReceiverMachine
-from recorders.protocol.sealing import ConsumerKeys, SenderSeals
+from recorders.protocol.seals import authentication
+from recorders.protocol.seals.authentication import Signer, Verifier, consumer_key, sender_key
+from recorders.protocol.seals.sealing import ConsumerKeys, SenderSeals
 from recorders.protocol.states import ReceiverState, SenderState
 from recorders.protocol.stream import Offer, Progress, asking
 

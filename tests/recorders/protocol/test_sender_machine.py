@@ -9,10 +9,10 @@ from small_world import COUNT, OFFER, PATIENCE_S, WAIT_S, Consumer, World, messa
 
 from recorders.errors import WireError
 from recorders.protocol.frames import MAX_PAYLOAD, FrameType
-from recorders.protocol.opening import UnansweredError
 from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.questions import ALIVE_S
-from recorders.protocol.sealing import ConsumerKeys
+from recorders.protocol.seals.opening import UnansweredError
+from recorders.protocol.seals.sealing import ConsumerKeys
 from recorders.protocol.states import SenderState
 from recorders.protocol.stream import Progress
 

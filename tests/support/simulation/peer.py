@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.authentication import INSTANCE_BYTES
 from recorders.protocol.frames import SEAL_BYTES, Frame, FrameType, batch_topic, pack
 from recorders.protocol.packets import Packet
+from recorders.protocol.seals.authentication import INSTANCE_BYTES
 from recorders.protocol.stream import Offer, Progress, asking
 from simulation.network import Network, Overheard
 from simulation.receiver_node import ReceiverNode

@@ -7,10 +7,10 @@ from functools import partial
 
 from recorders.errors import MessageError, ReenactError
 from recorders.protocol.answers import Offered
-from recorders.protocol.authentication import INSTANCE_BYTES
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
+from recorders.protocol.seals.authentication import INSTANCE_BYTES
 from recorders.wire.bounded_queue import BoundedQueue
 from simulation.consumers import SimulatedConsumer, Source
 from simulation.network import Network

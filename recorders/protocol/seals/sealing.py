@@ -7,7 +7,9 @@ earlier stream, of a consumer that was started anew since, or of another questio
 from itertools import count
 
 from recorders.messages.topics import type_of
-from recorders.protocol.authentication import (
+from recorders.protocol.frames import ATTACHMENT_BYTES, SEAL_BYTES, FrameType
+from recorders.protocol.packets import Packet
+from recorders.protocol.seals.authentication import (
     INSTANCE_BYTES,
     Signer,
     Verifier,
@@ -15,8 +17,6 @@ from recorders.protocol.authentication import (
     seal_number,
     sender_key,
 )
-from recorders.protocol.frames import ATTACHMENT_BYTES, SEAL_BYTES, FrameType
-from recorders.protocol.packets import Packet
 
 ANY_INSTANCE = bytes(INSTANCE_BYTES)
 """The instance of a consumer of which none is known yet."""

@@ -1,4 +1,4 @@
-"""Seals that prove who made a packet: AES-GMAC under a key of one stream and one direction.
+"""Seals that prove who sent a packet: AES-GMAC under a key of one stream and one direction.
 
 A seal is the number of the packet among all that its maker sealed, and a tag over that number and everything that the
 packet means. NIST SP 800-38D asks that no number be used twice with one key: whoever seals counts what it has sealed,

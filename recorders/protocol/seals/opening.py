@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 from recorders.errors import WireError
 from recorders.protocol.packets import Ask, Packet, read_progress
-from recorders.protocol.sealing import SenderSeals
+from recorders.protocol.seals.sealing import SenderSeals
 from recorders.protocol.stream import Progress
 from recorders.text.wording import escape_control
 
