@@ -63,10 +63,12 @@ class Answers:
 
     def to_offer(self, offered: Offered, taken: str) -> Packet | None:
         """Return the answer to an offer that can be answered without the consumer; None if it is to decide."""
-        found = self._streams.find(offered.offer.sender)
-        if found is not None:
-            return offered.answer(found)
-        return None if self._streams.current is None else offered.answer(Progress(error=taken))
+        sender, current = offered.offer.sender, self._streams.current
+        if current is not None and current.offer.sender == sender:
+            return offered.answer(current.beginning)
+        if (ended := self._streams.find(sender)) is not None:
+            return offered.answer(ended)
+        return None if current is None else offered.answer(Progress(error=taken))
 
     def to_status(self, packet: Packet) -> Packet:
         """Return the answer to whoever asks how far this is.

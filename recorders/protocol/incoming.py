@@ -49,6 +49,11 @@ class IncomingStream:
         return Progress(self.offer.run, self._next, self._received, self.result, self.error, digest)
 
     @property
+    def beginning(self) -> Progress:
+        """The answer to its offer, however late and often: where it began, as both ends digest it from there on."""
+        return self.progress if self.is_final else Progress(self.offer.run, self._start, self._start)
+
+    @property
     def is_final(self) -> bool:
         """Whether the consumer is through with it: it has a result, or stopped."""
         return self.result is not None or self.error is not None

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 
 import pytest
 from simulation.run import simulate
-from simulation.scenario import ConsumerPlan, Fault, Scenario
+from simulation.scenario import ConsumerPlan, Fault, Scenario, draw_faults, draw_scenario
 from simulation.world import MS
 
 LEARNER = ConsumerPlan("learner", "learner", consume_ns=MS // 10, durable_every=1, waiting_bytes=1 << 20)
@@ -55,12 +55,25 @@ def _quiet(caplog: pytest.LogCaptureFixture) -> None:
     caplog.set_level(logging.ERROR, logger="recorders.recording.log_clock")
 
 
+# A frame that was late arrives between the acceptance of an offer and its answer, which was late too.
+LATE_FRAME = 4667, (0, 3, 84, 85, 219, 223, 224, 225, 226, 229, 268, 269, 270, 305, 306, 308, 342, 390)
+
+
 @pytest.mark.parametrize("name", FOUND)
 def test_what_was_found_stays_mended(name: str) -> None:
     scenario, faults = FOUND[name]
     outcome = simulate(scenario, faults)
     assert outcome.found == ""
     assert outcome.errors == ()
+    assert outcome.occurred
+
+
+def test_a_stream_is_digested_from_where_it_began_at_both_ends() -> None:
+    seed, places = LATE_FRAME
+    scenario = draw_scenario(seed)
+    faults = draw_faults(scenario)
+    outcome = simulate(scenario, [faults[place] for place in places])
+    assert (outcome.found, outcome.errors) == ("", ())
     assert outcome.occurred
 
 

@@ -132,6 +132,14 @@ def test_an_offer_that_is_repeated_while_the_consumer_decides_is_answered_like_t
     assert read(machine.answer(again)).next == 5
 
 
+def test_an_offer_that_is_repeated_is_answered_by_where_its_stream_began() -> None:
+    machine = accepted(start=7)
+    machine.arrived(frame(7))
+    machine.consume(frame(7))
+    assert machine.progress.next == 8
+    assert read(hello(machine)) == Progress(run=OFFER.run, next=7, received=7)  # where its digest began
+
+
 def test_live_messages_are_of_no_sender_that_could_be_left() -> None:
     machine = accepted(offer=replace(OFFER, sender=NO_RUN.hex()))
     machine.abandon()
