@@ -1,6 +1,7 @@
 """Paths of demonstrated hands: from a CSV file, from poses in a log, or pose by pose as they come in."""
 
 import hashlib
+import logging
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,6 +12,7 @@ import numpy as np
 from pipeline.exploration.pose_track import MAX_COORDINATE, HandPath, PoseTrack
 from pipeline.motions.csv_file import read_table
 from pipeline.motions.motion import hand_columns, orientation_columns
+from pipeline.motions.shown_turns import are_orientations
 from recorders.containers.opening import open_log
 from recorders.errors import LogError, MotionError
 from recorders.files.whole_files import file_sha256
@@ -19,6 +21,8 @@ from recorders.messages.topics import hand_target
 from recorders.reading.parts import Log, files_of
 from recorders.text.wording import names_text
 from replay.sources.scheduled import naming, renamed
+
+logger = logging.getLogger(__name__)
 
 _NO_RENAMES: Mapping[str, str] = {}
 
@@ -63,7 +67,7 @@ def read_csv_paths(
     Raises
     ------
     MotionError
-        As `pipeline.motions.csv_file.read_table` does, and if the columns are others.
+        As `pipeline.motions.csv_file.read_table` does, if the columns are others, or a quaternion is no orientation.
     """
     sides: list[str] = []
     turned: dict[str, Sequence[str]] = {}
@@ -73,12 +77,20 @@ def read_csv_paths(
         columns = _columns_by_hand(header, hands, hand)
         sides.extend(columns)
         turned.update({side: four for side in columns if side in posed if (four := _turn_columns(header, side))})
+        if others := [side for side in columns if side not in posed and _turn_columns(header, side)]:
+            logger.warning(
+                f"{path.name}: orientations of {' and '.join(others)} are not followed: position alone counts"
+            )
         rows = *columns.values(), *turned.values()
         return ["t", *(column for row in rows for column in row)]
 
     table = read_table(path, choose=choose, max_coordinate=MAX_COORDINATE)
     times_s, points, turns = np.split(table, [1, 1 + 3 * len(sides)], axis=1)
     orientations = dict(zip(turned, np.split(turns, max(1, len(turned)), axis=1), strict=False))
+    for side, quaternions in orientations.items():
+        if not (sound := are_orientations(quaternions)).all():
+            row = int(np.argmin(sound)) + 1
+            raise MotionError(f"{path}: row {row}: expected an orientation of {side}, found no length")
     paths = {
         side: HandPath(times_s[:, 0], points[:, 3 * k : 3 * k + 3], orientations.get(side))
         for k, side in enumerate(sides)

@@ -14,7 +14,7 @@ def graph_table(view: GraphView) -> Table:
         table.add_column(name, overflow="fold")
     described = view.to_dict()["topics"]
     for row in described:
-        table.add_row(row["topic"], *(_lines(row[part]) for part in ("types", "publishers", "subscriptions")))
+        table.add_row(*map(_lines, ([row["topic"]], row["types"], row["publishers"], row["subscriptions"])))
     busy = {name for row in described for side in ("publishers", "subscriptions") for name in row[side]}
     for name in view.nodes:
         if name not in busy:

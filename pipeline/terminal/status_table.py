@@ -34,7 +34,7 @@ def _figures(node: NodeStatus) -> Iterator[tuple[str, str]]:
     for name, count in node.counts.items():
         if count:
             rate = node.rates_hz.get(name)
-            yield name, f"{count} ({rate:.1f} Hz)" if rate else str(count)
+            yield name, f"{count} ({rate:.1f} a second)" if rate else str(count)
     for name, latency_us in node.latency_us.items():
         if latency_us is not None:
             yield name, f"{latency_us:.0f} us"

@@ -32,12 +32,12 @@ def standard_definitions(ros: int) -> Definitions:
 
 @lru_cache(maxsize=256)
 def channel_definitions(channel: DeclaredChannel) -> Definitions:
-    """Return the types that a channel's schema defines, or the standard ones if it defines none.
+    """Return the types that a channel's schema defines, or the standard ones if it defines none that can be read.
 
     Raises
     ------
     MessageError
-        If the definition does not parse.
+        If the definition does not parse, and the type is none of ROS's own.
     """
     name, encoding, data = channel.schema or ("", "", b"")
     ros = 1 if channel.encoding == "ros1" else 2
@@ -49,6 +49,8 @@ def channel_definitions(channel: DeclaredChannel) -> Definitions:
         text = data.decode()
         found = _from_idl(text) if "idl" in encoding else get_types_from_msg(_usual(text), ros_name(name))
     except (TypesysError, ValueError, RecursionError, AssertionError, KeyError, IndexError, TypeError):
+        if ros_name(name) in standard_definitions(ros):
+            return standard_definitions(ros)  # whether messages are of it is seen when they are decoded
         raise MessageError(f"{name:.80}: its definition in the log cannot be read as {encoding or 'ros2msg'}") from None
     times = {key: value for key, value in standard_definitions(2).items() if key.startswith("builtin_interfaces/")}
     return {**times, **found}

@@ -105,7 +105,7 @@ def _new_folder(out: Path) -> Iterator[Path]:
 
 def _writer(form: str) -> ModuleType:
     if form not in FORMATS:
-        raise ConfigError(f"--format: expected one of {names_text(FORMATS)}, found {form!r:.40}")
+        raise ConfigError(f"--format: expected {names_text(FORMATS)} or lerobot, found {form!r:.40}")
     if form == "csv":
         return csv_file
     try:

@@ -2,7 +2,6 @@
 
 from collections import deque
 
-from recorders.errors import WireError
 from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.stream import WINDOW_BYTES, Progress
 
@@ -52,11 +51,6 @@ class SendWindow:
     def through(self) -> bool:
         """Whether every consumer has reported its result."""
         return all(progress.result is not None for progress in self.progress.values())
-
-    @property
-    def failed(self) -> bool:
-        """Whether a consumer has reported that it stopped."""
-        return any(progress.error is not None for progress in self.progress.values())
 
     def start(self) -> int:
         """Return the index from which the consumers together want the stream."""
@@ -125,15 +119,3 @@ class SendWindow:
             self.progress[name] = answer
             raise Rewind(answer.received)
         return [frame for frame in self._frames if frame.end > answer.received or frame.kind is FrameType.END]
-
-    def check(self) -> None:
-        """Check that no consumer has stopped; raises WireError with its reason."""
-        for name, progress in self.progress.items():
-            checked(name, progress)
-
-
-def checked(name: str, progress: Progress) -> Progress:
-    """Return a consumer's progress; raises WireError with its reason if it refuses, or stopped."""
-    if progress.error is not None:
-        raise WireError(f"{name}: {progress.error}")
-    return progress

@@ -44,9 +44,10 @@ def read_key(path: Path) -> bytes:
                     f"and mode {stat.S_IMODE(found.st_mode):03o}: chmod 600 it, or give another with --key"
                 )
             text = file.read(_MAX_FILE)
-    except OSError as error:
+    except (OSError, ValueError) as error:  # the latter of a name with a NUL in it
+        reason = error.strerror if isinstance(error, OSError) else error
         raise ConfigError(
-            f"{path}: expected a file, no link, with a key of streams ({error.strerror}); give another with --key"
+            f"{path}: expected a file, no link, with a key of streams ({reason}); give another with --key"
         ) from error
     key = _HEX.fullmatch(text)
     if key is None:

@@ -20,7 +20,7 @@ HANDFUL = (
         "if self.sent + count - consumed > max(self._window, count):",
         "self.sent + count - consumed -> self.sent + count + consumed",
     ),
-    ("sealing.SenderSeals.is_answer", "return False", "False -> True"),
+    ("seals.sealing.SenderSeals.is_answer", "return False", "False -> True"),
 )
 """Function, line and change of bugs that `make test` plants."""
 

@@ -48,12 +48,14 @@ def draw_bugs(count: int, *, seed: int) -> list[PlantedBug]:
 
 def all_bugs() -> Iterator[PlantedBug]:
     """Yield every mutant of what is computed in the protocol's modules."""
-    for path in sorted(_folder().glob("*.py")):
+    for path in sorted(_folder().rglob("*.py")):
         source = path.read_text()
         lines = source.splitlines()
         for mutant in find_mutants(source):
             if mutant.function:
-                yield PlantedBug(path.stem, lines[mutant.line - 1].strip(), mutant)
+                yield PlantedBug(
+                    ".".join(path.relative_to(_folder()).with_suffix("").parts), lines[mutant.line - 1].strip(), mutant
+                )
 
 
 def seeds_to_find(bug: PlantedBug, seeds: Sequence[int]) -> int | None:
@@ -99,7 +101,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
 
     def exec_module(self, module: ModuleType) -> None:
         """Run the mutant; its loops end."""
-        source = (_folder() / f"{self._bug.module}.py").read_text()
+        source = (_folder() / f"{self._bug.module.replace('.', '/')}.py").read_text()
         tree = _Counting().visit(mutated_tree(source, self._bug.mutant))
         module.__dict__["_count_turn"] = _turn_counter()
         exec(compile(ast.fix_missing_locations(tree), str(self._bug), "exec"), module.__dict__)

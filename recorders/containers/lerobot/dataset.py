@@ -101,29 +101,29 @@ class LeRobotDataset(ForeignReader):
     def _frames(self, features: Iterable[str]) -> Iterator[_Frames]:
         """Yield the frames in order, those of one episode at a time."""
         names, episode, frame, start_ns, last_ns = list(features), -1, -1, 0, 0
-        for batch in self._batches([_EPISODE, _FRAME, *names]):
-            episodes, numbers = self._whole_numbers(batch, _EPISODE), self._whole_numbers(batch, _FRAME)
-            values = {name: self._rows(batch, name) for name in names}
-            times_ns: list[int] = []
-            for of_episode, number in zip(episodes.tolist(), numbers.tolist(), strict=True):
-                if of_episode < episode or (of_episode == episode and number <= frame) or number < 0:
-                    raise LogError(f"{self.path}: expected frames in order, found {number} of episode {of_episode}")
-                if of_episode > episode:
-                    start_ns = (last_ns + BETWEEN_NS + _SECOND - 1) // _SECOND * _SECOND
-                episode, frame = of_episode, number
-                last_ns = start_ns + round(number * _SECOND / self._info.fps)
-                if last_ns >= _END_NS:
-                    raise LogError(f"{self.path}: expected times up to 2^31 s, found frame {number} beyond")
-                times_ns.append(last_ns)
-            yield _Frames(times_ns, values)
+        with self._sound():
+            for batch in self._batches([_EPISODE, _FRAME, *names]):
+                episodes, numbers = self._whole_numbers(batch, _EPISODE), self._whole_numbers(batch, _FRAME)
+                values = {name: self._rows(batch, name) for name in names}
+                times_ns: list[int] = []
+                for of_episode, number in zip(episodes.tolist(), numbers.tolist(), strict=True):
+                    if of_episode < episode or (of_episode == episode and number <= frame) or number < 0:
+                        raise LogError(f"{self.path}: expected frames in order, found {number} of episode {of_episode}")
+                    if of_episode > episode:
+                        start_ns = (last_ns + BETWEEN_NS + _SECOND - 1) // _SECOND * _SECOND
+                    episode, frame = of_episode, number
+                    last_ns = start_ns + round(number * _SECOND / self._info.fps)
+                    if last_ns >= _END_NS:
+                        raise LogError(f"{self.path}: expected times up to 2^31 s, found frame {number} beyond")
+                    times_ns.append(last_ns)
+                yield _Frames(times_ns, values)
 
     def _batches(self, names: list[str]) -> Iterator[Any]:
-        with self._sound():
-            for file in self._info.files:
-                with pq.ParquetFile(file) as table:
-                    if missing := [name for name in names if name not in table.schema_arrow.names]:
-                        raise LogError(f"{file}: expected columns {names_text(missing)}, found none of these names")
-                    yield from table.iter_batches(batch_size=_ROWS, columns=names)
+        for file in self._info.files:
+            with pq.ParquetFile(file) as table:
+                if missing := [name for name in names if name not in table.schema_arrow.names]:
+                    raise LogError(f"{file}: expected columns {names_text(missing)}, found none of these names")
+                yield from table.iter_batches(batch_size=_ROWS, columns=names)
 
     def _whole_numbers(self, batch: Any, name: str) -> NDArray[np.int64]:
         column = batch.column(name)
@@ -146,5 +146,10 @@ class LeRobotDataset(ForeignReader):
     def _sound(self) -> Iterator[None]:
         try:
             yield
-        except (pa.ArrowException, OSError) as error:
+        except (
+            pa.ArrowException,
+            OSError,
+            ValueError,
+            KeyError,
+        ) as error:
             raise LogError(f"{self.path}: not a sound LeRobotDataset: {str(error).splitlines()[0][:200]}") from None

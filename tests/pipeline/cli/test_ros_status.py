@@ -1,15 +1,22 @@
 """`status --ros`: the graph of a ROS domain on the terminal, as a client of others fills it."""
 
 import json
+from io import StringIO
 from pathlib import Path
 
 import pytest
 from processes import complaint, reenact
+from rich.console import Console
 from ros_peer import ros_peer
 from waiting import wait_until
 
+from pipeline.terminal.graph_table import graph_table
 from recorders.messages.message_types import JointState, String
-from recorders.wire.keys.ros_graph import find_graph
+from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.qos import Qos
+from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys.ros_graph import GraphView, find_graph
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -39,6 +46,16 @@ def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
     ]
     assert (other.returncode, json.loads(other.stdout)) == (1, {"domain": 0, "nodes": [], "topics": []})
     assert f"no node is in ROS domain 0 at {endpoint}" in other.stderr
+
+
+def test_names_of_hostile_tokens_are_shown_as_they_are() -> None:
+    endpoint = Endpoint("/[/x]\x1b[31m/[red]", String.TYPE, type_hash(String.TYPE), Qos())
+    token = Token(0, "f00", 0, 1, EntityType.PUBLISHER, NodeName("talker"), endpoint)
+    written = StringIO()
+    Console(file=written, width=80).print(graph_table(GraphView((token,))))
+    shown = written.getvalue()
+    assert "\x1b" not in shown
+    assert "/[/x]\\x1b[31m/[red]" in shown
 
 
 def test_the_domain_of_the_environment_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

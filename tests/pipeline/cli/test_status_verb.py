@@ -247,9 +247,9 @@ def test_the_table_of_a_deployment_fits_80_columns_with_no_word_broken() -> None
     for text in (
         "controller  controller",
         "slipped_ms 1728",
-        "messages 5070 (244.7 Hz)",
+        "messages 5070 (244.7 a second)",
         "p50 207 us",
-        "16 s   commands 51 (5.0 Hz)",
+        "16 s   commands 51 (5.0 a second)",
         "c5975ca1",
     ):
         assert text in shown

@@ -103,13 +103,17 @@ def test_poses_without_an_orientation_keep_the_middle(robot: RobotConfig) -> Non
     assert (found * middle(robot).inv()).magnitude().max() < 1e-9
 
 
-def test_columns_of_a_file_and_poses_of_a_log_show_orientations(robot: RobotConfig, tmp_path: Path) -> None:
+def test_columns_of_a_file_and_poses_of_a_log_show_orientations(
+    robot: RobotConfig, tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
     points, quaternions = np.tile(robot.hands[0].centre, (len(TIMES), 1)), swing(TIMES).as_quat()
     file = write_csv(tmp_path / "shown.csv", COLUMNS, TIMES, points, quaternions)
     path = read_csv_paths(file, [HAND], posed=[HAND]).paths[HAND]
     assert path.quaternions is not None
     np.testing.assert_array_equal(path.quaternions, quaternions)
+    assert caplog.text == ""
     assert read_csv_paths(file, [HAND]).paths[HAND].quaternions is None
+    assert f"orientations of {HAND} are not followed" in caplog.text
     poses = [
         PoseStamped(pose.stamp_ns, pose.position, orientation=turn)
         for pose, turn in zip(poses_of(TIMES), quaternions, strict=True)
@@ -121,6 +125,10 @@ def test_columns_of_a_file_and_poses_of_a_log_show_orientations(robot: RobotConf
     lacking = write_csv(tmp_path / "lacking.csv", COLUMNS.rpartition(",")[0], TIMES, points, quaternions[:, :3])
     with pytest.raises(MotionError, match="lacks tip_qw: expected all four columns of an orientation"):
         read_csv_paths(lacking, [HAND], posed=[HAND])
+    quaternions[4] = 0.0
+    zero = write_csv(tmp_path / "zero.csv", COLUMNS, TIMES, points, quaternions)
+    with pytest.raises(MotionError, match="row 5: expected an orientation of tip, found no length"):
+        read_csv_paths(zero, [HAND], posed=[HAND])
 
 
 def test_the_targets_of_the_log_turn_as_shown(robot: RobotConfig, folder: Path, tmp_path: Path) -> None:

@@ -210,7 +210,8 @@ def test_a_motion_is_answered_with_the_postures_of_its_evaluation(
     assert summary["name"] == "anna"
     assert summary["digest"] == last["digest"]
     (line,) = said.splitlines()
-    assert line == f"anna serves lab/asimo/joint_commands through {watcher.endpoint}"
+    way = "at" if listens else "through"
+    assert line == f"anna serves lab/asimo/joint_commands {way} {watcher.endpoint}"
 
 
 @pytest.mark.parametrize("listens", [True, False])

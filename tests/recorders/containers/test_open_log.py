@@ -8,9 +8,11 @@ import pytest
 
 from recorders.cdr.codec import decode_as, encode
 from recorders.containers.decoding import MessageDecoder
+from recorders.containers.definitions import channel_definitions, standard_definitions
 from recorders.containers.opening import open_as_it_is, open_log
 from recorders.containers.translated import as_poses
 from recorders.errors import MessageError
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.message_types import JointState, PoseStamped, TransformStamped
 from recorders.writing.writer import LogWriter
 
@@ -78,6 +80,20 @@ def test_bytes_and_encodings_are_as_recorded_where_they_are_asked_for(named):
     expected = next((value for word, value in encoding.items() if word in name), "cdr")
     assert {channel.encoding for channel in reader.channels} == {expected}
     assert all(channel.schema and channel.schema[2] for channel in reader.channels)
+
+
+def test_a_standard_type_whose_definition_cannot_be_read_is_the_standard_one(tmp_path):
+    schema = (JointState.TYPE, "ros2msg", b"x")
+    channel = DeclaredChannel("/joints", "cdr", schema=schema)
+    own = DeclaredChannel("/own", "cdr", schema=("lab_msgs/msg/Joints", "ros2msg", b"x"))
+    joints = JointState(5, ("elbow",), np.array([0.5]))
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as writer:
+        writer.write("/joints", encode(joints), log_time_ns=1, declared=channel)
+    (record,) = open_log(tmp_path / "log.mcap")
+    assert (record.type, record.data) == (JointState.TYPE, encode(joints))
+    assert channel_definitions(channel) == standard_definitions(2)
+    with pytest.raises(MessageError, match="its definition in the log cannot be read as ros2msg"):
+        channel_definitions(own)
 
 
 def test_poses_of_other_types_come_out_as_poses(tmp_path):

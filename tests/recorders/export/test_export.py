@@ -129,7 +129,7 @@ def test_bad_input_is_one_line_and_leaves_no_folder(tmp_path: Path) -> None:
     log = bags.cdr_mcap(tmp_path / "a.mcap")
     odd = bags.mcap_file(tmp_path / "odd.mcap", [("/odd", "flatbuffer", "Odd", ("flatbuffer", b"x"), b"1", 1)])
     for error, text, words in (
-        (ConfigError, "--format: expected one of csv, parquet", {"log": log, "form": "xls"}),
+        (ConfigError, "--format: expected csv, parquet or lerobot", {"log": log, "form": "xls"}),
         (LogError, "no topic /nobody", {"log": log, "topics": ["/nobody"]}),
         (LogError, "expected messages that can be decoded, found none: expected a type in one of", {"log": odd}),
         (MessageError, "expected a type in one of the encodings", {"log": odd, "topics": ["/odd"]}),

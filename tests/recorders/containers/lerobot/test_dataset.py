@@ -153,6 +153,26 @@ def out_of_order(folder: Path) -> Path:
     return folder
 
 
+def with_columns(folder: Path, *columns: tuple[str, Any]) -> Path:
+    """Write a dataset, and to its table columns beside its own or in place of them."""
+    file = write(folder, {"observation.state": state()}) / "data/chunk-000/file-000.parquet"
+    table = pq.read_table(file)
+    replaced = {name for name, _ in columns if name in table.column_names}
+    kept = [(name, table.column(name)) for name in table.column_names if name not in replaced]
+    names, arrays = zip(*kept, *columns, strict=True)
+    pq.write_table(pa.Table.from_arrays(list(arrays), names=list(names)), file)
+    return folder
+
+
+def of_huge_numbers(folder: Path) -> Path:
+    return with_columns(folder, ("episode_index", pa.array([2**63 + 1] * 7, pa.uint64())))
+
+
+def with_a_name_twice(folder: Path) -> Path:
+    twice = pa.array([[0.0, 0.0]] * 7, pa.list_(pa.float32()))
+    return with_columns(folder, ("observation.state", twice), ("observation.state", twice))
+
+
 def no_json(folder: Path) -> Path:
     (older(folder) / "meta/info.json").write_text("[1, 2")
     return folder
@@ -169,6 +189,8 @@ def no_json(folder: Path) -> Path:
         (of_two_sizes, "observation.state: expected 3 numbers in each frame"),
         (cut_off, "not a sound LeRobotDataset"),
         (out_of_order, "expected frames in order, found 0 of episode 0"),
+        (of_huge_numbers, "not a sound LeRobotDataset"),
+        (with_a_name_twice, "not a sound LeRobotDataset"),
         (no_json, "expected the description of a LeRobotDataset"),
     ],
 )
