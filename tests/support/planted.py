@@ -49,6 +49,7 @@ def draw_bugs(count: int, *, seed: int) -> list[PlantedBug]:
 def all_bugs() -> Iterator[PlantedBug]:
     """Yield every mutant of what is computed in the protocol's modules."""
     for path in sorted(_folder().rglob("*.py")):
+        module = ".".join(path.relative_to(_folder()).with_suffix("").parts)
         source = path.read_text()
         lines = source.splitlines()
         for mutant in find_mutants(source):
