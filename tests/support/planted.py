@@ -54,9 +54,7 @@ def all_bugs() -> Iterator[PlantedBug]:
         lines = source.splitlines()
         for mutant in find_mutants(source):
             if mutant.function:
-                yield PlantedBug(
-                    ".".join(path.relative_to(_folder()).with_suffix("").parts), lines[mutant.line - 1].strip(), mutant
-                )
+                yield PlantedBug(module, lines[mutant.line - 1].strip(), mutant)
 
 
 def seeds_to_find(bug: PlantedBug, seeds: Sequence[int]) -> int | None:
