@@ -1,6 +1,7 @@
 """Gate of the page: which connections may see and lead the robot."""
 
 import hmac
+import socket
 from collections.abc import Mapping
 from dataclasses import dataclass
 from urllib.parse import parse_qs, urlsplit
@@ -12,6 +13,7 @@ MIN_TOKEN = 16
 """Shortest token: what is shorter can be guessed over a network."""
 
 _LOCAL = ("127.0.0.1", "localhost", "[::1]")
+_ALL = ("0.0.0.0", "::")  # noqa: S104  # only compared with
 
 
 @dataclass(frozen=True)
@@ -59,6 +61,12 @@ class Gate:
         headers : mapping of str to str
             Its headers.
         """
+        try:
+            return self._refusal(path, headers)
+        except (ValueError, LookupError):  # an address that is none, a header that occurs twice
+            return "it is no request of a browser"
+
+    def _refusal(self, path: str, headers: Mapping[str, str]) -> str:
         host = headers.get("Host", "")
         origin = headers.get("Origin")
         if origin is not None and urlsplit(origin).netloc != host:
@@ -69,8 +77,9 @@ class Gate:
         return "" if host.rpartition(":")[0] in _LOCAL else "it names another host"
 
     def address(self, port: int) -> str:
-        """Return the address of the page at a port."""
-        host = f"[{self.host}]" if ":" in self.host else self.host
+        """Return the address of the page at a port; where it listens on all addresses, by the machine's name."""
+        name = socket.gethostname() if self.host in _ALL else self.host
+        host = f"[{name}]" if ":" in name else name
         if not self.token:
             return f"http://{host}:{port}"
         return f"http://{host}:{port}/?websocket=ws://{host}:{port}/?token={self.token}"

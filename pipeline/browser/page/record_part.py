@@ -6,6 +6,7 @@ from viser import GuiEvent, ViserServer
 
 from pipeline.browser.page.panel import Allowed
 from pipeline.browser.page.texts import paragraph
+from pipeline.browser.page.visitor_bar import notify
 from pipeline.browser.session.play import Play
 
 _BEGIN, _END, _NONE = "Record", "End the recording", "(choose a log)"
@@ -53,7 +54,11 @@ class RecordPart:
             self._logs.options = logs
 
     def _press(self, event: GuiEvent[Any]) -> None:
-        if not self._allowed(event.client_id) or self._play.activity.doing:
+        if not self._allowed(event.client_id):
+            return
+        if doing := self._play.activity.doing:
+            if event.client is not None:
+                notify(event.client, f"{doing} is not done yet. Press again afterwards.")
             return
         recordings, name = self._play.recordings, str(self._name.value)
         if recordings.under_way is None:
@@ -69,5 +74,5 @@ class RecordPart:
         name = str(event.target.value)
         if event.client_id is None or name == _NONE or not self._allowed(event.client_id):
             return
-        self._play.activity.do(f"log {name}", lambda: self._play.go_through_log(name))
+        self._play.activity.do(f"log {name:.60}", lambda: self._play.go_through_log(name))
         self._logs.value = _NONE

@@ -11,6 +11,11 @@ def set_theme(target: ClientHandle | ViserServer, *, dark: bool) -> None:
     target.gui.configure_theme(dark_mode=dark, show_logo=False, show_share_button=False)
 
 
+def notify(client: ClientHandle, line: str) -> None:
+    """Show one visitor a line for a few seconds."""
+    client.add_notification("reenact", line, auto_close_seconds=4.0)
+
+
 class VisitorBar:
     """Line and buttons of one visitor.
 
@@ -43,4 +48,4 @@ class VisitorBar:
 
     def notify(self, line: str) -> None:
         """Show this visitor a line for a few seconds."""
-        self._client.add_notification("reenact", line, auto_close_seconds=4.0)
+        notify(self._client, line)

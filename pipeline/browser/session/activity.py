@@ -30,10 +30,6 @@ class Activity:
         """Do something once all before it is done; a `ReenactError` or OSError of it is kept as text."""
         return self._executor.submit(self._do, what, work)
 
-    def fail(self, reason: str) -> None:
-        """Keep why something failed."""
-        self.failure = reason
-
     def cancel(self) -> None:
         """Drop what has not begun."""
         self._executor.shutdown(wait=False, cancel_futures=True)

@@ -2,7 +2,6 @@
 
 import threading
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -97,14 +96,6 @@ class Controllers:
             earlier.stop()
         return name
 
-    def remove(self, name: str) -> None:
-        """Remove a controller, and end its process."""
-        with self._lock:
-            self._files.pop(name, None)
-            process = self._processes.pop(name, None)
-        if process is not None:
-            process.stop()
-
     def start(self, name: str) -> None:
         """Start a controller, unless it runs, and wait until it answers targets.
 
@@ -154,7 +145,3 @@ class Controllers:
         return VerbProcess(
             place.folder, "serve", self._files[name], *where, *renamed_targets(name, place.hands), name=unique
         )
-
-
-Chosen = Callable[[str], None]
-"""Takes the name of a controller that leads from now on."""

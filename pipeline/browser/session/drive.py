@@ -134,7 +134,12 @@ class Drive:
             return self._tick(stamp_ns, min(passed_ns * 1e-9, _LONGEST_S), begins=False)
 
     def move_hand(self, place: int, row: Floats) -> None:
-        """Want a hand elsewhere, by row; what moves by itself stops, the other hands stay where they are asked to."""
+        """Want a hand elsewhere, by row; what moves by itself stops, the other hands stay where they are asked to.
+
+        A row that is not finite changes nothing.
+        """
+        if not np.isfinite(row).all():
+            return
         with self._lock:
             if self._mode is not Mode.HANDLES:
                 self.hold()

@@ -160,8 +160,8 @@ def playing(config: PlayConfig) -> Iterator[Play]:
             drive = Drive(_robot_there(session, config))
             link = stack.enter_context(RobotLink(session, drive, namespace=config.namespace))
             where = Place(session, config.session.connect[:1], config.namespace, Path(name), drive.robot.hand_names)
-            activity = _activity(stack)
             recordings = _recordings(stack, where, drive, config)
+            activity = _activity(stack)
             yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
 
 
@@ -178,10 +178,10 @@ def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
         raise WireError(own.report or str(error)) from error
     where = Place(session, (endpoint,), namespace, folder, robot.hand_names)
     controllers = Controllers(where)
+    recordings = _recordings(stack, where, drive, config)
     activity = _activity(stack)
     stack.callback(controllers.close)  # which ends what the activity may be waiting for
     stack.callback(activity.cancel)
-    recordings = _recordings(stack, where, drive, config)
     play = Play(drive, link, activity, controllers, recordings, own, _reachable(robot))
     added = [controllers.add(path) for path in config.controllers]
     play.choose(added[0] if added else TEACHER)
@@ -198,6 +198,7 @@ def _recordings(stack: ExitStack, place: Place, drive: Drive, config: PlayConfig
 
 
 def _activity(stack: ExitStack) -> Activity:
+    """Return the activity; it comes after the recordings, as one that it is just beginning is ended by them."""
     activity = Activity()
     stack.callback(activity.close)
     return activity

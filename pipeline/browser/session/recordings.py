@@ -1,6 +1,7 @@
 """Recordings from the page: the usual recorder in a process of its own, and what is in the folder of logs."""
 
 import json
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,10 +15,11 @@ from pipeline.browser.session.drive import Drive
 from pipeline.browser.session.keys import LED
 from pipeline.browser.session.recorded_motion import write_episode
 from pipeline.deployment.verb_process import VerbProcess
-from recorders.errors import LogError, WireError
+from recorders.errors import LogError, ReenactError
 from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.keys import node_key, node_name
 from recorders.wire.keys.namespace import control_key
+from recorders.writing.part_file import part_of
 
 _RECORDER = "page"
 _ARRIVAL_S = 10.0
@@ -73,8 +75,10 @@ class Recordings:
         return tuple(sorted(path.stem for path in self.folder.glob("*.mcap")))
 
     def path(self, name: str) -> Path:
-        """Return where the log of a name is."""
-        return self.folder / f"{name}.mcap"
+        """Return where the log of a name is; raises LogError where the folder has none of it."""
+        if name not in self.logs():
+            raise LogError(f"expected the name of a log in {self.folder}, found {name!r:.60}")
+        return self._file(name)
 
     def begin(self, name: str) -> None:
         """Begin a recording of a name, or one with a number behind it where there is such a log already.
@@ -99,7 +103,7 @@ class Recordings:
         )
         try:
             self._place.await_token(node_key(self._place.namespace, "recorder", _RECORDER, "alive"), process)
-        except WireError:
+        except BaseException:
             process.stop()
             raise
         self._drive.begin_figures()
@@ -112,17 +116,29 @@ class Recordings:
         Raises
         ------
         LogError
-            If none is under way, or it is not whole.
+            If none is under way, or it is not whole; what the recorder wrote then stays in the folder.
         """
         recording, self.under_way = self.under_way, None
         if recording is None:
             raise LogError("expected a recording under way, found none")
         last_ns = self._drive.last_stamp_ns or 0
         self._await_arrival()
+        self.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            return self._written(recording, last_ns)
+        except ReenactError as error:
+            raise LogError(f"{error}{self._left(recording)}") from error
+
+    def close(self) -> None:
+        """End a recording that is under way, and keep what there is of it."""
+        if self.under_way is not None:
+            self.end()
+
+    def _written(self, recording: Recording, last_ns: int) -> Path:
+        """End the recorder, and return the episode of what it recorded."""
         if recording.process.stop(signal.SIGINT):
             raise LogError(f"{recording.name}: the recorder failed: {recording.process.complaint()}")
-        self.folder.mkdir(parents=True, exist_ok=True)
-        out = self.path(recording.name)
+        out = self._file(recording.name)
         write_episode(
             recording.log,
             out,
@@ -133,10 +149,14 @@ class Recordings:
         )
         return out
 
-    def close(self) -> None:
-        """End a recording that is under way, and keep what there is of it."""
-        if self.under_way is not None:
-            self.end()
+    def _left(self, recording: Recording) -> str:
+        """Move what a recorder wrote into the folder, and return the end of a line that says where it is."""
+        raw = self._file(self._free(f"{recording.name}_raw"))
+        for left, kept in ((recording.log, raw), (part_of(recording.log), part_of(raw))):
+            if left.exists():
+                shutil.move(left, kept)
+                return f"; all that was recorded is in {kept}"
+        return ""
 
     def _await_arrival(self) -> None:
         """Wait until the recorder answers: what was published before has come there before the question."""
@@ -144,11 +164,14 @@ class Recordings:
         for _ in self._place.session.get(key, timeout=_ARRIVAL_S):
             pass
 
+    def _file(self, name: str) -> Path:
+        return self.folder / f"{name}.mcap"
+
     def _free(self, name: str) -> str:
         """Return a name that no log has."""
         name = node_name(name.strip() or "demonstration")
         number, free = 1, name
-        while self.path(free).exists():
+        while self._file(free).exists():
             number, free = number + 1, f"{name}_{number + 1}"
         return free
 

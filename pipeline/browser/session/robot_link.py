@@ -17,7 +17,7 @@ from pipeline.browser.session.drive import Drive, Tick
 from pipeline.browser.session.keys import controller_topic
 from pipeline.robot.telemetry import hand_message
 from recorders.cdr.codec import decode_as
-from recorders.errors import ReenactError
+from recorders.errors import JointError, ReenactError
 from recorders.messages.message_types import Float64MultiArray, JointState
 from recorders.messages.phase import EVALUATE, Phase
 from recorders.messages.topics import CONTROLLER_DEVIATION, JOINT_STATES, SAMPLE_JOINTS, SESSION_PHASE, hand_target
@@ -107,7 +107,10 @@ class RobotLink:
         """Take a state: on a thread of Zenoh's."""
         try:
             state = decode_as(JointState, _small(sample))
-            tick = self._drive.take(state.stamp_ns, self._joints.positions(state))
+            q = self._joints.positions(state)
+            if not np.isfinite(q).all():
+                raise JointError("expected finite joint positions, found NaN or infinity; the state is not used")
+            tick = self._drive.take(state.stamp_ns, q)
         except ReenactError as error:
             self._warnings.warn(f"{JOINT_STATES}: {error}", kind=JOINT_STATES)
             return

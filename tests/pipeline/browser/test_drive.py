@@ -49,6 +49,15 @@ def test_a_hand_goes_where_it_is_wanted_and_the_other_stays(robot):
     assert speeds.max() <= PaceConfig().speed_m_s * (1 + 1e-9)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+def test_a_row_that_is_not_finite_moves_no_hand(robot, number):
+    drive = Drive(robot)
+    run(drive, robot.comfort, ticks=1)
+    drive.move_hand(1, np.full(3, number))
+    assert drive.snapshot().mode is Mode.AT_REST
+    assert np.isfinite(drive.snapshot().wanted).all()
+
+
 def test_states_faster_than_ticks_make_none_of_their_own(robot):
     drive = Drive(robot)
     drive.hold()

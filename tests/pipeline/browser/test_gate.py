@@ -1,10 +1,12 @@
 """Who may see and lead: connections from the page itself, to this machine's own name, with a token if there is one."""
 
 import asyncio
+import socket
 from contextlib import suppress
 
 import pytest
 import websockets
+from websockets.datastructures import Headers
 from websockets.typing import Subprotocol
 
 from pipeline.browser.page.gate import Gate
@@ -56,6 +58,30 @@ def test_on_loopback_only_the_page_itself_gets_in():
 )
 def test_a_name_that_is_made_to_mean_this_machine_opens_nothing(path, headers, reason):
     assert Gate().refusal(path, headers) == reason
+
+
+@pytest.mark.parametrize("gate", [Gate(), Gate("0.0.0.0", TOKEN)])
+@pytest.mark.parametrize(
+    ("path", "headers"),
+    [
+        ("/", [("Host", "127.0.0.1:1"), ("Origin", "http://[")]),
+        ("/", [("Host", "127.0.0.1:1"), ("Host", "127.0.0.1:1")]),
+        ("/", [("Host", "127.0.0.1:1"), ("Origin", "http://127.0.0.1:1"), ("Origin", "http://127.0.0.1:1")]),
+    ],
+)
+def test_a_request_that_no_browser_makes_is_refused(gate, path, headers):
+    assert gate.refusal(path, Headers(headers)) == "it is no request of a browser"
+
+
+@pytest.mark.parametrize("path", ["http://[", "/?token=\udcff"])
+def test_a_path_that_is_none_is_refused(path):
+    assert Gate("0.0.0.0", TOKEN).refusal(path, {"Host": "here:1"}) == "it is no request of a browser"
+
+
+@pytest.mark.parametrize("host", ["0.0.0.0", "::"])
+def test_a_page_on_all_addresses_is_found_by_the_name_of_the_machine(host):
+    here = f"{socket.gethostname()}:8080"
+    assert Gate(host, TOKEN).address(8080) == f"http://{here}/?websocket=ws://{here}/?token={TOKEN}"
 
 
 def test_with_a_token_nobody_gets_in_without_it():

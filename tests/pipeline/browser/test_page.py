@@ -191,8 +191,9 @@ def test_a_robot_that_is_killed_is_missed_and_led_again(page, visit):
 
 
 def test_a_controller_that_is_killed_is_started_again(page, visit):
-    os.kill(page.play.controllers.pid("teacher"), signal.SIGKILL)
-    wait_until(lambda: page.play.controllers.complaint("teacher") == "")
+    killed = page.play.controllers.pid("teacher")
+    os.kill(killed, signal.SIGKILL)
+    wait_until(lambda: page.play.controllers.pid("teacher") != killed and not page.play.activity.doing)
     visit.drag_handle(1, 0.05)
     await_arrival(page)
 
