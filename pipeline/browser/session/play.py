@@ -159,7 +159,8 @@ def playing(config: PlayConfig) -> Iterator[Play]:
             session = stack.enter_context(open_session(config.session))
             drive = Drive(_robot_there(session, config))
             link = stack.enter_context(RobotLink(session, drive, namespace=config.namespace))
-            where = Place(session, config.session.connect[:1], config.namespace, Path(name), drive.robot.hand_names)
+            ends = config.session.connect or config.session.listen
+            where = Place(session, ends[:1], config.namespace, Path(name), drive.robot.hand_names)
             recordings = _recordings(stack, where, drive, config)
             activity = _activity(stack)
             yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
