@@ -4,7 +4,7 @@ import hashlib
 import json
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from dataclasses import dataclass, field
 from itertools import chain
 from pathlib import Path
@@ -116,12 +116,16 @@ class _Writing:
 
     def write_all(self, result: Conversion) -> None:
         """Write every file; none is left if one fails."""
-        records = self.sources.records()
+        stale = set(parts_in(self.out.parent, self.out.stem)) if self.config.splits and self.overwrite else set()
+        with closing(self.sources.records()) as records:
+            self._write_files(records, result)
+        self._remove(sorted(stale.difference(result.paths)))
+
+    def _write_files(self, records: Iterator[RecordedMessage], result: Conversion) -> None:
         following = next(records, None)
         if following is None:
             of_slice = f" in the slice from {self.config.span}" if self.config.sliced else ""
             raise LogError(f"expected messages{of_slice} in {self.sources.names}, found none")
-        stale = set(parts_in(self.out.parent, self.out.stem)) if self.config.splits and self.overwrite else set()
         try:
             while following is not None:
                 following = self._write_file(chain([following], records), following.log_time_ns, result)
@@ -130,7 +134,6 @@ class _Writing:
                 with suppress(OSError):
                     disk.unlink(path)
             raise
-        self._remove(sorted(stale.difference(result.paths)))
 
     def _remove(self, stale: Sequence[Path]) -> None:
         """Remove parts of what was replaced, that would be taken for parts of this."""

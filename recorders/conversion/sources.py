@@ -1,6 +1,6 @@
 """The recordings of a conversion: opened as they are, with the channels that remain of them, and their digests."""
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -81,8 +81,11 @@ class Sources:
             return None
         return sum(count for reader in self.readers for topic, count in reader.counts.items() if topic in self._topics)
 
-    def records(self) -> Iterator[RecordedMessage]:
-        """Yield what is taken, by log time; each recording keeps the order that its reader gives it."""
+    def records(self) -> Generator[RecordedMessage]:
+        """Yield what is taken, by log time; each recording keeps the order that its reader gives it.
+
+        Closed, it closes the files that it reads.
+        """
         config = self._config
         start_ns, end_ns = 0, FOREVER_NS
         if config.sliced:
@@ -94,7 +97,7 @@ class Sources:
             for reader in self.readers
             for read in _reads(reader, sort=config.sort)
         ]
-        return reads[0]() if len(reads) == 1 else merged_by_time(reads)
+        yield from reads[0]() if len(reads) == 1 else merged_by_time(reads)
 
     def manifest(self) -> dict[str, Any]:
         """Return the entries on which the manifests of all recordings agree.
