@@ -132,17 +132,15 @@ class RosGraph:
         WireError
             If it has fewer after the time [s].
         """
-        with self._changed:
-            self._changed.wait_for(lambda: self._subscriptions(topic) >= number, timeout_s)
-            found = self._subscriptions(topic)
-        if found < number:
-            raise WireError(f"{topic}: expected {number} subscriptions within {timeout_s:g} s, found {found}")
 
-    def _subscriptions(self, topic: str) -> int:
-        return sum(
-            token.entity is EntityType.SUBSCRIPTION and token.endpoint is not None and token.endpoint.topic == topic
-            for token in self._tokens.values()
-        )
+        def found() -> int:
+            """Return how many there are now."""
+            return len(self.view.endpoints(topic, EntityType.SUBSCRIPTION))
+
+        with self._changed:
+            self._changed.wait_for(lambda: found() >= number, timeout_s)
+        if (there := found()) < number:
+            raise WireError(f"{topic}: expected {number} subscriptions within {timeout_s:g} s, found {there}")
 
     # From here on: Zenoh's threads.
 

@@ -39,6 +39,18 @@ def alive(session: zenoh.Session, consumer: str) -> bool:
     return any(reply.ok is not None for reply in replies)
 
 
+def accepted(
+    receiver: Receiver, session: zenoh.Session, offer: Offer
+) -> tuple[Peer, "zenoh.handlers.Handler[zenoh.Reply]"]:
+    """Have a sender's stream accepted from its beginning; returns the sender, and the answers to its offer."""
+    peer = Peer(session, offer)
+    replies = peer.offer()
+    offered = receiver.next_event(120.0)
+    assert isinstance(offered, ReceivedOffer)
+    receiver.accept(offered, 0)
+    return peer, replies
+
+
 def test_live_messages_beyond_what_may_wait_are_lost_and_counted() -> None:
     config = ReceiverConfig(live=True, waiting_bytes=20_000)
     with two_sessions() as (session, other), Receiver(session, config=config) as receiver:
@@ -103,11 +115,7 @@ def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_c
 ) -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
-        peer = Peer(other, offer)
-        replies = peer.offer()
-        offered = receiver.next_event(120.0)
-        assert isinstance(offered, ReceivedOffer)
-        receiver.accept(offered, 0)
+        peer, replies = accepted(receiver, other, offer)
         assert [reply.ok is not None for reply in replies] == [True]
         receiver.report({"count": 3})
         assert not receiver.is_released()
@@ -133,11 +141,7 @@ def test_what_strangers_make_it_say_is_bounded_and_printable(caplog: pytest.LogC
 def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session) as receiver:
-        peer = Peer(other, offer)
-        replies = peer.offer()
-        offered = receiver.next_event(120.0)
-        assert isinstance(offered, ReceivedOffer)
-        receiver.accept(offered, 0)
+        peer, replies = accepted(receiver, other, offer)
         assert [json.loads(reply.ok.payload.to_bytes())["next"] for reply in replies if reply.ok] == [0]
         peer.put(Frame(FrameType.ABORT, *offer.identity, 0, reason="\x1b]0;mine\x07" + "a" * 5_000))
         frame = receiver.next_event(120.0)
@@ -149,11 +153,7 @@ def test_the_reason_of_a_sender_that_gives_up_is_printable() -> None:
 def test_what_is_not_sealed_is_refused_and_counted_and_changes_nothing() -> None:
     offer = replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session) as receiver:
-        peer = Peer(other, offer)
-        replies = peer.offer()
-        offered = receiver.next_event(120.0)
-        assert isinstance(offered, ReceivedOffer)
-        receiver.accept(offered, 0)
+        peer, replies = accepted(receiver, other, offer)
         assert [reply.ok is not None for reply in replies] == [True]
         for kind in (FrameType.BATCH, FrameType.END, FrameType.ABORT):
             payload, attachment = pack(Frame(kind, *offer.identity, 0, reason="forged"))
