@@ -83,7 +83,9 @@ class StreamSender:
         for name in self._consumers:
             key = control_key(self._namespace, name, "ack")
             self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
-        timing = threading.Thread(target=self._keep_time, daemon=True)
+        # No daemon: the threads on which Zenoh hands in answers would be daemons as well, as it is this one that asks,
+        # and a daemon that returns from Zenoh while the interpreter ends aborts the process.
+        timing = threading.Thread(target=self._keep_time, daemon=False)
         timing.start()
         self._stack.callback(timing.join)
         self._stack.callback(self._leave)
