@@ -86,13 +86,6 @@ class Constants(NamedTuple):
     damping: float
 
 
-MODEL_SIZES = 7
-"""Numbers of `sizes` for each model: variables, degree, features, lower, outputs, where its tables and memory begin.
-
-Before them stand inputs, joints, hands, and how many residuals there are: 0 or 1.
-"""
-
-
 def model_size(variables: int, degree: int, features: int, outputs: int) -> int:
     """Float64 numbers that one model takes of the memory."""
     return features * outputs + features * features + 4 * outputs + 5 + variables * (degree + 1) + 3 * features
@@ -105,7 +98,11 @@ def common_size(inputs: int, joints: int) -> int:
 
 @_compiled
 def model_views(sizes: IndexArray, tables: IndexArray, memory: Floats, place: int) -> Model:
-    """Return the views of a model: 0 is the inverse estimate; then the forward models, hand by hand; the residual."""
+    """Return the views of a model: 0 is the inverse estimate; then the forward models, hand by hand; the residual.
+
+    `sizes` has inputs, joints, hands and how many residuals there are, 0 or 1; then for each model seven numbers:
+    variables, degree, features, lower, outputs, where its tables and its memory begin.
+    """
     first = 4 + place * 7
     v, degree, n, lower, m, t, at = sizes[first : first + 7]
     raised = v * lower
