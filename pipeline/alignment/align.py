@@ -11,7 +11,7 @@ from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened, Reader
 from recorders.containers.translated import as_poses
 from recorders.errors import ConfigError, MessageError, ReenactError
-from recorders.messages.topics import SAMPLE_JOINTS, is_measured
+from recorders.messages.topics import ROBOT_DESCRIPTION, SAMPLE_JOINTS, is_measured
 from recorders.text.wording import names_text
 from replay.sources.scheduled import ROBOT_FILES, check_renames, renamed
 
@@ -102,7 +102,11 @@ def _aligned(
 ) -> AlignedLog:
     known = robot or recorded_robot(reader)
     if known is None:
-        raise ConfigError(f"{reader.path} carries no robot, whose joints are to be aligned; give one with --robot")
+        described = bool(reader.counts.get(ROBOT_DESCRIPTION))
+        hint = f"; {ROBOT_DESCRIPTION} is a URDF, of which `reenact robot new` makes one" if described else ""
+        raise ConfigError(
+            f"{reader.path} carries no robot, whose joints are to be aligned; give one with --robot{hint}"
+        )
     return AlignedLog(reader, known, config=config, renames=renames, wanted=tick)
 
 

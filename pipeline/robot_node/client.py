@@ -8,11 +8,11 @@ from numpy.typing import ArrayLike
 from pipeline.arrays import Floats
 from pipeline.robot.config import RobotConfig, parse_robot
 from pipeline.robot.coordinates import row_size
-from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, config_key, pack_messages, robot_key, unpack_messages
+from pipeline.robot_node.protocol import MAX_COMMAND, RobotStatus, pack_messages, robot_key, unpack_messages
 from recorders.cdr.codec import decode_as, encode
 from recorders.errors import ConfigError, WireError
 from recorders.messages.message_types import JointState, PoseStamped, String
-from recorders.messages.topics import ROBOT_DESCRIPTION
+from recorders.messages.topics import ROBOT_TEXTS
 from recorders.ticks.joiner import JointMap
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.session import Session
@@ -64,8 +64,7 @@ class RemoteRobot:
         self.status = RobotStatus.from_json(self._ask(robot_key(namespace, "status")))
         self._patience_s = patience_s
         self._robot = parse_robot(
-            self._ask_text(config_key(namespace)),
-            self._ask_text(message_key(namespace, ROBOT_DESCRIPTION)),
+            *(self._ask_text(message_key(namespace, ROBOT_TEXTS[text])) for text in ("toml", "urdf")),
             origin=f"the robot in namespace {namespace}",
         )
         self._joints = JointMap(self._robot.joints)

@@ -18,7 +18,6 @@ from pipeline.robot.telemetry import hand_messages, joints_message
 from pipeline.robot_node.follower import Follower, FollowerConfig
 from pipeline.robot_node.protocol import (
     MAX_COMMAND,
-    config_key,
     pack_messages,
     robot_digest,
     robot_key,
@@ -30,7 +29,7 @@ from recorders.cdr.codec import encode
 from recorders.errors import MessageError, ReenactError, WireError
 from recorders.messages.message_types import Message, String
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_COMMANDS, ROBOT_DESCRIPTION
+from recorders.messages.topics import JOINT_COMMANDS, ROBOT_CONFIG, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
@@ -193,25 +192,24 @@ class RobotNode:
                 )
 
     def _describe(self, stack: ExitStack) -> None:
-        """Answer queries for URDF and TOML, and publish the URDF for subscribers, late ones as well."""
+        """Answer queries for URDF and TOML, and publish both for subscribers, late ones as well."""
         robot = self._backend.robot
-        topic_key = message_key(self._namespace, ROBOT_DESCRIPTION)
-        for key, text in ((topic_key, robot.urdf_text), (config_key(self._namespace), robot.toml_text)):
-            answering = on_network_thread(_replier(encode(String(text))))
-            stack.enter_context(self._session.declare_queryable(key, answering))
-        publisher = declare_advanced_publisher(
-            self._session,
-            topic_key,
-            encoding=f"application/cdr;{String.TYPE}",
-            congestion_control=zenoh.CongestionControl.BLOCK,
-            cache=CacheConfig(max_samples=1),
-            publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
-            # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none by default.
-            sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
-        )
-        record = RecordedMessage(ROBOT_DESCRIPTION, String.TYPE, encode(String(robot.urdf_text)), 0, 0)
-        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record,)))
-        stack.enter_context(publisher).put(payload, attachment=attachment)
+        for topic, text in ((ROBOT_DESCRIPTION, robot.urdf_text), (ROBOT_CONFIG, robot.toml_text)):
+            key, data = message_key(self._namespace, topic), encode(String(text))
+            stack.enter_context(self._session.declare_queryable(key, on_network_thread(_replier(data))))
+            publisher = declare_advanced_publisher(
+                self._session,
+                key,
+                encoding=f"application/cdr;{String.TYPE}",
+                congestion_control=zenoh.CongestionControl.BLOCK,
+                cache=CacheConfig(max_samples=1),
+                publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
+                # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none.
+                sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+            )
+            frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (RecordedMessage(topic, String.TYPE, data, 0, 0),))
+            payload, attachment = pack(frame)
+            stack.enter_context(publisher).put(payload, attachment=attachment)
 
     def _handle_until(self, due_s: float) -> None:
         """Handle what comes before a time, and in any case some of what is waiting."""

@@ -17,8 +17,8 @@ takes effect; it then holds for one period. A robot in lockstep takes a command 
 stands still between commands. A command that the robot has carried out may come again, as a query repeats what
 came on the topic and as what is lost on the way is sent again: it changes nothing.
 
-`NAMESPACE/robot_description` is published too, once, for subscribers; one with a history gets it whenever it comes, as
-ROS 2 knows that from a topic that is transient local.
+Both are published too, once, for subscribers; one with a history gets them whenever it comes, as ROS 2 knows that from
+a topic that is transient local. A log that has both carries the robot.
 """
 
 import hashlib
@@ -56,11 +56,6 @@ _STATUS_TYPES: dict[str, type] = {
 def robot_key(namespace: str, verb: str) -> str:
     """Return the key of `command`, `reset`, `joints`, `hands`, `status` or `alive`."""
     return f"{namespace}/@robot/{verb}"
-
-
-def config_key(namespace: str) -> str:
-    """Return the key on which a robot answers with the text of its TOML file."""
-    return f"{namespace}/robot_config"
 
 
 def robot_digest(toml: str, urdf: str) -> str:

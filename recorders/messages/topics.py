@@ -68,6 +68,7 @@ LEARNER_ERROR = "/learner/error"
 LEARNER_DIGEST = "/learner/digest"
 LEARNER_STATUS = "/learner/status"
 ROBOT_DESCRIPTION = "/robot_description"
+ROBOT_CONFIG = "/robot_config"
 TF = "/tf"
 CLOCK = "/clock"
 CONTROLLER_DEVIATION = "/controller/deviation"
@@ -89,7 +90,11 @@ _ROWS = (
     (TF, TFMessage.TYPE, "poses of the robot's links, for viewers"),
     (CLOCK, Clock.TYPE, "the simulation's time"),
     (CONTROLLER_DEVIATION, Float64MultiArray.TYPE, "how far off each hand may be after a command, as predicted [m]"),
+    (ROBOT_CONFIG, String.TYPE, "the robot's TOML, once: hands, joints and ranges that its URDF does not name"),
 )
+
+ROBOT_TEXTS = {"toml": ROBOT_CONFIG, "urdf": ROBOT_DESCRIPTION}
+"""Topics on which a robot publishes its two files, once, for late joiners too."""
 
 TOPICS: dict[str, Topic] = {name: Topic(name, kind, rank, text) for rank, (name, kind, text) in enumerate(_ROWS)}
 """The table, by name."""

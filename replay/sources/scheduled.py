@@ -7,13 +7,14 @@ from contextlib import contextmanager
 from itertools import chain, count, islice, pairwise
 from typing import Any
 
-from recorders.cdr.codec import encode
+from recorders.cdr.codec import decode_as, encode
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Opened, Reader
 from recorders.errors import JointError, LogError, MessageError, MotionError
+from recorders.messages.message_types import String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import COMMANDED_TICK, SESSION_PHASE, TOPICS, type_of
+from recorders.messages.topics import COMMANDED_TICK, ROBOT_TEXTS, SESSION_PHASE, TOPICS, type_of
 from recorders.protocol.stream import MAX_MESSAGE, Offer
 from recorders.reading.parts import Log
 from recorders.text.wording import names_text
@@ -217,17 +218,31 @@ def _check_types(renames: Mapping[str, str], topics: Mapping[str, str], *, where
 def read_robot(reader: Reader) -> dict[str, str]:
     """Return `toml` and `urdf` of the robot that a log carries; empty if it lacks one, as another recorder's does.
 
+    They are attachments, or else what a robot published of itself last.
+
     Raises
     ------
     LogError
-        If an attachment is not text.
+        If they are not text.
     """
-    if not set(ROBOT_FILES.values()) <= set(reader.attachments):
+    if set(ROBOT_FILES.values()) <= set(reader.attachments):
+        texts = {key: reader.attachment(name) for key, name in ROBOT_FILES.items()}
+    elif all(reader.counts.get(topic, 0) for topic in ROBOT_TEXTS.values()):
+        texts = {key: _last_text(reader, topic) for key, topic in ROBOT_TEXTS.items()}
+    else:
         return {}
     try:
-        return {key: reader.attachment(name).decode() for key, name in ROBOT_FILES.items()}
+        return {key: text.decode() for key, text in texts.items()}
     except UnicodeDecodeError as error:
         raise LogError(f"{reader.path}: expected the robot's files to be UTF-8 text, found other bytes") from error
+
+
+def _last_text(reader: Reader, topic: str) -> bytes:
+    *_, last = reader.records(topics=(topic,))
+    try:
+        return decode_as(String, last.data).data.encode()
+    except MessageError as error:
+        raise LogError(f"{reader.path}: {topic}: {error}") from error
 
 
 @contextmanager

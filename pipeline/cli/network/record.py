@@ -141,10 +141,10 @@ def _record(
 
 
 def _receiving(name: str, node: ConnectingNode, config: "RecordConfig") -> "ReceiverConfig":
-    from recorders.messages.topics import ROBOT_DESCRIPTION
+    from recorders.messages.topics import ROBOT_TEXTS
     from recorders.wire.receiver import ReceiverConfig
 
-    latched = frozenset(filter(config.wants, (ROBOT_DESCRIPTION,)))
+    latched = frozenset(filter(config.wants, ROBOT_TEXTS.values()))
     return ReceiverConfig(name=name, namespace=node.namespace, live=True, latched_topics=latched, key_file=node.key)
 
 

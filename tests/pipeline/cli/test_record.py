@@ -40,6 +40,7 @@ from recorders.messages.topics import (
     LEARNER_STATUS,
     LEFT_TARGET,
     RIGHT_TARGET,
+    ROBOT_CONFIG,
     ROBOT_DESCRIPTION,
     SESSION_PHASE,
 )
@@ -392,9 +393,10 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
     recorded = list(LogReader(tmp_path / "session.mcap"))
     counts = Counter(record.topic for record in recorded)
     assert [counts[topic] for topic in (SESSION_PHASE, LEARNER_DIGEST, LEARNER_STATUS, LEARNER_ERROR)] == [3, 3, 3, 1]
-    (description,) = (record for record in recorded if record.topic == ROBOT_DESCRIPTION)
-    assert decode_as(String, description.data).data == robot.urdf_text
-    assert recorded.index(description) < [record.topic for record in recorded].index(SESSION_PHASE)
+    for topic, text in ((ROBOT_DESCRIPTION, robot.urdf_text), (ROBOT_CONFIG, robot.toml_text)):
+        (description,) = (record for record in recorded if record.topic == topic)
+        assert decode_as(String, description.data).data == text
+        assert recorded.index(description) < [record.topic for record in recorded].index(SESSION_PHASE)
     assert result["gaps"] == {}
     said = [record for record in recorded if record.topic == LEARNER_DIGEST]
     learned = Controller.load(tmp_path / "c.npz")

@@ -1,6 +1,7 @@
 """Training as info states it is what train does: so many samples of which pairs, or the line that it would end with."""
 
 import json
+from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
@@ -8,21 +9,23 @@ import pytest
 from episodes import write_episode
 from typer.testing import CliRunner
 
+from pipeline.alignment.align import align_logs
 from pipeline.alignment.config import AlignmentConfig
 from pipeline.cli.app import app
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
 from pipeline.training.trainability import trainability
 from pipeline.training.trainer import Trainer, train_on
-from recorders.errors import ReenactError
-from recorders.messages.message_types import JointState
+from recorders.errors import ConfigError, ReenactError
+from recorders.messages.message_types import JointState, String, TypedMessage
 from recorders.messages.phase import LEARN
-from recorders.messages.topics import JOINT_STATES
+from recorders.messages.topics import COMMANDED_TICK, JOINT_STATES, ROBOT_CONFIG, ROBOT_DESCRIPTION
 from recorders.writing.writer import LogWriter
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
 AS_IT_IS = AlignmentConfig()
+NO_TEXTS: Mapping[str, TypedMessage] = {}
 
 
 @pytest.fixture(scope="module")
@@ -30,8 +33,10 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return write_episode(tmp_path_factory.mktemp("info") / "log.mcap", samples=12)
 
 
-def write_joints(path: Path, names: tuple[str, ...]) -> Path:
-    with LogWriter(path, manifest={}) as log:
+def write_joints(path: Path, names: tuple[str, ...], texts: Mapping[str, TypedMessage] = NO_TEXTS) -> Path:
+    with LogWriter(path, manifest={"kind": "recording"}) as log:
+        for topic, text in texts.items():
+            log.write(topic, text, log_time_ns=0)
         for step in range(200):
             state = JointState(step * 10_000_000, names, np.full(len(names), 1e-5 * step))
             log.write(JOINT_STATES, state, log_time_ns=step * 10_000_000)
@@ -54,6 +59,22 @@ def test_a_log_of_others_is_aligned_for_its_robot(tmp_path: Path) -> None:
     found = trainability(path, rule="forward-inverse", robot=robot, alignment=AS_IT_IS)
     assert (found.reason, found.pairs) == ("", "computed")
     assert found.alignment[0].startswith("joints.mcap: aligned to ")
+
+
+def test_a_recording_of_what_a_robot_published_of_itself_needs_no_robot(tmp_path: Path) -> None:
+    robot = load_robot("asimo")
+    texts = {ROBOT_DESCRIPTION: String(robot.urdf_text), ROBOT_CONFIG: String(robot.toml_text)}
+    path = write_joints(tmp_path / "live.mcap", robot.joints, texts)
+    given = trainability(path, rule="forward-inverse", robot=robot, alignment=AS_IT_IS)
+    assert trainability(path, rule="forward-inverse", alignment=AS_IT_IS) == given
+    assert given.possible
+
+
+def test_a_description_alone_makes_no_robot(tmp_path: Path) -> None:
+    robot = load_robot("asimo")
+    path = write_joints(tmp_path / "joints.mcap", robot.joints, {ROBOT_DESCRIPTION: String(robot.urdf_text)})
+    with pytest.raises(ConfigError, match=r"carries no robot, .*--robot; /robot_description is a URDF, of which"):
+        align_logs([path], AS_IT_IS, robot=None, renames={}, tick=COMMANDED_TICK)
 
 
 @pytest.mark.parametrize(
