@@ -76,9 +76,16 @@ class Answers:
         Anyone may ask, but only a sender that has the key gets an answer that is sealed.
         """
         sender = asker(packet.payload)
-        seals = self._keys.seals(bytes.fromhex(sender)) if is_identifier(sender) else None
+        seals = self._seals(sender)
         if seals is None or seals.question_number("status", packet) is None:
             if packet.payload:
                 self._refuse("status", f"a question that is {_NOT_SEALED}")
             return Packet(self._streams.progress.to_json())
         return seals.answer(packet, (self._streams.find(sender) or Progress()).to_json())
+
+    def _seals(self, sender: str) -> ReceiverSeals | None:
+        """Return the seals for a sender; None if it is none."""
+        current = self._streams.current
+        if current is not None and current.offer.sender == sender:
+            return current.seals
+        return self._keys.seals(bytes.fromhex(sender)) if is_identifier(sender) else None

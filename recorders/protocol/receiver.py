@@ -113,8 +113,8 @@ class ReceiverMachine:
             return
         self._notice(stream, question_number(packet), now_s)
         farewell = packet.payload == asking(stream.offer, farewell=True)
-        is_known = answer.payload == stream.progress.to_json()
-        if is_known and (stream.error is not None or (stream.result is not None and farewell)):
+        may_leave = stream.error is not None or (stream.result is not None and farewell)
+        if may_leave and answer.payload == stream.progress.to_json():
             self._leave("fetched")
 
     def concerns(self, attachment: bytes) -> bool:

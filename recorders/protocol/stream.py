@@ -3,7 +3,7 @@
 import json
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from types import MappingProxyType
 from typing import Any, Protocol, Self
 
@@ -140,9 +140,9 @@ class Progress:
 
     def to_json(self) -> bytes:
         """Return the progress as JSON; without a digest as version 1 has it, which is to read why it is refused."""
-        fields = asdict(self)
+        fields = vars(self)
         if self.digest is None:
-            del fields["digest"]
+            fields = {name: value for name, value in fields.items() if name != "digest"}
         return json.dumps(fields).encode()
 
     @classmethod

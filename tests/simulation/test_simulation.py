@@ -31,7 +31,7 @@ def _quiet(caplog: pytest.LogCaptureFixture) -> None:
 
 
 def test_every_promise_holds_whatever_goes_wrong() -> None:
-    summary = run_seeds(SEEDS)
+    summary = run_on_all_cores(SEEDS)
     expect_all_promises(summary)
     assert summary.seeds == len(SEEDS)
     assert set(summary.faults) == set(KINDS)

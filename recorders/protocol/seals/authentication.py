@@ -21,6 +21,7 @@ INSTANCE_BYTES = 16
 """Size of what distinguishes a consumer from others of its name, before and after it [bytes]."""
 
 _SEAL = struct.Struct("<Q16s")  # number, tag
+_LENGTHS = tuple(struct.Struct(f"<{count}Q") for count in range(8))
 
 
 def sender_key(shared: bytes, sender: bytes) -> bytes:
@@ -93,4 +94,4 @@ def _nonce(number: int) -> bytes:
 
 def _joined(parts: tuple[bytes, ...]) -> bytes:
     """Return the parts as one, with their lengths before them: no other parts come to the same."""
-    return b"".join((struct.pack(f"<{len(parts)}Q", *map(len, parts)), *parts))
+    return b"".join((_LENGTHS[len(parts)].pack(*map(len, parts)), *parts))

@@ -144,10 +144,13 @@ class Node:
         at_ns = max(int(deadline_s * 1e9) + 1 - self._jumped_ns, self.world.now_ns)
         if self._alarm_ns is None or at_ns < self._alarm_ns:
             self._alarm_ns = at_ns
-            self.world.at(at_ns, self._hand, self._life, self._ring, (at_ns,))
+            self.world.at(at_ns, self._ring, self._life, at_ns)
 
-    def _ring(self, at_ns: int) -> None:
-        if self._alarm_ns == at_ns:
-            self._alarm_ns = None
+    def _ring(self, life: int, at_ns: int) -> None:
+        if life != self._life or self._alarm_ns != at_ns:
+            return
+        self._alarm_ns = None
         if self.now_s >= self.deadline_s():
-            self.on_time()
+            self._hand(life, self.on_time, ())
+        else:
+            self._set_alarm()

@@ -58,7 +58,9 @@ class SenderNode(Node):
         self._source_faults = {fault.at: fault for fault in faults if fault.kind.startswith("source ")}
         self._draw = draws(scenario.seed, "sender")
         self._asked: dict[int, Ask] = {}
-        self._ready_ns = 0  # when the source has its next message
+        self._ready_ns = self._woken_ns = (
+            0  # when the source has its next message, and when it wakes the process for it
+        )
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
@@ -129,6 +131,10 @@ class SenderNode(Node):
             del self._asked[ask.number]
             self.machine.on_answer(ask, packet, self.now_s)
 
+    def _time_out(self, ask: Ask) -> None:
+        if self._asked.get(ask.number) is ask:
+            self.hand(self.answered, ask, None)
+
     def questions(self, consumer: str) -> list[Ask]:
         """Return what a consumer is asked and has not answered yet."""
         return [ask for ask in self._asked.values() if ask.consumer == consumer]
@@ -144,7 +150,7 @@ class SenderNode(Node):
             else:
                 self._asked[action.number] = action
                 self.questions_asked[action.consumer] += action.verb == "status"
-                self.later(int(action.timeout_s * 1e9), self.answered, action, None)
+                self.world.after(int(action.timeout_s * 1e9), self._time_out, action)
                 deliver = partial(self._receivers[action.consumer].asked, action.verb, partial(self._reply, action))
                 self._network.carry("question", action.consumer, action.verb, action.packet, deliver)
 
@@ -166,7 +172,9 @@ class SenderNode(Node):
         if machine.state is not SenderState.SENDING:
             return True
         if self.world.now_ns < self._ready_ns:
-            self.later(self._ready_ns - self.world.now_ns, lambda: None)
+            if self._woken_ns != self._ready_ns:
+                self._woken_ns = self._ready_ns
+                self.later(self._ready_ns - self.world.now_ns, lambda: None)
             return False
         chunk = tuple(messages[machine.sent : machine.sent + self._scenario.batch_size])
         if not machine.send(chunk):
