@@ -58,9 +58,7 @@ class SenderNode(Node):
         self._source_faults = {fault.at: fault for fault in faults if fault.kind.startswith("source ")}
         self._draw = draws(scenario.seed, "sender")
         self._asked: dict[int, Ask] = {}
-        self._ready_ns = self._woken_ns = (
-            0  # when the source has its next message, and when it wakes the process for it
-        )
+        self._ready_ns = self._woken_ns = 0  # when the source has its next message, and wakes for it
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
