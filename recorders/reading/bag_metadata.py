@@ -1,17 +1,14 @@
 """The `metadata.yaml` of a rosbag2 folder: which files hold the recording, and how."""
 
-import re
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
+from recorders.text.plain_yaml import MAX_TEXT, AliasError, from_yaml
 from recorders.text.wording import names_text
 
 METADATA_FILE = "metadata.yaml"
-
-_MOST_METADATA = 2**20  # bytes
-_DEEP = re.compile(rb"[\[{]{9}|(?:- ){9}| {99}")  # nobody's metadata; its parser takes quadratic time for each level
 
 
 class BagMetadata(NamedTuple):
@@ -73,22 +70,15 @@ def _all_texts(values: list[Any]) -> bool:
 
 
 def _information(path: Path) -> dict[str, Any]:
-    from ruamel.yaml import YAML  # noqa: PLC0415  # most logs are no bags
-    from ruamel.yaml.error import YAMLError  # noqa: PLC0415
-    from ruamel.yaml.events import AliasEvent  # noqa: PLC0415
-
     require_regular_file(path, expected="the metadata of a rosbag2 recording")
     try:
         with path.open("rb") as file:
-            text = file.read(_MOST_METADATA + 1)
-        usual = len(text) <= _MOST_METADATA and not _DEEP.search(text)
-        parsed = YAML(typ="safe").parse(text.decode()) if usual else ()
-        if any(isinstance(event, AliasEvent) for event in parsed):  # each may double what comes before it
-            raise LogError(f"{path}: expected the metadata of a rosbag2 recording, without aliases, found some")
-        found = YAML(typ="safe").load(text.decode()) if usual else None
+            found = from_yaml(file.read(MAX_TEXT + 1))
     except OSError as error:
         raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
-    except (YAMLError, ValueError, RecursionError):
+    except AliasError as error:
+        raise LogError(f"{path}: expected the metadata of a rosbag2 recording, without aliases, found some") from error
+    except ValueError:
         found = None
     about = found.get("rosbag2_bagfile_information") if isinstance(found, dict) else None
     if not isinstance(about, dict):

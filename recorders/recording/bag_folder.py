@@ -2,7 +2,6 @@
 
 from collections import Counter
 from collections.abc import Sequence
-from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -11,12 +10,10 @@ from recorders.files.anonymous_file import write_whole
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.reading.bag_metadata import METADATA_FILE
 from recorders.reading.reader import LogReader
-from recorders.rmw_zenoh.qos import Qos
+from recorders.rmw_zenoh.bag_channels import HASH_METADATA, QOS_METADATA
+from recorders.text.plain_yaml import to_yaml
 
-QOS_METADATA = "offered_qos_profiles"
-"""Metadata of a channel in which rosbag2 states the quality of service that its publishers offered."""
-
-_VERSION = 5  # of the metadata, as of Humble; every later rosbag2 reads it
+_VERSION = 7  # of the metadata, as of Iron; Humble reads it without the hashes, and every later rosbag2 with them
 
 
 def new_bag_folder(folder: Path) -> Path:
@@ -57,17 +54,12 @@ def write_bag_metadata(paths: Sequence[Path]) -> Path:
         If one of them cannot be read, or the metadata cannot be written.
     """
     metadata = paths[0].parent / METADATA_FILE
-    content = _to_yaml({"rosbag2_bagfile_information": _information(paths)}).encode()
+    content = to_yaml({"rosbag2_bagfile_information": _information(paths)}).encode()
     try:
         write_whole(metadata, content)
     except OSError as error:
         raise LogError(f"{metadata}: cannot be written: {error.strerror or error}") from error
     return metadata
-
-
-def qos_text(qos: Qos) -> str:
-    """Return a profile as the metadata of a channel has it, and `metadata.yaml`: a list of one, in YAML."""
-    return _to_yaml([qos.to_rosbag2()]).rstrip()
 
 
 def _information(paths: Sequence[Path]) -> dict[str, Any]:
@@ -86,6 +78,7 @@ def _information(paths: Sequence[Path]) -> dict[str, Any]:
         "compression_format": "",
         "compression_mode": "",
         "files": files,
+        "custom_data": {},
     }
 
 
@@ -113,19 +106,11 @@ def _topics(paths: Sequence[Path]) -> list[dict[str, Any]]:
 
 
 def _topic(channel: DeclaredChannel) -> dict[str, str]:
+    metadata = dict(channel.metadata)
     return {
         "name": channel.topic,
         "type": channel.type,
         "serialization_format": channel.encoding,
-        "offered_qos_profiles": dict(channel.metadata).get(QOS_METADATA, ""),
+        "offered_qos_profiles": metadata.get(QOS_METADATA, ""),
+        "type_description_hash": metadata.get(HASH_METADATA, ""),
     }
-
-
-def _to_yaml(value: object) -> str:
-    from ruamel.yaml import YAML  # noqa: PLC0415  # most recordings are no bags
-
-    yaml = YAML(typ="safe")
-    yaml.default_flow_style = False
-    text = StringIO()
-    yaml.dump(value, text)
-    return text.getvalue()

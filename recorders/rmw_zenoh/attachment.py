@@ -41,6 +41,9 @@ def unpack(data: bytes) -> tuple[Attachment, bytes]:
     if len(data) < _LAYOUT.size:
         raise MessageError(f"expected an attachment of {_LAYOUT.size} bytes, found {len(data)}")
     sequence, source_time_ns, length, gid = _LAYOUT.unpack_from(data)
-    if length != len(gid) or sequence < 0:
-        raise MessageError(f"expected a publisher's name of {len(gid)} bytes, found {length}, and number {sequence}")
+    if length != len(gid) or sequence < 0 or source_time_ns < 0:
+        raise MessageError(
+            f"expected a publisher's name of {len(gid)} bytes, a number and a time, found {length}, {sequence} and "
+            f"{source_time_ns} ns"
+        )
     return Attachment(sequence, source_time_ns, gid), data[_LAYOUT.size :]

@@ -1,10 +1,12 @@
 """Quality of service of an endpoint: as rmw_zenoh writes it into its tokens, and as rosbag2 writes it into a bag."""
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from enum import IntEnum
-from typing import Any, Self
+from typing import Any, Self, TypeVar
 
 from recorders.errors import WireError
+from recorders.text.plain_yaml import from_yaml, to_yaml
 
 
 class Reliability(IntEnum):
@@ -47,7 +49,13 @@ class Liveliness(IntEnum):
     BEST_AVAILABLE = 5
 
 
+_Policy = TypeVar("_Policy", bound=IntEnum)
+
+MAX_DEPTH = 1000
+"""As many messages are kept for late joiners: rclcpp's own histories are of 1 to 1000."""
+
 _INFINITE = (9223372036, 854775807)  # seconds and nanoseconds, as `RMW_DURATION_INFINITE`
+_INFINITE_OF_FOXY = ((2147483647, 4294967295), (2147483647, 2147483647))  # of Fast DDS and Connext, in old bags
 _MAX_NUMBER = 2**64 - 1
 
 
@@ -120,7 +128,7 @@ class Qos:
             raise WireError(f"quality of service: expected policies of ROS 2, found {text[:100]!r}") from error
 
     def to_rosbag2(self) -> dict[str, Any]:
-        """Return the profile as rosbag2 writes it since Humble: an entry of the list under `offered_qos_profiles`."""
+        """Return the profile as rosbag2 writes it in bags of version 4 to 8, and in every MCAP file that it reads."""
         return {
             "history": int(self.history),
             "depth": self.depth,
@@ -133,9 +141,95 @@ class Qos:
             "avoid_ros_namespace_conventions": False,
         }
 
+    @classmethod
+    def from_rosbag2(cls, profile: Any) -> Self:
+        """Read a profile of any version of rosbag2: policies by number, and since version 9 by name.
+
+        Raises
+        ------
+        WireError
+            If it is none.
+        """
+        try:
+            return cls(
+                _policy(Reliability, profile["reliability"]),
+                _policy(Durability, profile["durability"]),
+                _policy(History, profile["history"]),
+                _count(profile["depth"]),
+                _rosbag2_time(profile["deadline"]),
+                _rosbag2_time(profile["lifespan"]),
+                _policy(Liveliness, profile["liveliness"]),
+                _rosbag2_time(profile["liveliness_lease_duration"]),
+            )
+        except (KeyError, TypeError, ValueError) as error:
+            raise WireError(f"quality of service: expected a profile of rosbag2, found {str(profile)[:100]}") from error
+
 
 LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
 """Of a topic whose last message late joiners get, such as /robot_description."""
+
+
+def qos_text(profiles: Iterable[Qos]) -> str:
+    """Return the profiles that the publishers of a topic offer as rosbag2 has them: a list, in YAML."""
+    return to_yaml([profile.to_rosbag2() for profile in profiles]).rstrip()
+
+
+def read_qos_text(text: str) -> list[Qos]:
+    """Return the profiles of such a text; none of an empty one, as bags without a graph have it.
+
+    Raises
+    ------
+    WireError
+        If it is none.
+    """
+    if not text:
+        return []
+    try:
+        found = from_yaml(text.encode())
+    except ValueError as error:
+        raise WireError(f"quality of service: {error}: {text[:100]!r}") from error
+    if not isinstance(found, list):
+        raise WireError(f"quality of service: expected a list of profiles, found {text[:100]!r}")
+    return [Qos.from_rosbag2(profile) for profile in found]
+
+
+def strictest(profiles: Sequence[Qos]) -> Qos:
+    """Return what one publisher offers in place of several, so that every subscription matches that matched one.
+
+    Its depth is that of all together: each latched message of theirs is still there for late joiners.
+    """
+    if not profiles:
+        return Qos()
+    only_best_effort = all(each.reliability is Reliability.BEST_EFFORT for each in profiles)
+    keeps_all = any(each.history is History.KEEP_ALL for each in profiles)
+    manual = any(each.liveliness is Liveliness.MANUAL_BY_TOPIC for each in profiles)
+    return Qos(
+        Reliability.BEST_EFFORT if only_best_effort else Reliability.RELIABLE,
+        Durability.TRANSIENT_LOCAL if any(each.is_latched for each in profiles) else Durability.VOLATILE,
+        History.KEEP_ALL if keeps_all else History.KEEP_LAST,
+        min(sum(each.depth for each in profiles), MAX_DEPTH),
+        min(each.deadline for each in profiles),
+        max(each.lifespan for each in profiles),
+        Liveliness.MANUAL_BY_TOPIC if manual else Liveliness.AUTOMATIC,
+        min(each.lease for each in profiles),
+    )
+
+
+def _policy(kind: type[_Policy], value: Any) -> _Policy:
+    if isinstance(value, str):
+        return kind[value.upper()]
+    return kind(_count(value))
+
+
+def _count(value: Any) -> int:
+    if type(value) is not int or not 0 <= value <= _MAX_NUMBER:
+        raise ValueError(f"expected a number, found {str(value)[:40]}")
+    return value
+
+
+def _rosbag2_time(value: Any) -> tuple[int, int]:
+    time = _count(value["sec"]), _count(value["nsec"])
+    return _INFINITE if time in _INFINITE_OF_FOXY else time
 
 
 def _pair(time: tuple[int, int]) -> str:

@@ -5,16 +5,18 @@ from pathlib import Path
 import pytest
 from rosbags.highlevel import AnyReader
 from rosbags.rosbag2 import Reader
+from ruamel.yaml import YAML
 
 from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
 from recorders.errors import LogError, TakenError
-from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.message_types import PoseStamped, String
 from recorders.messages.topics import LEFT_TARGET
-from recorders.recording.bag_folder import QOS_METADATA, new_bag_folder, qos_text, write_bag_metadata
+from recorders.recording.bag_folder import new_bag_folder, write_bag_metadata
+from recorders.rmw_zenoh.bag_channels import bag_channel
 from recorders.rmw_zenoh.qos import Durability, Qos, Reliability
+from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.writing.writer import LogWriter
 
 START_NS = 1_700_000_000_000_000_000
@@ -38,18 +40,51 @@ def test_another_reader_finds_every_message_of_all_parts(tmp_path):
     assert found == [(record.log_time_ns, record.data) for record in open_log(tmp_path)]
 
 
-def test_the_quality_of_service_that_publishers_offered_is_kept(tmp_path):
-    offered = qos_text(Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL, depth=3))
-    schema = ("std_msgs/msg/String", "ros2msg", schema_text(String.TYPE).encode())
-    channel = DeclaredChannel("/chatter", "cdr", ((QOS_METADATA, offered),), schema)
+def test_hash_and_quality_of_service_of_a_topic_are_kept(tmp_path):
+    offered = [Qos(Reliability.BEST_EFFORT, Durability.TRANSIENT_LOCAL, depth=3), Qos()]
+    channel = bag_channel("/chatter", String.TYPE, type_hash(String.TYPE), offered)
     with LogWriter(tmp_path / "run.mcap", manifest={}) as writer:
         writer.write("/chatter", encode(String("a")), log_time_ns=START_NS, declared=channel)
     write_bag_metadata([tmp_path / "run.mcap"])
     with Reader(tmp_path) as reader:
         (connection,) = reader.connections
-        (profile,) = connection.ext.offered_qos_profiles
+        profiles = connection.ext.offered_qos_profiles
         assert [bytes(data) for _, _, data in reader.messages()] == [encode(String("a"))]
-    assert (profile.depth, profile.reliability.value, profile.durability.value) == (3, 2, 1)
+    assert connection.digest == type_hash(String.TYPE)
+    assert connection.msgdef.data == schema_text(String.TYPE)
+    assert [(found.depth, found.reliability.value, found.durability.value) for found in profiles] == [
+        (each.depth, each.reliability, each.durability) for each in offered
+    ]
+
+
+def test_the_metadata_are_those_of_a_version_of_rosbag2(tmp_path):
+    """Keys as `rosbag2_storage/yaml.hpp` of ros2/rosbag2 reads them of version 7, which it wrote as of Iron."""
+    write_bag_metadata([write(tmp_path / "run.mcap", 0)])
+    (about,) = YAML(typ="safe").load((tmp_path / "metadata.yaml").read_text()).values()
+    assert set(about) == {
+        "version",
+        "storage_identifier",
+        "duration",
+        "starting_time",
+        "message_count",
+        "topics_with_message_count",
+        "compression_format",
+        "compression_mode",
+        "relative_file_paths",
+        "files",
+        "custom_data",
+    }
+    assert (about["version"], about["custom_data"]) == (7, {})
+    (topic,) = about["topics_with_message_count"]
+    assert set(topic) == {"topic_metadata", "message_count"}
+    assert set(topic["topic_metadata"]) == {
+        "name",
+        "type",
+        "serialization_format",
+        "offered_qos_profiles",
+        "type_description_hash",
+    }
+    assert all(isinstance(value, str) for value in topic["topic_metadata"].values())
 
 
 def test_a_recording_without_a_message_is_a_bag_too(tmp_path):
