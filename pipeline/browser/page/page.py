@@ -15,6 +15,7 @@ from pipeline.browser.page.panel import ControllerPart, MotionPart, StatePart
 from pipeline.browser.page.record_part import RecordPart
 from pipeline.browser.page.scene import Scene
 from pipeline.browser.page.server import page_server
+from pipeline.browser.page.teaching.controllers_part import ControllersPart
 from pipeline.browser.page.visitor_bar import VisitorBar, set_theme
 from pipeline.browser.page.visitors import Visitors
 from pipeline.browser.session.play import Play
@@ -54,6 +55,7 @@ class Page:
         self._state = StatePart(server, play)
         self._motion = MotionPart(server, play, allowed=self.allowed, on_sheet=self._show_sheet)
         self._choice = ControllerPart(server, play, allowed=self.allowed)
+        self._controllers = ControllersPart(server, play)
         self._record = RecordPart(server, play, allowed=self.allowed)
         server.on_client_connect(self._come)
         server.on_client_disconnect(self._go)
@@ -81,6 +83,7 @@ class Page:
             self._state.show(snapshot, self._controller)
             self._motion.show(snapshot)
             self._choice.show()
+            self._controllers.show()
             self._record.show()
             for bar in list(self._bars.values()):
                 bar.show()

@@ -8,7 +8,7 @@ from enum import StrEnum
 import numpy as np
 
 from pipeline.arrays import Floats
-from pipeline.browser.session.figures import Figures, Mean, TickError
+from pipeline.browser.session.figures import Figures, Mean, Round, RoundFigures, TickError
 from pipeline.browser.session.motion_loop import MotionLoop
 from pipeline.browser.session.moving_targets import MovingTargets
 from pipeline.motions.motion import Motion
@@ -30,6 +30,7 @@ class Mode(StrEnum):
     AT_REST = "at rest"  # nothing is asked of the robot
     HANDLES = "handles"
     MOTION = "motion"
+    LENT = "exploring by itself"  # somebody else moves the robot
 
 
 @dataclass(frozen=True, eq=False)
@@ -102,10 +103,13 @@ class Drive:
         self.robot = robot
         self._kinematics = Kinematics(robot)
         self._figures = Figures(Kinematics(robot))
+        self._rounds = RoundFigures()
         self._lock = threading.RLock()
         self._mode = Mode.AT_REST
         self._loop: MotionLoop | None = None
         self._gliding = False  # on the way to where the motion is
+        self._followed: MotionLoop | None = None  # by the last tick
+        self._lent = False
         self._q = robot.comfort
         self._hands = self._rows(robot.comfort)
         self._moving = MovingTargets(robot, self._hands)
@@ -120,9 +124,10 @@ class Drive:
             anew = stamp_ns < self._time_ns
             self._states, self._time_ns, self._q = self._states + 1, stamp_ns, q
             self._hands = self._rows(q)
-            if anew or self._mode is Mode.AT_REST:
+            idle = self._lent or self._mode is Mode.AT_REST
+            if anew or idle:
                 self._last = None
-            if self._mode is Mode.AT_REST:
+            if idle:
                 self._moving = MovingTargets(self.robot, self._hands)
                 return None
             if self._last is None:
@@ -130,7 +135,8 @@ class Drive:
             passed_ns = stamp_ns - self._last.stamp_ns
             if passed_ns < TICK_NS - _EARLY_NS:
                 return None
-            self._figures.add(stamp_ns, self._last.rows, q)
+            error = self._figures.add(stamp_ns, self._last.rows, q)
+            self._rounds.add(self._followed, error, passed_ns * 1e-9)
             return self._tick(stamp_ns, min(passed_ns * 1e-9, _LONGEST_S), begins=False)
 
     def move_hand(self, place: int, row: Floats) -> None:
@@ -169,10 +175,31 @@ class Drive:
                 self._loop.seek(at_s)
                 self._mode, self._gliding = Mode.MOTION, True
 
+    def lend(self, *, lent: bool) -> None:
+        """Let somebody else move the robot, or go on with what is wanted by now."""
+        with self._lock:
+            self._lent = lent
+
     def begin_figures(self) -> None:
         """Begin the mean error anew."""
         with self._lock:
             self._figures.begin()
+
+    def change_controller(self, controller: str) -> None:
+        """Begin the figures of a controller that leads from now on."""
+        with self._lock:
+            self._figures.begin()
+            self._rounds.begin(controller)
+
+    def forget_controller(self, controller: str) -> None:
+        """Forget the rounds of a controller."""
+        with self._lock:
+            self._rounds.forget(controller)
+
+    def rounds(self) -> dict[str, Round]:
+        """Return the rounds through the motion of now by controller; nothing where there is none."""
+        with self._lock:
+            return {} if self._loop is None else self._rounds.of(self._loop)
 
     @property
     def last_stamp_ns(self) -> int | None:
@@ -191,7 +218,7 @@ class Drive:
                 self._hands,
                 self._moving.rows,
                 self._moving.wanted.copy(),
-                self._mode,
+                Mode.LENT if self._lent else self._mode,
                 self._loop,
                 recent[-1] if recent else None,
                 Mean(mean.ticks, mean.sums_cm),
@@ -224,7 +251,7 @@ class Drive:
 
     def _advance(self, time_s: float) -> None:
         """Move the targets on: along the motion, or to where they are wanted."""
-        loop = self._loop
+        loop, self._followed = self._loop, None
         if self._mode is not Mode.MOTION or loop is None:
             self._moving.advance(time_s)
             return
@@ -233,6 +260,7 @@ class Drive:
         self._moving.wanted = loop.rows
         if not self._gliding:
             self._moving.rows = loop.rows
+            self._followed = None if loop.paused else loop
             return
         self._moving.advance(time_s)
         self._gliding = not self._moving.arrived

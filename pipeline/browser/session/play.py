@@ -119,17 +119,15 @@ class Play:
 
     def choose(self, name: str) -> None:
         """Have a controller of our own lead, once it stands ready."""
-        controllers = self.controllers
-        if controllers is None:
-            return
+        if self.controllers is not None:
+            self.activity.do(f"starting {name}", lambda: self.lead(name))
 
-        def start() -> None:
-            """Start it, and give it the targets."""
-            controllers.start(name)
+    def lead(self, name: str) -> None:
+        """Start a controller of our own, unless it runs, and give it the targets; raises as `Controllers.start`."""
+        if self.controllers is not None:
+            self.controllers.start(name)
             self.link.choose(name)
-            self.drive.begin_figures()
-
-        self.activity.do(f"starting {name}", start)
+            self.drive.change_controller(name)
 
     def look_after(self) -> None:
         """Start the controller that leads again if its process has ended."""
