@@ -126,6 +126,7 @@ class LogWriter:
         type_name: str | None = None,
         opaque: bool = False,
         declared: DeclaredChannel | None = None,
+        publish_time_ns: int | None = None,
     ) -> None:
         """Write one message.
 
@@ -146,6 +147,8 @@ class LogWriter:
         declared : DeclaredChannel, optional
             The channel of bytes that come from another log: its encoding, schema and metadata are taken over, whatever
             they are.
+        publish_time_ns : int, optional
+            Its publisher's time [ns]; the log time if it is left out.
 
         Raises
         ------
@@ -159,8 +162,12 @@ class LogWriter:
         else:
             data, kind = encode(message), message.TYPE
         number = self._numbered[topic] if sequence is None else sequence
-        if number >> _SEQUENCE_BITS or log_time_ns >> _TIME_BITS:  # too large, or negative
-            raise MessageError(f"{topic}: sequence {number} or log time {log_time_ns} ns is out of range")
+        published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
+        if number >> _SEQUENCE_BITS or log_time_ns >> _TIME_BITS or published_ns >> _TIME_BITS:  # large, or negative
+            raise MessageError(
+                f"{topic}: sequence {number}, log time {log_time_ns} ns or publish time {published_ns} ns is out of "
+                "range"
+            )
         asked = (topic, kind, sequence is not None, opaque, declared)
         try:
             channel = self._asked[asked]
@@ -169,7 +176,7 @@ class LogWriter:
         file = self._file
         if not file.sound:
             file.check()
-        if file.chunks.gather((channel, number, log_time_ns, log_time_ns, data)):
+        if file.chunks.gather((channel, number, log_time_ns, published_ns, data)):
             file.change(file.chunks.end_chunk)
         if sequence is None:
             self._numbered[topic] = number + 1

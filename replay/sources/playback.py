@@ -3,11 +3,14 @@
 import hashlib
 import heapq
 import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from itertools import count, islice
+from operator import attrgetter
 from pathlib import Path
 
+from recorders.containers.bag_folder import BagFolder
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Reader
 from recorders.errors import ConfigError, LogError
@@ -16,12 +19,20 @@ from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topic_patterns import chosen
+from recorders.messages.topics import CLOCK
+from recorders.messages.validation import MAX_STAMP_NS
 from recorders.protocol.stream import Offer
 from recorders.reading.parts import Log, files_of
 from recorders.reading.raw_messages import FOREVER_NS
+from recorders.reading.reader import LogReader
+from recorders.reading.session_reader import SessionReader
+from recorders.rmw_zenoh.bag_channels import stated_qos
+from recorders.rmw_zenoh.qos import Qos
 from recorders.text.quantities import MAX_TIME_NS, seconds_text
 from recorders.text.wording import names_text
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
+from replay.sources.clock_messages import CLOCK_CHANNEL, with_clock
+from replay.sources.latched import EarlyMessages
 from replay.sources.scheduled import check_renames, check_size, read_robot
 
 
@@ -39,6 +50,10 @@ class PlaybackConfig:
         Slice of the recorded time, counted from the earliest message of all logs [ns]; to the end if `end_ns` is None.
     loops : int
         How often to play it all; 0: for ever.
+    latched_first : bool
+        Whether messages of latched topics that were published before what is played come first, as of its beginning.
+    clock_period_ns : int, optional
+        Publish the log time on `/clock` at every multiple of this [ns], in place of what was recorded there.
     """
 
     topics: frozenset[str] = frozenset()
@@ -46,6 +61,8 @@ class PlaybackConfig:
     start_ns: int = 0
     end_ns: int | None = None
     loops: int = 1
+    latched_first: bool = False
+    clock_period_ns: int | None = None
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -55,11 +72,18 @@ class PlaybackConfig:
             )
         if self.loops < 0:
             raise ConfigError(f"loops: expected 0 for ever, or a number, found {self.loops}")
+        if self.clock_period_ns is not None and self.clock_period_ns < 1:
+            raise ConfigError(f"clock: expected a period of 1 ns or more, found {self.clock_period_ns} ns")
 
     @property
     def sliced(self) -> bool:
         """Whether a part of the recorded time is left out."""
         return self.start_ns > 0 or self.end_ns is not None
+
+    @property
+    def changes_messages(self) -> bool:
+        """Whether other messages are played than were recorded, or in another order."""
+        return self.latched_first or self.clock_period_ns is not None
 
     @property
     def span(self) -> str:
@@ -99,8 +123,9 @@ class Playback:
         contents = [_content(reader) for reader in self._readers]
         config = self._config
         what = [contents, sorted(config.topics), sorted(config.renames.items()), config.start_ns, config.end_ns]
+        more = [config.latched_first, config.clock_period_ns] if config.changes_messages else []
         return Offer(
-            run=hashlib.sha256(json.dumps([*what, config.loops]).encode()).hexdigest()[:32],
+            run=hashlib.sha256(json.dumps([*what, config.loops, *more]).encode()).hexdigest()[:32],
             schedule={},
             logs=[
                 {"name": reader.path.name, "sha256": digest}
@@ -113,28 +138,65 @@ class Playback:
     def stream(self, start: int = 0) -> Iterator[RecordedMessage]:
         """Yield the messages from index `start` on."""
         rounds = range(self._config.loops) if self._config.loops else count()
-        return islice((message for _ in rounds for message in self._once()), start, None)
+        everything = (message for _ in rounds for message in self._once())
+        period_ns = self._config.clock_period_ns
+        return islice(everything if period_ns is None else with_clock(everything, period_ns), start, None)
 
     @property
     def channels(self) -> tuple[DeclaredChannel, ...]:
         """The channels of what is played, by the names that it is played under."""
-        renames, played = self._config.renames, self._played
-        return tuple(
-            replace(channel, topic=renames.get(channel.topic, channel.topic))
-            for channel in dict.fromkeys(channel for reader in self._readers for channel in reader.channels)
-            if channel.topic in played
-        )
+        found = tuple(replace(channel, topic=self._name(channel.topic)) for channel in self._recorded_channels())
+        return found if self._config.clock_period_ns is None else (*found, CLOCK_CHANNEL)
+
+    @property
+    def qos(self) -> dict[str, Qos]:
+        """What is offered on each topic that is played, by the name that it is played under.
+
+        Raises
+        ------
+        WireError
+            If a recording states something else than a quality of service.
+        """
+        found = {self._name(topic): qos for topic, qos in self._recorded_qos().items()}
+        return found if self._config.clock_period_ns is None else {**found, CLOCK: Qos(depth=1)}
+
+    def _name(self, topic: str) -> str:
+        """Return the name that a topic of a log is played under."""
+        return self._config.renames.get(topic, topic)
+
+    def _recorded_channels(self) -> list[DeclaredChannel]:
+        channels = dict.fromkeys(channel for reader in self._readers for channel in reader.channels)
+        return [channel for channel in channels if channel.topic in self._played]
+
+    def _recorded_qos(self) -> dict[str, Qos]:
+        channels = self._recorded_channels()
+        return {topic: stated_qos(channels, topic) for topic in sorted(self._played)}
 
     def _once(self) -> Iterator[RecordedMessage]:
+        for record in self._recorded():
+            topic = self._name(record.topic)
+            yield record if topic == record.topic else record._replace(topic=topic)
+
+    def _recorded(self) -> Iterator[RecordedMessage]:
+        """Yield what is played, as it was recorded."""
         config = self._config
         begin_ns, end_ns = 0, FOREVER_NS
         if config.sliced:
             begin_ns = self._first_ns + config.start_ns
             end_ns = FOREVER_NS if config.end_ns is None else self._first_ns + config.end_ns
-        logs = (reader.records(topics=self._played, start_ns=begin_ns, end_ns=end_ns) for reader in self._readers)
-        for record in heapq.merge(*logs, key=lambda record: record.log_time_ns):
-            topic = config.renames.get(record.topic, record.topic)
-            yield record if topic == record.topic else record._replace(topic=topic)
+        everything = self._read(self._played, begin_ns, end_ns)
+        if not config.latched_first:
+            return everything
+        depths = {topic: qos.depth for topic, qos in self._recorded_qos().items() if qos.is_latched}
+        early = EarlyMessages(depths, max(begin_ns, self._first_ns))
+        latched = frozenset(depths)
+        return early.first(self._read(latched, 0, begin_ns), self._read(latched, begin_ns, end_ns), everything)
+
+    def _read(self, topics: frozenset[str], start_ns: int, end_ns: int) -> Iterator[RecordedMessage]:
+        """Yield the messages of all logs on some topics, by log time."""
+        reads = map(_with_publish_times if self._config.latched_first else attrgetter("records"), self._readers)
+        logs = (read(topics=topics, start_ns=start_ns, end_ns=end_ns) for read in reads)
+        return heapq.merge(*logs, key=lambda record: record.log_time_ns)
 
     def _survey(self) -> int:
         """Check that all that is played can be, so that nobody learns in the middle that it cannot.
@@ -146,6 +208,12 @@ class Playback:
         for reader in self._readers:
             for record in reader.records(topics=None if self._config.sliced else self._played):
                 first_ns = min(first_ns, record.log_time_ns)
+                if self._config.clock_period_ns is not None and record.log_time_ns > MAX_STAMP_NS:
+                    raise LogError(
+                        f"{reader.path}: {record.topic} #{record.sequence}: expected a log time that {CLOCK} can hold, "
+                        f"up to {seconds_text(MAX_STAMP_NS)} s, found {seconds_text(record.log_time_ns)} s; play it "
+                        "without --clock"
+                    )
                 if record.topic in self._played:
                     check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")
         return first_ns
@@ -161,7 +229,7 @@ class Playback:
     def _count(self) -> int | None:
         """Return how many messages will be played, by the logs' counts; None for a part of them, or for ever."""
         config = self._config
-        if config.loops == 0 or config.sliced:
+        if config.loops == 0 or config.sliced or config.clock_period_ns is not None:
             return None
         return config.loops * sum(
             count for reader in self._readers for topic, count in reader.counts.items() if topic in self._played
@@ -171,7 +239,7 @@ class Playback:
         """Check that every topic that is played gets a key, and one of its own."""
         by_key: dict[str, str] = {}
         for topic in sorted(self._played):
-            name = self._config.renames.get(topic, topic)
+            name = self._name(topic)
             other = by_key.setdefault(message_key(DEFAULT_NAMESPACE, name), topic)
             if other != topic:
                 raise ConfigError(
@@ -183,7 +251,17 @@ class Playback:
         """Return the topics that are played, by the names in the logs."""
         found = {topic for reader in self._readers for topic in reader.topics}
         check_renames(self._config.renames, found, where=names_text(str(reader.path) for reader in self._readers))
-        return chosen(self._config.topics or found, found, option="--topic")
+        played = chosen(self._config.topics or found, found, option="--topic")
+        if self._config.clock_period_ns is None:
+            return played
+        return frozenset(topic for topic in played if self._name(topic) != CLOCK)
+
+
+def _with_publish_times(reader: Reader) -> Callable[..., Iterator[RecordedMessage]]:
+    """Return what reads messages with their publish times, if the container has them."""
+    if isinstance(reader, LogReader | SessionReader | BagFolder):
+        return partial(reader.records, publish_times=True)
+    return reader.records
 
 
 def _content(reader: Reader) -> str:
