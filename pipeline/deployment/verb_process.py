@@ -2,19 +2,19 @@
 
 import signal
 import subprocess
-import sys
 from pathlib import Path
 from types import TracebackType
 from typing import IO, Self
 
+from pipeline.deployment.child import PATIENCE_S, command
+
 _PREFIX = "reenact: "
-_PATIENCE_S = 10.0
 
 
 class VerbProcess:
     """A process that runs `reenact VERB`, or another module of ours; a `with` block ends it.
 
-    Signals of the terminal do not reach it: whoever started it ends it.
+    Signals of the terminal do not reach it: whoever started it ends it, and where that was killed, it ends by itself.
 
     Parameters
     ----------
@@ -46,8 +46,8 @@ class VerbProcess:
         given = [verb, *map(str, arguments)] if module == "pipeline" else list(map(str, arguments))
         with self._stderr.open("wb") as errors:
             self._process = subprocess.Popen(  # noqa: S603  # our own program, no shell
-                [sys.executable, "-m", module, *given],
-                stdin=subprocess.DEVNULL,
+                command(module, *given),
+                stdin=subprocess.PIPE,
                 stdout=stdout,
                 stderr=errors,
                 start_new_session=True,
@@ -85,13 +85,14 @@ class VerbProcess:
         if self._process.poll() is None:
             self._process.send_signal(number)
         try:
-            return self._process.wait(_PATIENCE_S)
+            return self._process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:
             self._process.kill()
             return self._process.wait()
         finally:
-            if self._process.stdout is not None:
-                self._process.stdout.close()
+            for pipe in (self._process.stdin, self._process.stdout):
+                if pipe is not None:
+                    pipe.close()
 
     def complaint(self) -> str:
         """Return why the process has ended, or nothing if it has not."""

@@ -10,6 +10,7 @@ from viser import SceneNodeDragEvent, ViserServer
 from pipeline.arrays import Floats
 from pipeline.browser.page.colours import hand_colour
 from pipeline.browser.page.segments import NOTHING, segments
+from pipeline.browser.page.sent import vector
 from pipeline.exploration.demonstration import DemonstrationConfig, to_motion
 from pipeline.exploration.hand_paths import DemonstratedPaths
 from pipeline.exploration.pose_track import HandPath
@@ -103,8 +104,10 @@ class Sheet:
         self._sheet.visible = visible
         self._line.points = NOTHING
 
-    def _drag(self, event: SceneNodeDragEvent[Any]) -> None:
-        point = self._under(np.array(event.client.camera.position), np.array(event.end_position))
+    async def _drag(self, event: SceneNodeDragEvent[Any]) -> None:
+        """Take a step of a stroke; awaited one after the other, as threads of viser's may change their order."""
+        eye, pointer = vector(event.client.camera.position, 3), vector(event.end_position, 3)
+        point = None if eye is None or pointer is None else self._under(eye, pointer)
         if event.phase == "start":
             self._stroke = []
         now_s = time.monotonic()

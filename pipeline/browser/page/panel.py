@@ -97,7 +97,7 @@ class MotionPart:
             loop.paused = bool(event.target.value)
 
     def _set_drawing(self, event: GuiEvent[Any]) -> None:
-        if event.client_id is None:
+        if event.client_id is None or self._hand.value not in self._play.robot.hand_names:
             return
         if not self._allowed(event.client_id):
             self._draw.value = False

@@ -9,6 +9,7 @@ from pipeline.arrays import Floats
 from pipeline.browser.page.colours import ASKED, hand_colour
 from pipeline.browser.page.robot_shape import RobotShape
 from pipeline.browser.page.segments import NOTHING, segments
+from pipeline.browser.page.sent import vector
 from pipeline.browser.session.drive import Mode, Snapshot
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.coordinates import POSITION_SIZE, row_size
@@ -121,26 +122,29 @@ class Scene:
         )
         self._server.scene.add_label(f"/handles/{hand.name}/name", hand.name)
 
-        def on_drag(event: TransformControlsEvent) -> None:
-            """Pass on what a visitor does to the handle."""
+        async def on_drag(event: TransformControlsEvent) -> None:
+            """Pass on what a visitor does to the handle; awaited, as threads of viser's may change the order."""
             if event.phase == "end":
                 self._dragged.discard(place)
             else:
                 self._dragged.add(place)
             row = self._row(place)
-            if event.client_id is not None and self._on_move(place, row, event.client_id):
+            if row is not None and event.client_id is not None and self._on_move(place, row, event.client_id):
                 self._rows[place] = row
             else:
                 self._dragged.discard(place)
-                self._rows[place] = np.full(len(row), np.nan)  # so that it is put back where it belongs
+                self._rows[place] = np.full(row_size(self._robot), np.nan)  # so that it is put back where it belongs
 
         handle.on_update(on_drag)
         return handle
 
-    def _row(self, place: int) -> Floats:
+    def _row(self, place: int) -> Floats | None:
+        """Return where a handle is, by row; None where what a visitor sent is no pose."""
         handle = self._handles[place]
-        w, *xyz = handle.wxyz
-        return np.array([*handle.position, *xyz, w])[: row_size(self._robot)]
+        position, turn = vector(handle.position, POSITION_SIZE), vector(handle.wxyz, 4)
+        if position is None or turn is None:
+            return None
+        return np.array([*position, *turn[1:], turn[0]])[: row_size(self._robot)]
 
     def _place(self, place: int, row: Floats) -> None:
         """Put a handle where its hand is wanted, unless somebody holds it."""

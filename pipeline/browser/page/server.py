@@ -1,19 +1,20 @@
 """Web server of the page: viser's, behind the gate, which sends nothing anywhere else."""
 
 import asyncio
-import contextlib
-import io
 import logging
 import socket
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
+from typing import Any
 
+import rich
 from viser import ViserServer, _messages
 from viser.infra import WebsockClientConnection
 
 from pipeline.browser.page.gate import Gate
 from recorders.errors import ConfigError
-from recorders.text.wording import escape_control
+from recorders.text.once import OnceWarner
 
 logger = logging.getLogger(__name__)
 
@@ -21,6 +22,8 @@ PORT = 8080
 """Port of the page unless another is asked for; the next one that is free where this is taken."""
 
 _TRIES = 100
+_MOST_LINES = 8  # strangers can cause them
+_LONGEST = 200
 
 
 @contextmanager
@@ -44,21 +47,61 @@ def page_server(gate: Gate, *, port: int | None, label: str) -> Iterator[ViserSe
     chosen = _free_port(gate.host) if port is None else port
     if port is not None and (reason := _taken(gate.host, port)):
         raise ConfigError(f"--port {port}: {reason}; give another one, or none")
-    with contextlib.redirect_stdout(io.StringIO()):  # a box with addresses that are not those with a token
+    warner = OnceWarner(logger, limit=_MOST_LINES, longest=_LONGEST)
+    with _quiet_console(), _lines_of_websockets(warner):
         server = ViserServer(host=gate.host, port=chosen, label=label, verbose=False)
-    _guard(server, gate)
-    _keep_to_itself(server)
-    try:
-        yield server
-    finally:
-        with contextlib.redirect_stdout(io.StringIO()):
+        loop = server._websock_server._background_event_loop
+        if loop is not None:
+            loop.call_soon_threadsafe(loop.set_exception_handler, lambda _loop, context: _warn(warner, context))
+        _guard(server, gate, warner)
+        _keep_to_itself(server)
+        try:
+            yield server
+        finally:
             server.stop()
 
 
-def _guard(server: ViserServer, gate: Gate) -> None:
+@contextmanager
+def _quiet_console() -> Iterator[None]:
+    """Have viser print nothing: neither addresses without the token, nor a line for whatever a visitor sends."""
+    console = rich.get_console()
+    earlier, console.quiet = console.quiet, True
+    try:
+        with warnings.catch_warnings():
+            warnings.filterwarnings("ignore", message=r"\[viser\]")
+            yield
+    finally:
+        console.quiet = earlier
+
+
+@contextmanager
+def _lines_of_websockets(warner: OnceWarner) -> Iterator[None]:
+    """Have what anybody can send to the port cause a line, once, and no traceback."""
+
+    def pass_on(record: logging.LogRecord) -> bool:
+        """Pass on an error as a line, and drop the record."""
+        if record.levelno >= logging.WARNING:
+            _warn(warner, {"message": record.getMessage(), "exception": (record.exc_info or (None, None))[1]})
+        return False
+
+    websockets = logging.getLogger("websockets.server")
+    websockets.addFilter(pass_on)
+    try:
+        yield
+    finally:
+        websockets.removeFilter(pass_on)
+
+
+def _warn(warner: OnceWarner, context: dict[str, Any]) -> None:
+    """Warn of what failed while a connection was served; of each kind of it once."""
+    what, error = str(context["message"]), context.get("exception")
+    kind = f"{what}: {type(error).__name__}"
+    warner.warn(f"the page dropped what a connection sent: {what}{f' ({error})' if error else ''}", kind=kind)
+
+
+def _guard(server: ViserServer, gate: Gate, warner: OnceWarner) -> None:
     """Have a server turn away whoever the gate refuses, before anything is sent to it or taken from it."""
     websockets = server._websock_server
-    seen: set[str] = set()  # strangers can cause a line: each is logged once
 
     async def on_connect(client: WebsockClientConnection) -> None:
         connection = websockets._live_connections[client.client_id]
@@ -66,9 +109,7 @@ def _guard(server: ViserServer, gate: Gate) -> None:
         reason = "it is no request" if request is None else gate.refusal(request.path, request.headers)
         if not reason:
             return
-        if reason not in seen:
-            seen.add(reason)
-            logger.warning(f"turned away a visitor: {escape_control(reason)}")
+        warner.warn(f"turned away a visitor: {reason}")
         websockets._live_connections.pop(client.client_id, None)
         websockets._client_state_from_id.pop(client.client_id, None)
         await connection.close(1008, reason)
