@@ -77,6 +77,17 @@ def of_scene(kind: str, **fields: object) -> bytes:
     return packed(kind, owner="", **fields)
 
 
+class Moves:
+    """Hands that visitors have moved."""
+
+    def __init__(self) -> None:
+        self.places: list[int] = []
+
+    def take(self, place: int, row: object, visitor: int) -> bool:
+        self.places.append(place)
+        return True
+
+
 POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}
 
 
@@ -96,22 +107,22 @@ POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0
     ],
 )
 def test_what_no_page_of_ours_sends_causes_a_line_at_most(message, capfd, caplog):
-    robot, moved = load_robot("asimo"), []
+    robot, moved = load_robot("asimo"), Moves()
     with page_server(Gate(), port=None, label="") as server:
-        Scene(server, robot, on_move=lambda *move: bool(moved.append(move)))
+        Scene(server, robot, on_move=moved.take)
         Sheet(server, robot, 0, on_stroke=lambda *stroke: None)
         for _ in range(3):
             asyncio.run(sent_by_visitor(server.get_port(), message))
     assert_quiet(capfd, caplog)
-    assert not moved
+    assert not moved.places
 
 
 def test_a_handle_that_a_visitor_sends_is_moved(capfd, caplog):
-    moved = []
+    moved = Moves()
     with page_server(Gate(), port=None, label="") as server:
-        Scene(server, load_robot("asimo"), on_move=lambda *move: bool(moved.append(move)))
+        Scene(server, load_robot("asimo"), on_move=moved.take)
         asyncio.run(sent_by_visitor(server.get_port(), of_scene("TransformControlsUpdateMessage", **POSE)))
-    assert [place for place, _, _ in moved] == [1]
+    assert moved.places == [1]
     assert_quiet(capfd, caplog)
 
 
