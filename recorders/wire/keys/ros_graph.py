@@ -124,8 +124,8 @@ class RosGraph:
         with self._changed:
             return GraphView(tuple(self._tokens[key] for key in sorted(self._tokens)))
 
-    def wait_for(self, topic: str, number: int, *, timeout_s: float) -> None:
-        """Wait until a topic has so many subscriptions.
+    def wait_for(self, topic: str, number: int, *, timeout_s: float, type_name: str = "") -> None:
+        """Wait until a topic has so many subscriptions, of one type if it is given.
 
         Raises
         ------
@@ -135,12 +135,14 @@ class RosGraph:
 
         def found() -> int:
             """Return how many there are now."""
-            return len(self.view.endpoints(topic, EntityType.SUBSCRIPTION))
+            ends = (token.endpoint for token in self.view.endpoints(topic, EntityType.SUBSCRIPTION))
+            return sum(end is not None and type_name in ("", end.type) for end in ends)
 
         with self._changed:
             self._changed.wait_for(lambda: found() >= number, timeout_s)
         if (there := found()) < number:
-            raise WireError(f"{topic}: expected {number} subscriptions within {timeout_s:g} s, found {there}")
+            kind = f" to {type_name}" if type_name else ""
+            raise WireError(f"{topic}: expected {number} subscriptions{kind} within {timeout_s:g} s, found {there}")
 
     # From here on: Zenoh's threads.
 

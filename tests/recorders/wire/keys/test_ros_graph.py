@@ -61,6 +61,9 @@ def test_we_list_a_client_of_others(graph: Graph) -> None:
     (token,) = ours.view.endpoints("/hand/right/target", EntityType.SUBSCRIPTION)
     assert token.endpoint.qos == Qos()
     ours.wait_for("/hand/right/target", 1, timeout_s=0.0)
+    ours.wait_for("/hand/right/target", 1, timeout_s=0.0, type_name=PoseStamped.TYPE)
+    with pytest.raises(WireError, match="target: expected 1 subscriptions to std_msgs/msg/String within 0 s, found 0"):
+        ours.wait_for("/hand/right/target", 1, timeout_s=0.0, type_name=String.TYPE)
     with pytest.raises(WireError, match="/chatter: expected 2 subscriptions within 0 s, found 0"):
         ours.wait_for("/chatter", 2, timeout_s=0.0)
 

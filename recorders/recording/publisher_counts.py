@@ -1,0 +1,89 @@
+"""Publishers of a recording in a ROS domain: how many messages came of each, and how many did not, by their numbers."""
+
+from collections import OrderedDict
+from dataclasses import dataclass
+from typing import Any
+
+MAX_PUBLISHERS = 1000
+"""As many are known at a time: anyone may name as many as they like."""
+
+
+@dataclass
+class PublisherCount:
+    """What came of one publisher.
+
+    Attributes
+    ----------
+    first, last : int
+        The lowest and the highest number that came.
+    messages : int
+        How many messages came.
+    missing : int
+        How many numbers between those did not.
+    repeated : int
+        How many messages came after others of a higher number, or twice.
+    """
+
+    first: int
+    last: int
+    messages: int = 1
+    missing: int = 0
+    repeated: int = 0
+
+
+class PublisherCounts:
+    """Counts by topic and publisher.
+
+    Attributes
+    ----------
+    forgotten : int
+        How many publishers were forgotten, as others came after them; what was missing of them was counted.
+    """
+
+    def __init__(self) -> None:
+        self._known: OrderedDict[tuple[str, bytes], PublisherCount] = OrderedDict()
+        self.forgotten = 0
+
+    def note(self, topic: str, gid: bytes, number: int) -> int:
+        """Note a message, and return how many before it did not come.
+
+        Parameters
+        ----------
+        topic : str
+            Its topic.
+        gid : bytes
+            The publisher.
+        number : int
+            The publisher's own number.
+        """
+        known = self._known.get((topic, gid))
+        if known is None:
+            self._known[topic, gid] = PublisherCount(number, number)
+            if len(self._known) > MAX_PUBLISHERS:
+                self._known.popitem(last=False)
+                self.forgotten += 1
+            return 0
+        self._known.move_to_end((topic, gid))
+        known.messages += 1
+        if number <= known.last:
+            known.repeated += 1
+            return 0
+        missing = number - known.last - 1
+        known.missing += missing
+        known.last = number
+        return missing
+
+    def rows(self) -> list[dict[str, Any]]:
+        """Return the counts as JSON values, in order of topics and publishers."""
+        return [
+            {
+                "topic": topic,
+                "publisher": gid.hex(),
+                "messages": count.messages,
+                "first": count.first,
+                "last": count.last,
+                "missing": count.missing,
+                "repeated": count.repeated,
+            }
+            for (topic, gid), count in sorted(self._known.items(), key=lambda item: item[0])
+        ]
