@@ -60,11 +60,24 @@ def footer_record(file: BinaryIO) -> RawRecord:
     end = size - len(MAGIC)
     file.seek(max(0, end))
     if end < len(MAGIC) + FOOTER_SIZE or file.read() != MAGIC:
-        raise cut_off(size)
+        raise cut_off(whole_until(file, size))
     position = _found(file, Opcode.FOOTER, end - FOOTER_SIZE, end)
     if position is None:
-        raise cut_off(size)
+        raise cut_off(whole_until(file, size))
     return record_at(file, position, Opcode.FOOTER)
+
+
+def whole_until(file: BinaryIO, size: int, start: int = len(MAGIC)) -> int:
+    """Return where the first record begins that is not whole, in a file of `size` bytes: its end if there is none.
+
+    That is where a log is cut off, for whoever reads it record by record too; all from `start` on are looked at.
+    """
+    end = min(start, size)
+    for head in heads(file, end, size):
+        if head.opcode == Opcode.FOOTER:
+            return size
+        end = head.end
+    return end
 
 
 def find_data_end(file: BinaryIO, end: int) -> int | None:

@@ -13,6 +13,7 @@ from typing import BinaryIO
 from recorders.errors import LogError
 from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.records import CRC, MAGIC, check_summary
+from recorders.mcap_format.sections import whole_until
 from recorders.reading.file_kind import no_log_text
 from recorders.recovery.salvage import Damage, LogSurvey, opened
 from recorders.recovery.summary_section import read_verified_summary
@@ -70,7 +71,8 @@ def _all_damage(walk: ResilientScan, found: LogSurvey, file: BinaryIO) -> list[D
         if damage and damage[-1].reason == NOT_WHOLE and damage[-1].offset + damage[-1].skipped == found.size:
             *damage, last = damage
             return [*damage, last._replace(reason=CUT_OFF)]
-        return [*damage, Damage(found.size, CUT_OFF, 0)]
+        whole = found.size if walk.data_end is None else whole_until(file, found.size, walk.data_end.end)
+        return [*damage, Damage(whole, CUT_OFF, 0)]
     if walk.data_end is not None and found.summary is None:
         file.seek(walk.data_end.end)
         try:

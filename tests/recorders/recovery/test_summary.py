@@ -7,6 +7,7 @@ import statistics
 from fractions import Fraction
 
 import pytest
+from every_record import write_every_record
 from every_variant import Data, Variant
 from hypothesis import given
 from hypothesis import strategies as st
@@ -15,6 +16,8 @@ from mcap.writer import Writer
 
 from recorders.cdr.codec import encode
 from recorders.errors import LogError
+from recorders.mcap_format.errors import DamagedLog
+from recorders.mcap_format.records import MAGIC
 from recorders.messages.message_types import JointState, String
 from recorders.messages.phase import EVALUATE, LEARN, WASHOUT, Phase
 from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, SESSION_PHASE
@@ -190,6 +193,18 @@ def test_a_cut_off_log_says_where_and_what_there_is(log):
     assert said["cut_off_at"] == said["damage"][-1]["offset"]
     assert 0 < said["messages"] < 280
     assert said["protected"]
+
+
+@pytest.mark.parametrize("step", [13, pytest.param(1, marks=pytest.mark.campaign)])
+def test_all_readers_name_one_byte_at_which_a_log_is_cut_off(tmp_path, step):
+    write_every_record(path := tmp_path / "every.mcap")
+    raw = path.read_bytes()
+    for size in range(len(MAGIC), len(raw), step):
+        path.write_bytes(raw[:size])
+        found, reader = summarise(path).cut_off_at, LogReader(path)
+        for read in (lambda r: r.counts, list, lambda r: list(r.records(file_order=True))):
+            with pytest.raises(DamagedLog, match=f"the log is cut off at byte {found}, before its end"):
+                read(reader)
 
 
 def test_a_damaged_log_shows_what_stands_behind_the_damage_too(log):
