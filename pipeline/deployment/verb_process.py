@@ -74,15 +74,20 @@ class VerbProcess:
     @property
     def status(self) -> int | None:
         """Exit status, None while it runs."""
-        return self._process.poll()
+        status = self._process.poll()
+        if status is not None:
+            self._let_go()
+        return status
 
     def wait(self) -> int:
         """Wait until it has ended, and return its exit status."""
-        return self._process.wait()
+        status = self._process.wait()
+        self._let_go()
+        return status
 
     def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
         """End it by a signal, and if that does not help by force, and return its exit status."""
-        if self._process.poll() is None:
+        if self.status is None:
             self._process.send_signal(number)
         try:
             return self._process.wait(PATIENCE_S)
@@ -90,15 +95,20 @@ class VerbProcess:
             self._process.kill()
             return self._process.wait()
         finally:
-            for pipe in (self._process.stdin, self._process.stdout):
-                if pipe is not None:
-                    pipe.close()
+            self._let_go()
+            if self._process.stdout is not None:
+                self._process.stdout.close()
 
     def complaint(self) -> str:
         """Return why the process has ended, or nothing if it has not."""
-        status = self._process.poll()
+        status = self.status
         if status is None:
             return ""
         lines = self._stderr.read_text(encoding="utf-8", errors="replace").splitlines()
         last = lines[-1] if lines else ""
         return last.removeprefix(_PREFIX) if last.startswith(_PREFIX) else f"`{self.name}` ended with status {status}"
+
+    def _let_go(self) -> None:
+        """Close the pipe that this process holds open for as long as the other runs."""
+        if self._process.stdin is not None:
+            self._process.stdin.close()
