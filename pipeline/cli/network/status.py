@@ -37,12 +37,15 @@ class _Look:
         Returns it as a table.
     nobody : str
         The line if there is nobody.
+    unreached : str, optional
+        The line if nothing listens where it connects; that of the session if left out.
     """
 
     find: "Callable[[Session], Any]"
     to_dict: Callable[[Any], dict[str, Any]]
     to_table: "Callable[[Any], Table]"
     nobody: str
+    unreached: str | None = None
 
     def show(self, found: Any, *, as_json: bool) -> bool:
         """Show it once; False if nobody reads it any more."""
@@ -96,7 +99,7 @@ def status(
     except UnreachedError as error:
         if as_json:
             console.block(json.dumps(look.to_dict(None)))
-        console.notice(f"no node runs: {error}")
+        console.notice(look.unreached or f"no node runs: {error}")
         raise typer.Exit(1) from None
     look.show(found, as_json=as_json)
     if found is None:
@@ -132,7 +135,10 @@ def _at_domain(domain: int, where: str, timeout_s: float) -> _Look:
         find,
         lambda view: {"domain": domain, **(view or GraphView(())).to_dict()},
         graph_table,
-        f"no node is in ROS domain {domain} at {where}",
+        f"no node is in ROS domain {domain} at {where}; one is there once it runs with "
+        f"RMW_IMPLEMENTATION=rmw_zenoh_cpp and ROS_DOMAIN_ID={domain}, and reaches the same router",
+        f"no node is in ROS domain {domain}: nothing listens at {where}; start the router of rmw_zenoh there, "
+        "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or give another --connect",
     )
 
 

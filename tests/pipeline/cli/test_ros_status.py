@@ -48,6 +48,16 @@ def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
     assert f"no node is in ROS domain 0 at {endpoint}" in other.stderr
 
 
+def test_where_nothing_listens_the_router_of_rmw_zenoh_is_named(tmp_path: Path) -> None:
+    endpoint = free_endpoint()
+    looked = reenact("status", "--ros", "7", "--connect", endpoint, "--wait", "0", cwd=tmp_path)
+    assert (looked.returncode, looked.stdout) == (1, "")
+    assert looked.stderr == (
+        f"no node is in ROS domain 7: nothing listens at {endpoint}; start the router of rmw_zenoh there, "
+        "`ros2 run rmw_zenoh_cpp rmw_zenohd`, or give another --connect\n"
+    )
+
+
 def test_names_of_hostile_tokens_are_shown_as_they_are() -> None:
     endpoint = Endpoint("/[/x]\x1b[31m/[red]", String.TYPE, type_hash(String.TYPE), Qos())
     token = Token(0, "f00", 0, 1, EntityType.PUBLISHER, NodeName("talker"), endpoint)
