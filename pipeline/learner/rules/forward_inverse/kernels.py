@@ -346,16 +346,18 @@ def fit_errors(part: Model, units: Floats) -> tuple[float, float]:
     Parameters
     ----------
     part : Model
-        The model; it has learned.
+        The model.
     units : ndarray, shape (m,)
         Unit of each output [m], of which x, y and z count.
 
     Returns
     -------
     (float, float)
-        Of the sum over x, y and z [m^2].
+        Of the sum over x, y and z [m^2]; a is infinite before anything was learned.
     """
     sums, last = part.leverage, units.size
+    if not sums[2 * last + 3] > 0.0:
+        return np.inf, 0.0
     constant = slope = 0.0
     for m in range(3):
         constant += sums[m] * (units[m] * units[m])
@@ -665,7 +667,7 @@ def expect(
         size = forward.weights.shape[1]
         first, last = last, last + size
         samples = forward.leverage[2 * size + 3]
-        a, b = fit_errors(forward, common.reach[first:last]) if samples > 0.0 else (np.inf, 0.0)
+        a, b = fit_errors(forward, common.reach[first:last])
         for k in range(joints.shape[0]):
             for j in range(joints.shape[1]):
                 common.posture[j] = (joints[k, j] - common.comfort[j]) / common.half[j]

@@ -196,9 +196,8 @@ class ForwardInverseLearner:
         units = np.split(self._common.reach, np.cumsum([model.outputs for model in models])[:-1])
         for size, unit in zip(models, units, strict=True):
             model = self._models[size.name]
-            samples = model.leverage[-1]
-            a, b = kernels.fit_errors(model, unit) if samples > 0.0 else (math.inf, 0.0)
-            deviations.append(math.sqrt(a + b * (1.0 + size.features / max(samples, 1.0))))
+            a, b = kernels.fit_errors(model, unit)
+            deviations.append(math.sqrt(a + b * (1.0 + size.features / max(model.leverage[-1], 1.0))))
         return np.array(deviations)
 
     def explain(self, u: ArrayLike) -> Explained:

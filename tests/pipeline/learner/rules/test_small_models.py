@@ -62,7 +62,7 @@ def assert_same(learner, expected):
     [
         {},
         {"degree": 3, "forgetting": 0.97},
-        {"forgetting": 0.9, "residual_degree": 1, "residual_forgetting": 0.95},
+        {"forgetting": 0.9, "residual_degree": 1, "residual_forgetting": 0.95, "residual_prior": 0.3},
     ],
 )
 def test_every_step_is_that_of_plain_numpy(settings) -> None:
@@ -81,6 +81,76 @@ def test_every_step_is_that_of_plain_numpy(settings) -> None:
     assert_same(learner, expected)
 
 
+def test_what_is_held_is_learned_until_it_brings_less_than_twice_what_is_forgotten() -> None:
+    learner, expected = both(degree=1, forgetting=0.9)
+    u, d = samples(3)
+    for k in [0] * 8 + [1] * 8 + [2, 0, 1, 2]:
+        learner.step(u[k : k + 1], d[k : k + 1], learning=True)
+        expected.step(u[k], d[k], learning=True)
+    assert_same(learner, expected)
+
+
+@pytest.mark.parametrize(
+    ("variance", "forgetting", "learns"), [(1.0, 0.5, True), (0.999, 0.5, False), (1e-9, 1.0, True), (0.0, 1.0, False)]
+)
+def test_a_sample_that_brings_nothing_new_is_passed_over(variance: float, forgetting: float, learns: bool) -> None:
+    learner, _ = both(degree=1)
+    inverse = kernels.model_views(learner._sizes, learner._tables, learner._memory, 0)
+    inverse.features[:] = np.eye(10)[0]
+    inverse.covariance[:] = np.diag([variance, *[1.0] * 9])
+    kernels.learn(inverse, np.ones(3), 1e-2, forgetting)
+    assert bool(inverse.weights.any()) == bool(inverse.errors.any()) == bool(inverse.leverage.any()) == learns
+
+
+def test_without_forgetting_a_prior_limits_no_variance() -> None:
+    learner, _ = both(degree=1)
+    inverse = kernels.model_views(learner._sizes, learner._tables, learner._memory, 0)
+    inverse.features[:] = np.eye(10)[0]
+    inverse.covariance[:] = np.eye(10)
+    kernels.learn(inverse, np.ones(3), 1e3, 1.0)
+    np.testing.assert_array_equal(inverse.covariance, np.diag([0.5, *[1.0] * 9]))
+
+
+def test_what_is_left_in_the_scratch_changes_nothing() -> None:
+    """Commands, learning and derivatives are those of a learner whose scratch is as it was made."""
+    (learner, _), (littered, _) = both(residual_degree=1), both(residual_degree=1)
+    u, d = samples(6)
+    for k in range(5):
+        common = kernels.common_views(littered._sizes, littered._memory)
+        scratch = [common.target, common.aim, common.posture, common.estimate, common.hands]
+        scratch += [common.jacobian, common.square, common.solution]
+        for place in range(4):
+            model = kernels.model_views(littered._sizes, littered._tables, littered._memory, place)
+            scratch += [model.powers, model.features, model.gain, model.spare, model.found]
+        for array in scratch:
+            array[...] = 7.0
+        found = [part.step(u[k : k + 1], d[k : k + 1], learning=True) for part in (learner, littered)]
+        np.testing.assert_array_equal(*found)
+        common.jacobian[...] = 7.0
+        for here, there in zip(learner.linearise(d[k, 9:]), littered.linearise(d[k, 9:]), strict=True):
+            np.testing.assert_array_equal(here, there)
+    states = learner.state(), littered.state()
+    assert all(np.array_equal(states[1][name], values) for name, values in states[0].items())
+
+
+@pytest.mark.parametrize("count", [0, 1, 12])
+def test_a_command_is_explained_by_where_the_hands_are_expected(count: int) -> None:
+    """At the joints of the command, with what the residual adds at the target."""
+    learner, expected = both(residual_degree=1)
+    u, d = samples(count + 2)
+    for k in range(count):
+        learner.step(u[k : k + 1], d[k : k + 1], learning=True)
+        expected.step(u[k], d[k], learning=True)
+    explained = learner.explain(u[count:])
+    for row, target in enumerate((u[count:] - expected.centre) / expected.reach):
+        joints = expected.step(u[count + row], d[count + row], learning=False)[9:]
+        np.testing.assert_allclose(explained.joints[row], joints, rtol=0, atol=1e-9)
+        estimate = expected.limited(expected.inverse.outputs(expected.aim(target)))
+        np.testing.assert_allclose(explained.estimate[row], expected.comfort + expected.half * estimate, atol=1e-9)
+        hands = expected.hands((joints - expected.comfort) / expected.half) + target - expected.aim(target)
+        np.testing.assert_allclose(explained.hands[row], expected.centre + expected.reach * hands, atol=1e-9)
+
+
 def test_limits_are_reached_on_both_sides() -> None:
     learner, _ = both()
     u, d = samples(24)
@@ -94,7 +164,7 @@ def test_limits_are_reached_on_both_sides() -> None:
 @pytest.mark.parametrize("count", [0, 1, 2, 5, 24])
 def test_deviations_and_derivatives_are_those_of_plain_numpy(count: int, forgetting: float) -> None:
     learner, expected = both(forgetting=forgetting)
-    u, d = samples(count + 3, seed=count)
+    u, d = samples(count + 4, seed=count)  # more than there are joints
     for k in range(count):
         learner.step(u[k : k + 1], d[k : k + 1], learning=True)
         expected.step(u[k], d[k], learning=True)
@@ -142,11 +212,11 @@ def test_what_is_not_finite_is_refused_and_changes_nothing() -> None:
     for place in ((0, 0), (2, 8)):
         bad = u.copy()
         bad[place] = np.nan
-        with pytest.raises(MessageError, match="u"):
+        with pytest.raises(MessageError, match="finite numbers in u"):
             learner.predict(bad)
         bad = d.copy()
         bad[place] = np.inf
-        with pytest.raises(MessageError, match="d"):
+        with pytest.raises(MessageError, match="finite numbers in d"):
             learner.step(u, bad, learning=True)
     assert all(np.array_equal(before[name], values) for name, values in learner.state().items())
 
@@ -190,6 +260,16 @@ def test_views_do_not_overlap_and_fill_the_memory() -> None:
         view += number
     assert [int((memory == number).sum()) for number in range(1, len(views) + 1)] == [view.size for view in views]
     assert sum(view.size for view in views) == memory.size
+
+
+def test_views_of_the_tables_are_all_of_them_in_order() -> None:
+    learner, _ = both(residual_degree=1)
+    views = []
+    for place in range(4):
+        model = kernels.model_views(learner._sizes, learner._tables, learner._memory, place)
+        assert model.parents.size == model.places.size == model.features.size
+        views += [model.variables, model.parents, model.places, model.raised.reshape(-1)]
+    np.testing.assert_array_equal(np.concatenate(views), learner._tables)
 
 
 def test_a_matrix_is_factorised_if_it_is_positive_definite() -> None:
