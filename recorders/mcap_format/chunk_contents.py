@@ -27,20 +27,20 @@ class MessageColumns(NamedTuple):
 
     Attributes
     ----------
-    channels, sequences, log_times_ns, publish_times_ns : tuple of int
+    channels, sequences, log_times_ns, publish_times_ns : sequence of int
         Number of the channel, number of the message, time of recording and of publication [ns] of each.
-    data : tuple of bytes
+    data : sequence of bytes
         The messages themselves.
-    sizes : list of int
+    sizes : sequence of int
         How long each is [bytes].
     """
 
-    channels: tuple[int, ...]
-    sequences: tuple[int, ...]
-    log_times_ns: tuple[int, ...]
-    publish_times_ns: tuple[int, ...]
-    data: tuple[bytes, ...]
-    sizes: list[int]
+    channels: Sequence[int]
+    sequences: Sequence[int]
+    log_times_ns: Sequence[int]
+    publish_times_ns: Sequence[int]
+    data: Sequence[bytes]
+    sizes: Sequence[int]
 
     @classmethod
     def of(cls, messages: Sequence[Pending]) -> Self:

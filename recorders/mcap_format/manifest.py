@@ -63,10 +63,6 @@ class ContentHash:
             framed = self._topics[topic] = topic_frame(topic)
         return framed
 
-    def add_framed(self, pieces: Iterable[bytes]) -> None:
-        """Take in messages as pieces: of each `topic_frame`, what `FRAME` packs, and its data."""
-        self._hash.update(b"".join(pieces))
-
     def hexdigest(self) -> str:
         """Return the hash of everything taken in so far."""
         return self._hash.hexdigest()

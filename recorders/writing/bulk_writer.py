@@ -2,23 +2,19 @@
 
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
-from typing import BinaryIO, NamedTuple
+from typing import BinaryIO
 
 import numpy as np
-from mcap.opcode import Opcode
-from numpy.typing import NDArray
 
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.mcap_format.chunk_contents import MessageColumns
 from recorders.mcap_format.lengths import LARGE
-from recorders.mcap_format.manifest import FRAME, METADATA_NAME, ContentHash, to_metadata, topic_frame
-from recorders.mcap_format.records import HEAD
+from recorders.mcap_format.manifest import METADATA_NAME, ContentHash, to_metadata, topic_frame
 from recorders.messages.record import RecordedMessage, publish_time_ns
-from recorders.writing.chunk_encoder import RECORD, RECORD_SIZE, BuiltChunk
+from recorders.writing.chunk_encoder import RECORD_SIZE, BuiltChunk, message_records
 from recorders.writing.mcap_writer import McapWriter
 
-_BODY = RECORD_SIZE - HEAD.size  # bytes of a message's body before its data
-_OPCODE = int(Opcode.MESSAGE)
-_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])
+_ENTRY = np.dtype([("time", "<u8"), ("place", "<u8")])  # of a message index
 
 
 class BulkWriter:
@@ -67,8 +63,7 @@ class BulkWriter:
         self._compression, self._chunk_bytes, self._on_chunk = compression, chunk_bytes, on_chunk
         self._numbers = self._declare(channels)
         self._names = {self._numbers[topic]: channel.topic for topic, channel in channels.items()}
-        self._frames = {topic: topic_frame(channel.topic) for topic, channel in channels.items()}
-        self._any = False
+        self._frames = {number: topic_frame(topic) for number, topic in self._names.items()}
         self._content = ContentHash()
         self.counts: Counter[str] = Counter()
 
@@ -80,37 +75,30 @@ class BulkWriter:
         RecordedMessage or None
             The first that is not written any more.
         """
-        pack, hash_pack, numbers, frames = RECORD.pack, FRAME.pack, self._numbers, self._frames
-        batch, size = _new_batch(), 0
-        heads, hashed, data_of, times_ns, channels = batch
+        numbers, chunk_bytes = self._numbers, self._chunk_bytes
+        batch, size = _Batch(), 0
         for record in records:
             topic, _, data, sequence, time_ns = record
             length = len(data)
-            if (time_ns >= end_ns and self._any) or length > LARGE:
+            is_over = time_ns >= end_ns and bool(batch.data or self.counts)
+            if is_over or length > LARGE:
                 self._end_chunk(batch)
-                if time_ns >= end_ns and self._any:
+                if is_over:
                     return record
                 self._write_large(record)
-                batch, size = _new_batch(), 0
-                heads, hashed, data_of, times_ns, channels = batch
-                if self._file.tell() >= most_bytes:
-                    return next(records, None)
-                continue
-            self._any = True
-            number = numbers[topic]
-            published_ns = time_ns if type(record) is RecordedMessage else publish_time_ns(record)
-            heads.append(pack(_OPCODE, length + _BODY, number, sequence, time_ns, published_ns))
-            hashed.append(frames[topic] + hash_pack(sequence, time_ns, length))
-            data_of.append(data)
-            times_ns.append(time_ns)
-            channels.append(number)
-            size += length + RECORD_SIZE
-            if size >= self._chunk_bytes:
+            else:
+                batch.channels.append(numbers[topic])
+                batch.sequences.append(sequence)
+                batch.log_times_ns.append(time_ns)
+                batch.publish_times_ns.append(time_ns if type(record) is RecordedMessage else publish_time_ns(record))
+                batch.data.append(data)
+                size += length + RECORD_SIZE
+                if size < chunk_bytes:
+                    continue
                 self._end_chunk(batch)
-                batch, size = _new_batch(), 0
-                heads, hashed, data_of, times_ns, channels = batch
-                if self._file.tell() >= most_bytes:
-                    return next(records, None)
+            batch, size = _Batch(), 0
+            if self._file.tell() >= most_bytes:
+                return next(records, None)
         self._end_chunk(batch)
         return None
 
@@ -144,21 +132,17 @@ class BulkWriter:
     def _end_chunk(self, batch: "_Batch") -> None:
         if not batch.data:
             return
-        for number, count in Counter(batch.channels).items():
+        messages = batch.columns()
+        for number, count in Counter(messages.channels).items():
             self.counts[self._names[number]] += count
-        self._content.add_framed(_interleaved(batch.hashed, batch.data))
-        times = np.array(batch.times_ns, dtype=np.uint64)
-        chunk = BuiltChunk(
-            b"".join(_interleaved(batch.heads, batch.data)),
-            (int(times.min()), int(times.max())),
-            _indexes(batch, times),
-        )
+        self._content.add_all(self._frames, messages)
+        times = messages.log_times_ns
+        chunk = BuiltChunk(b"".join(message_records(messages)), (min(times), max(times)), _indexes(messages))
         self.log.add_chunk(chunk, self._compression)
         self._on_chunk(self.counts.total())
 
     def _write_large(self, record: RecordedMessage) -> None:
         """Write a message beside the chunks, which readers hold whole."""
-        self._any = True
         number = self._numbers[record.topic]
         self.counts[self._names[number]] += 1
         self._content.add(self._names[number], record.sequence, record.log_time_ns, record.data)
@@ -168,32 +152,28 @@ class BulkWriter:
         self._on_chunk(self.counts.total())
 
 
-class _Batch(NamedTuple):
+class _Batch:
     """The messages of a chunk, column by column, so that nothing of them is tracked by the garbage collector."""
 
-    heads: list[bytes]
-    hashed: list[bytes]
-    data: list[bytes]
-    times_ns: list[int]
-    channels: list[int]
+    def __init__(self) -> None:
+        self.channels: list[int] = []
+        self.sequences: list[int] = []
+        self.log_times_ns: list[int] = []
+        self.publish_times_ns: list[int] = []
+        self.data: list[bytes] = []
+
+    def columns(self) -> MessageColumns:
+        """Return them for the calls that go through many at once."""
+        sizes = list(map(len, self.data))
+        return MessageColumns(self.channels, self.sequences, self.log_times_ns, self.publish_times_ns, self.data, sizes)
 
 
-def _new_batch() -> _Batch:
-    return _Batch([], [], [], [], [])
-
-
-def _interleaved(heads: list[bytes], data: list[bytes]) -> list[bytes]:
-    pieces = [b""] * (2 * len(data))
-    pieces[::2], pieces[1::2] = heads, data
-    return pieces
-
-
-def _indexes(batch: _Batch, times: NDArray[np.uint64]) -> dict[int, bytes]:
+def _indexes(messages: MessageColumns) -> dict[int, bytes]:
     """Return the entries of the message index of each channel, in order of time."""
-    channels = np.array(batch.channels)
-    ends = np.cumsum(np.fromiter(map(len, batch.data), np.int64, len(batch.data)) + RECORD_SIZE)
+    channels = np.array(messages.channels)
+    ends = np.cumsum(np.array(messages.sizes) + RECORD_SIZE)
     entries = np.zeros(len(channels), _ENTRY)
-    entries["time"], entries["place"][1:] = times, ends[:-1]
+    entries["time"], entries["place"][1:] = messages.log_times_ns, ends[:-1]
     found = {}
     for number in np.unique(channels).tolist():
         of_channel = entries[channels == number]

@@ -67,12 +67,9 @@ def build_chunk(messages: MessageColumns, declared: Sequence[tuple[int, bytes]] 
     declared : sequence of (int, bytes)
         Records of schemas and channels, each with how many messages stand before it.
     """
-    channels, sequences, times, publish_times, datas, lengths = messages
-    bodies = [length + MESSAGE.size for length in lengths]
-    parts = [b""] * (2 * len(datas))
-    parts[::2] = map(RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
-    parts[1::2] = datas
-    offsets: Iterable[int] = accumulate([length + RECORD_SIZE for length in lengths], initial=0)
+    channels, times = messages.channels, messages.log_times_ns
+    parts = message_records(messages)
+    offsets: Iterable[int] = accumulate([length + RECORD_SIZE for length in messages.sizes], initial=0)
     if declared:
         parts, offsets = _with_declarations(parts, list(offsets), declared)
     entries: defaultdict[int, list[bytes]] = defaultdict(list)
@@ -80,6 +77,16 @@ def build_chunk(messages: MessageColumns, declared: Sequence[tuple[int, bytes]] 
         entries[channel].append(entry)
     indexes = {channel: b"".join(of_channel) for channel, of_channel in entries.items()}
     return BuiltChunk(b"".join(parts), (min(times), max(times)), indexes)
+
+
+def message_records(messages: MessageColumns) -> list[bytes]:
+    """Return the records of messages: head and data of each, in turn."""
+    channels, sequences, times, publish_times, data, sizes = messages
+    bodies = [size + MESSAGE.size for size in sizes]
+    parts = [b""] * (2 * len(data))
+    parts[::2] = map(RECORD.pack, repeat(int(Opcode.MESSAGE)), bodies, channels, sequences, times, publish_times)
+    parts[1::2] = data
+    return parts
 
 
 def encode_chunk(chunk: BuiltChunk, compression: str, offset: int) -> tuple[bytes, bytes]:
