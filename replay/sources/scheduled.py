@@ -121,7 +121,7 @@ class EpisodeLog:
         self.digest = digest.hexdigest()
 
     def _check_topics(self) -> None:
-        there = {topic for topic, count in self._reader.counts.items() if count > 0}
+        there = set(self._reader.counts)
         found = {self._renames.get(topic, topic) for topic in there}
         missing = [topic for topic in self._tick if topic not in found]
         if missing:

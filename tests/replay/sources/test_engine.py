@@ -1,14 +1,16 @@
 """The scheduled presents logs as the schedule says, and can begin at any message."""
 
+from collections.abc import Iterator
 from itertools import islice
 from pathlib import Path
 
 import pytest
 from episodes import write_episode
+from sessions import write_foreign
 
-from recorders.cdr.codec import decode
+from recorders.cdr.codec import decode, encode
 from recorders.errors import LogError, MessageError
-from recorders.messages.message_types import Message, String
+from recorders.messages.message_types import JointState, Message, String
 from recorders.messages.phase import Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import (
@@ -23,7 +25,7 @@ from recorders.reading.reader import LogReader
 from recorders.writing.writer import LogWriter
 from replay.sources import scheduled
 from replay.sources.schedule import Schedule
-from replay.sources.scheduled import Replay, renamed
+from replay.sources.scheduled import EpisodeLog, Replay, naming, renamed
 
 SCHEDULE = Schedule(epochs=2, phases=(("washout", 1), ("learn", 2)))
 
@@ -192,6 +194,95 @@ def test_a_small_log_is_read_once_and_a_large_one_every_time(log: Path, monkeypa
         replay = Replay([log], SCHEDULE)
         assert (replay.retained, replay.episodes[0].retained) == (retained, retained)
         assert list(replay.episodes[0]) == list(replay.episodes[0]) == records
+
+
+def test_of_several_logs_each_is_kept_that_is_small(log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    large = write_episode(tmp_path / "large.mcap", samples=9)
+    monkeypatch.setattr(scheduled, "CACHE_BYTES", sum(len(record.data) for record in LogReader(log)))
+    replay = Replay([log, large], SCHEDULE)
+    assert [episode.retained for episode in replay.episodes] == [True, False]
+    assert not replay.retained
+
+
+def test_presentations_before_the_first_message_are_not_read(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Where one ends and the next begins, only the next one is."""
+    read: list[int] = []
+
+    def presented(episode: EpisodeLog) -> Iterator[RecordedMessage]:
+        read.append(episode.count)
+        return iter(LogReader(log))
+
+    replay = Replay([log], SCHEDULE)
+    whole = list(replay.stream())
+    monkeypatch.setattr(EpisodeLog, "__iter__", presented)
+    for start, often in ((0, 6), (15, 6), (16, 5), (17, 5), (80, 1), (95, 1), (96, 0)):
+        read.clear()
+        assert list(replay.stream(start)) == whole[start:]
+        assert len(read) == often
+
+
+def test_a_run_has_a_name_of_128_bits(log: Path) -> None:
+    assert len(bytes.fromhex(Replay([log], SCHEDULE).run)) == 16
+
+
+def test_no_log_is_an_error() -> None:
+    with pytest.raises(LogError, match="expected at least one log, found none"):
+        Replay([], SCHEDULE)
+
+
+def test_a_message_that_is_too_large_to_travel_is_refused_at_the_start(
+    log: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    largest = max(len(record.data) for record in LogReader(log))
+    monkeypatch.setattr(scheduled, "MAX_MESSAGE", largest)
+    assert len(Replay([log], SCHEDULE).episodes) == 1
+    monkeypatch.setattr(scheduled, "MAX_MESSAGE", largest - 1)
+    with pytest.raises(LogError, match=rf"log\.mcap: .*expected at most {largest - 1} bytes .*, found {largest}"):
+        Replay([log], SCHEDULE)
+
+
+def test_a_topic_is_renamed_to_one_of_its_type_or_has_none(tmp_path: Path) -> None:
+    joints = JointState(1, ("a",), [0.0])
+    for kind in (joints.TYPE, ""):
+        path = write_foreign(tmp_path / "log.mcap", [RecordedMessage("/arm", kind, encode(joints), 0, 1)])
+        (found,) = renamed(LogReader(path), {"/arm": SAMPLE_JOINTS}, {SAMPLE_JOINTS})
+        assert (found.topic, found.type) == (SAMPLE_JOINTS, joints.TYPE)
+        (found,) = renamed(LogReader(path), {}, {"/arm"})
+        assert found.type == kind
+    path = write_foreign(tmp_path / "log.mcap", [RecordedMessage("/arm", joints.TYPE, encode(joints), 0, 1)])
+    with pytest.raises(LogError, match=rf"--map /arm={LEFT_TARGET}: expected a topic of .*PoseStamped, found one of '"):
+        list(renamed(LogReader(path), {"/arm": LEFT_TARGET}, {LEFT_TARGET}))
+
+
+def test_a_robot_is_text(tmp_path: Path) -> None:
+    path = write_episode(
+        tmp_path / "odd.mcap", samples=2, attachments={"robot.urdf": b"<robot/>", "robot.toml": b"\xff"}
+    )
+    with pytest.raises(LogError, match=r"odd\.mcap: expected the robot's files to be UTF-8 text, found other bytes"):
+        Replay([path], SCHEDULE)
+
+
+@pytest.mark.parametrize(
+    ("times_ns", "ours", "named"), [((5, 5, 7), False, False), ((5, 7, 6), False, True), ((5, 7, 6), True, False)]
+)
+def test_what_is_wrong_with_a_message_names_the_log_and_that_its_times_fall(
+    tmp_path: Path, times_ns: tuple[int, ...], ours: bool, named: bool
+) -> None:
+    """Unless the log is one of ours, whose messages go by the file anyway."""
+    path = tmp_path / "log.mcap"
+    if ours:
+        with LogWriter(path, manifest={}) as writer:
+            for time_ns in times_ns:
+                writer.write("/a", String("x"), log_time_ns=time_ns)
+    else:
+        write_foreign(path, [RecordedMessage("/a", "", b"\0\1\0\0", 0, time_ns) for time_ns in times_ns])
+    with pytest.raises(MessageError) as error, naming(path):
+        raise MessageError("odd")
+    assert str(error.value).startswith(f"{path}: odd")
+    assert ("log times fall in the order of the file" in str(error.value)) == named
+    path.unlink()
+    with pytest.raises(MessageError, match=r"log\.mcap: odd$"), naming(path):
+        raise MessageError("odd")
 
 
 def test_markers_have_no_time_of_their_own(log: Path) -> None:

@@ -56,8 +56,9 @@ def test_a_log_that_was_not_aligned_is_one(tmp_path: Path) -> None:
     assert ALIGNMENT not in Replay([reader.path], Schedule(epochs=1)).offer().logs[0]
 
 
-@pytest.mark.parametrize(("size", "known"), [(0, True), (1 << 20, False)])
+@pytest.mark.parametrize(("size", "known"), [(0, True), (65526, True), (65527, False), (1 << 20, False)])
 def test_an_account_that_is_none_or_too_long_counts_for_nothing(tmp_path: Path, size: int, known: bool) -> None:
+    """Of 64 KiB it may be, as JSON."""
     reader = LogReader(numbered(tmp_path / "log.mcap", [0, 2], alignment={"by": "x" * size}))
     assert (alignment_of(reader) is not None) == known
     other = LogReader(numbered(tmp_path / "other.mcap", [0, 2], alignment="by hand"))

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import PERIOD_NS, write_episode
+from sessions import write_foreign
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.robot.config import load_robot
@@ -114,6 +115,68 @@ def test_what_is_of_no_use_is_refused_and_changes_nothing(
     assert all(line.isprintable() and len(line.splitlines()) == 1 for line in said)
 
 
+def test_a_marker_is_a_text() -> None:
+    for kind in ("", PoseStamped.TYPE):
+        assert list(made([marker()._replace(type=kind)])[0].refused) == [f"{SESSION_PHASE}: marker"]
+
+
+def test_a_marker_may_be_as_long_as_any_message(ticks: list[list[RecordedMessage]]) -> None:
+    short = marker().data
+    for spare, kinds in ((0, []), (1, [f"{SESSION_PHASE}: too large"])):
+        text = parsed(marker()).to_message().data + " " * (MAX_MESSAGE - len(short) + spare)
+        live, _ = made([marker()._replace(data=encode(String(text))), *flat(ticks)])
+        assert list(live.refused) == kinds
+
+
+def test_losses_are_counted_with_the_first_reason(ticks: list[list[RecordedMessage]]) -> None:
+    left, right, joints = ticks[3]
+    assert made(flat(ticks))[0].losses == ""
+    assert made(flat(ticks[:4] + ticks[6:]))[0].losses == "; gaps 1"
+    bad = [left._replace(data=b"\x00\x01\x02"), altered(right, position=[np.nan, 0.0, 0.0]), joints]
+    live, _ = made([*flat(ticks[:3]), *bad, *flat(ticks[4:])])
+    (first,) = (kind for kind in [live.losses.partition("; the first: ")[2]])
+    assert live.losses == f"; refused 2, given up 1, gaps 1; the first: {first}"
+    assert first.startswith(f"{LEFT_TARGET} #{left.sequence}: ")
+
+
+def test_a_gap_is_reported(ticks: list[list[RecordedMessage]], caplog: pytest.LogCaptureFixture) -> None:
+    made(flat(ticks[:4] + ticks[6:]))
+    stamp = decode(ticks[6][0].type, ticks[6][0].data).stamp_ns
+    assert caplog.messages == [f"ticks are missing before the one at {stamp} ns: it is not paired with the one before"]
+
+
+def test_the_name_of_a_run_that_nobody_named_stays() -> None:
+    """It is in recordings of live learning."""
+    assert LIVE_RUN == "247610f4dedd4ab7247d07dbda19c81c"
+
+
+def logged(path: Path, records: Sequence[RecordedMessage]) -> Path:
+    with LogWriter(path, manifest={"kind": "test"}) as writer:
+        for record in records:
+            writer.copy(record)
+    return path
+
+
+def test_what_is_refused_in_a_log_is_reported_once(
+    ticks: list[list[RecordedMessage]], tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    log = LiveLog(logged(tmp_path / "log.mcap", [*flat(ticks), ticks[0][0]]))
+    assert len(list(log.stream())) == len(list(log.stream())) == 1 + 3 * TICKS
+    assert len(caplog.messages) == 1
+    assert caplog.messages[0].startswith("refused, ")
+
+
+def test_times_that_fall_within_ticks_alone_are_no_other_order(
+    ticks: list[list[RecordedMessage]], tmp_path: Path
+) -> None:
+    """A log is refused if it has more steps by log time than by the file."""
+    rising = [record._replace(log_time_ns=10 * place + (3 - place) % 3) for place, record in enumerate(flat(ticks))]
+    assert LiveLog(write_foreign(tmp_path / "swapped.mcap", rising)).offer().messages == 1 + 3 * TICKS
+    falling = [record._replace(log_time_ns=1000 - place) for place, record in enumerate(flat(ticks)[::-1])]
+    with pytest.raises(LogError, match=rf"expected the {TICKS - 1} steps that there are by log time, found"):
+        LiveLog(write_foreign(tmp_path / "falling.mcap", falling))
+
+
 def test_a_second_message_of_a_tick_is_refused(ticks: list[list[RecordedMessage]]) -> None:
     left, right, joints = ticks[3]
     forged = altered(left, position=[0.3, 0.2, 0.7])
@@ -214,7 +277,7 @@ def test_markers_are_followed_and_begin_time_anew(ticks: list[list[RecordedMessa
     live, stream = made(heard)
     assert stream == heard
     assert live.run == "ab" * 16
-    assert (live.ticks, live.gaps) == (3 * TICKS, 0)
+    assert (live.ticks, live.gaps, live.steps) == (3 * TICKS, 0, 3 * (TICKS - 1))
 
 
 def at(ticks: Sequence[Sequence[RecordedMessage]], start_ns: int) -> list[list[RecordedMessage]]:

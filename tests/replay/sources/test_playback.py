@@ -1,6 +1,8 @@
 """Plain playback: every message of the logs, unchanged, in one order; sliced, renamed, repeated as asked."""
 
+import hashlib
 from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 
@@ -9,12 +11,14 @@ from episodes import PERIOD_NS, write_episode
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.writer import Writer
+from sessions import split
 from waiting import wait_until
 
 from recorders.errors import ConfigError, LogError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS
 from recorders.protocol.stream import MAX_MESSAGE
+from recorders.reading.parts import Parts
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig
 from recorders.wire.loopback import free_endpoint
@@ -74,9 +78,23 @@ def test_the_run_names_what_is_played(log: Path) -> None:
     assert Playback([log], PlaybackConfig(topics=frozenset({RIGHT_TARGET}))).offer().run != run
 
 
+def test_a_log_is_offered_with_the_hash_of_its_content_or_of_its_file(log: Path, tmp_path: Path) -> None:
+    theirs = log_of(tmp_path / "theirs.mcap", 5)
+    whole = Parts(tuple(split(log, tmp_path / "parts.mcap", at=[7])))
+    stated = LogReader(log).manifest["content_sha256"]
+    expected = [
+        {"name": "log.mcap", "sha256": stated},
+        {"name": "theirs.mcap", "sha256": hashlib.sha256(theirs.read_bytes()).hexdigest()},
+    ]
+    assert Playback([log, theirs]).offer().logs == expected
+    assert [part["sha256"] for part in Playback([whole]).offer().logs] == [stated]
+
+
 def test_an_unknown_topic_is_named_with_those_there_are(log: Path) -> None:
     with pytest.raises(LogError, match=r"no topic /nothing in the logs; there are: /hand/left/target"):
         Playback([log], PlaybackConfig(topics=frozenset({"/nothing"})))
+    with pytest.raises(LogError, match=r"--map: expected a topic /nothing, found none; there are: /hand/left/target"):
+        Playback([log], PlaybackConfig(renames={"/nothing": "/other"}))
 
 
 def test_no_log_is_an_error() -> None:
@@ -109,6 +127,15 @@ def test_every_message_plays_and_slices_are_exact_at_any_time(tmp_path: Path, fi
     assert played_times(log, start_ns=3, end_ns=897) == times_ns[1:-1]
     assert played_times(log, end_ns=898) == times_ns
     assert played_times(log, end_ns=1) == times_ns[:1]
+
+
+def test_a_slice_counts_from_the_earliest_message_played_or_not(tmp_path: Path) -> None:
+    first, second = (log_of(tmp_path / f"{at}.mcap", TODAY_NS + at, topic=f"/{at}") for at in (0, 5))
+    config = PlaybackConfig(topics=frozenset({"/5"}), start_ns=5)
+    assert [record.topic for record in Playback([second, first], config).stream()] == ["/5"]
+    assert [record.topic for record in Playback([second, first], replace(config, start_ns=4, end_ns=6)).stream()] == [
+        "/5"
+    ]
 
 
 @settings(max_examples=25, deadline=None)

@@ -7,7 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from episodes import write_plain_episode
+from sessions import write_foreign
 
+from recorders.cdr.codec import encode
 from recorders.errors import LogError, MessageError
 from recorders.messages.message_types import Float64MultiArray, String
 from recorders.messages.phase import LEARN, Phase
@@ -121,6 +123,14 @@ def test_a_marker_that_is_none_is_named(session: Callable[..., Path], tmp_path: 
         writer.write(SESSION_PHASE, String("no marker"), log_time_ns=0)
     with pytest.raises(MessageError, match=r"wrong\.mcap: "):
         RecordedSession(path)
+
+
+def test_a_marker_is_a_text(tmp_path: Path) -> None:
+    numbers = Float64MultiArray(np.zeros(1))
+    odd = RecordedMessage(SESSION_PHASE, numbers.TYPE, encode(numbers), 0, 1)
+    path = write_foreign(tmp_path / "wrong.mcap", [odd])
+    with pytest.raises(LogError, match=rf"wrong\.mcap: {SESSION_PHASE} #0: expected {String.TYPE}, found '{odd.type}'"):
+        RecordedSession(path, epochs=1)
 
 
 def test_a_message_that_is_too_large_to_travel_is_refused_at_the_start(

@@ -1,6 +1,7 @@
 """The kernels of `forward-inverse` on a robot that is small enough to be worked out beside them in plain numpy."""
 
 import importlib.util
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -31,9 +32,9 @@ CENTRE = {
 }
 
 
-def both(**settings):
+def both(*, body=BODY, **settings):
     """The rule and the same in plain numpy."""
-    config = ForwardInverseConfig(**{"degree": 2, "prior": 1e-2, "damping": 1e-2, **settings}).with_body(BODY)
+    config = ForwardInverseConfig(**{"degree": 2, "prior": 1e-2, "damping": 1e-2, **settings}).with_body(body)
     return ForwardInverseLearner(config, **CENTRE), plain.PlainForwardInverse(config, **CENTRE)
 
 
@@ -113,7 +114,10 @@ def test_without_forgetting_a_prior_limits_no_variance() -> None:
 
 def test_what_is_left_in_the_scratch_changes_nothing() -> None:
     """Commands, learning and derivatives are those of a learner whose scratch is as it was made."""
-    (learner, _), (littered, _) = both(residual_degree=1), both(residual_degree=1)
+    body = replace(
+        BODY, poses=("left",)
+    )  # whose hand has more rows than there are joints, one of which does not move it
+    learner, littered = (both(body=body, residual_degree=1)[0] for _ in range(2))
     u, d = samples(6)
     for k in range(5):
         common = kernels.common_views(littered._sizes, littered._memory)
@@ -218,6 +222,8 @@ def test_what_is_not_finite_is_refused_and_changes_nothing() -> None:
         bad[place] = np.inf
         with pytest.raises(MessageError, match="finite numbers in d"):
             learner.step(u, bad, learning=True)
+        arrays = learner._sizes, learner._tables, learner._memory, learner._settings, np.empty((3, 12))
+        assert kernels.run(u, bad, True, *arrays) == kernels.BAD_TARGET
     assert all(np.array_equal(before[name], values) for name, values in learner.state().items())
 
 
