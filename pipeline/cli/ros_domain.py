@@ -1,13 +1,17 @@
-"""The option `--ros`: a ROS domain in place of a namespace."""
+"""The options `--ros` and `--remap`: the topics of a ROS domain in place of a namespace's."""
 
 import os
+import re
 from collections.abc import Sequence
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from recorders.errors import ConfigError
 from recorders.rmw_zenoh.names import MAX_DOMAIN
+
+if TYPE_CHECKING:
+    from recorders.wire.keys.topic_keys import TopicKeys
 
 _OPTION = "--ros"
 _VARIABLE = "ROS_DOMAIN_ID"
@@ -16,12 +20,57 @@ RosDomain = Annotated[
     int | None,
     typer.Option(
         _OPTION,
-        help=f"Look at a ROS 2 domain of rmw_zenoh in place of a namespace; without a number, {_VARIABLE} or 0.",
+        help=f"Topics of a ROS 2 domain, by rmw_zenoh, in place of a namespace's; without a number, {_VARIABLE} or 0.",
         min=0,
         max=MAX_DOMAIN,
         metavar="DOMAIN",
     ),
 ]
+
+
+Remap = Annotated[
+    list[str] | None,
+    typer.Option(
+        help="With --ros: another name for a topic, or for the node (__node, __ns); may be repeated.",
+        metavar="FROM:=TO",
+    ),
+]
+
+_NO_NAME = re.compile(r"[^A-Za-z0-9_]+|_{2,}")
+
+
+def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | None) -> "TopicKeys":
+    """Return the keys of topics that a verb was asked for.
+
+    Parameters
+    ----------
+    name : str
+        Name of the node, which a ROS domain sees; what cannot be in one there becomes `_`.
+    namespace : str
+        First part of the keys, or of the control keys alone.
+    ros : int, optional
+        The ROS domain.
+    remap : list of str, optional
+        Rules, `from:=to`.
+
+    Raises
+    ------
+    ConfigError
+        If there are rules without a domain.
+    WireError
+        If a rule or the namespace is malformed.
+    """
+    from recorders.rmw_zenoh.names import NodeName
+    from recorders.wire.keys.ros_keys import RosKeys
+    from recorders.wire.keys.topic_keys import NamespaceKeys
+
+    if ros is None:
+        if remap:
+            raise ConfigError(f"--remap: expected {_OPTION} beside it, found {remap[0]!r:.100} alone")
+        return NamespaceKeys(namespace)
+    plain = _NO_NAME.sub("_", name)
+    node = NodeName.remapped(f"_{plain}" if plain[:1].isdigit() else plain, "/", remap or ())
+    return RosKeys(ros, node, namespace=namespace)
 
 
 def with_domain(arguments: Sequence[str]) -> list[str]:

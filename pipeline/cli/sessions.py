@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
 from pipeline.terminal import console
 
 if TYPE_CHECKING:
+    from recorders.wire.keys.topic_keys import TopicKeys
     from recorders.wire.session import SessionConfig
 
 NAMESPACE = "reenact"
@@ -53,6 +55,12 @@ class ListeningSession:
     ] = None
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
+    ros: RosDomain = None
+    remap: Remap = None
+
+    def keys(self, name: str) -> "TopicKeys":
+        """Return the keys of topics, for a node of a name."""
+        return topic_keys(name, self.namespace, self.ros, self.remap)
 
     def config(self) -> "SessionConfig":
         """Return where the session listens and connects."""
@@ -71,6 +79,12 @@ class LookingSession:
     ] = None
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
+    ros: RosDomain = None
+    remap: Remap = None
+
+    def keys(self, name: str) -> "TopicKeys":
+        """Return the keys of topics, for a node of a name."""
+        return topic_keys(name, self.namespace, self.ros, self.remap)
 
     @property
     def is_given(self) -> bool:
@@ -113,8 +127,14 @@ class ConnectingNode:
     ] = None
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
+    ros: RosDomain = None
+    remap: Remap = None
     prometheus: _Prometheus = None
     key: StreamKey = None
+
+    def keys(self, name: str) -> "TopicKeys":
+        """Return the keys of topics, for a node of a name."""
+        return topic_keys(name, self.namespace, self.ros, self.remap)
 
     def config(self, *, wait_s: float = 10.0) -> "SessionConfig":
         """Return where the session listens and connects."""

@@ -25,6 +25,7 @@ from recorders.messages.message_types import JointState
 from recorders.messages.topics import JOINT_COMMANDS, SAMPLE_JOINTS, hand_target
 from recorders.ticks.joiner import JointMap
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Sample, Session
 
@@ -211,7 +212,10 @@ def drive_learned(
     """
     robot.reset(robot.robot.comfort)
     joints, topics = [], [hand_target(name) for name in robot.robot.hand_names]
-    with TopicPublisher(session, namespace=namespace) as producer, _Commands(session, robot, namespace) as commands:
+    with (
+        TopicPublisher(session, keys=NamespaceKeys(namespace)) as producer,
+        _Commands(session, robot, namespace) as commands,
+    ):
         for target in _settled(targets, config):
             stamp_ns = robot.time_ns
             for topic, hand in zip(topics, target, strict=True):

@@ -255,7 +255,7 @@ def explore_live(
     MotionError, RobotError, ConfigError
         If motion, robot and parameters do not fit together.
     """
-    with open_session(session) as opened:
+    with open_session(session) as opened, sender.keys.joined(opened):
         robot = RemoteRobot(opened, namespace=sender.namespace, wait_s=sender.wait_s)
         presented, guidance = source.motion(robot.robot, seed=seed), source.guidance(robot.robot, seed=seed)
         live = LiveSession(

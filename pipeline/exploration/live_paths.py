@@ -3,15 +3,16 @@
 import logging
 import time
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 from pipeline.exploration.hand_paths import DemonstratedPaths, from_tracks, poses_sha256
 from pipeline.exploration.pose_track import PoseTrack
 from recorders.errors import ConfigError, MessageError, MotionError, WireError
+from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.connection_watch import watching_connections
 from recorders.text.once import OnceWarner
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -41,27 +42,24 @@ class ListenConfig:
         It is over when no pose has come for this long after the first [s].
     wait_s : float
         How long the first pose may take to come [s].
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
 
     Raises
     ------
     ConfigError
         If a time is not above 0.
-    WireError
-        If the namespace cannot be part of a key.
     """
 
     duration_s: float = float("inf")
     idle_timeout_s: float = DEFAULT_IDLE_TIMEOUT_S
     wait_s: float = DEFAULT_WAIT_S
-    namespace: str = DEFAULT_NAMESPACE
+    keys: TopicKeys = field(default_factory=NamespaceKeys)
 
     def __post_init__(self) -> None:
         for name in ("duration_s", "idle_timeout_s", "wait_s"):
             if not getattr(self, name) > 0.0:
                 raise ConfigError(f"{name}: expected above 0 s, found {getattr(self, name):g}")
-        check_namespace(self.namespace)
 
 
 def subscribe_paths(
@@ -97,11 +95,12 @@ def subscribe_paths(
     """
     # A stamp that leaps farther than the idle timeout is not of this one.
     tracks = {side: PoseTrack(max_gap_s=config.idle_timeout_s) for side in topics.values()}
-    receiving = ReceiverConfig(name=_NAME, namespace=config.namespace, live=True)
+    receiving = ReceiverConfig(name=_NAME, keys=config.keys, live=True)
     with (
         open_session(session) as opened,
+        config.keys.joined(opened),
         Receiver(opened, config=receiving) as receiver,
-        watching_connections(opened, session, own=None, namespace=config.namespace),
+        watching_connections(opened, session, own=None, namespace=config.keys.namespace),
     ):
         where = ", ".join(session.listen or session.connect)
         logger.info(f"listens to {' and '.join(_published(topics, renames))} at {where}; Ctrl-C ends it")
@@ -168,7 +167,8 @@ class _Subscription:
     def _check_wait(self) -> None:
         """Raise WireError if the first pose takes too long."""
         if time.monotonic() - self._began_s > self._config.wait_s:
-            keys = [message_key(self._config.namespace, topic) for topic in _published(self._topics, self._renames)]
+            published, kind = _published(self._topics, self._renames), PoseStamped.TYPE
+            keys = [self._config.keys.key(topic, kind) for topic in published]
             raise WireError(
                 f"expected a pose on {' or '.join(keys)} within {self._config.wait_s:g} s, found none that "
                 "can be used: does anybody publish there, and may this session read it? "

@@ -13,6 +13,7 @@ from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.nodes.node import running_node
+from recorders.wire.keys.topic_keys import EVERY_TOPIC
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import Session, SessionConfig, open_session
 from recorders.writing.writer import LogWriter
@@ -59,21 +60,21 @@ def learn_live(
         be written, or no session can be opened.
     """
     config = config or LiveConfig()
-    with open_session(session) as opened:
+    with open_session(session) as opened, receiver.keys.joined(opened):
         if robot is None:
             robot = _answering(opened, receiver.namespace)
         else:
             RobotCheck(opened, robot.joints, namespace=receiver.namespace, learner=True).warn()
         with (
             _Recording(config, robot, trainer.pairing.topics(robot.hand_names)) as recording,
-            LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
+            LearnerPublisher(opened, keys=receiver.keys) as publisher,
             Receiver(opened, config=receiver) as receiving,
             until_stopped() as stopped,
         ):
             learner = LiveLearner(trainer, robot, config, receiving, publisher)
             node, namespace = learner.source(receiver.name), receiver.namespace
             with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port):
-                where = f"{receiver.namespace}/** at {', '.join(session.listen or session.connect)}"
+                where = f"{receiver.keys.key(EVERY_TOPIC)} at {', '.join(session.listen or session.connect)}"
                 logger.info(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
                 return learner.run(stopped, keep=recording.keep, on_choice=recording.state)
 

@@ -57,7 +57,8 @@ def learn(
     """
     with (
         open_session(session) as opened,
-        LearnerPublisher(opened, namespace=receiver.namespace) as publisher,
+        receiver.keys.joined(opened),
+        LearnerPublisher(opened, keys=receiver.keys) as publisher,
         Receiver(opened, config=receiver) as receiving,
         running_node(
             opened,
@@ -135,7 +136,7 @@ def replay(
         if offer.messages:
             on_progress(consumed / offer.messages)
 
-    with open_session(session) as opened:
+    with open_session(session) as opened, sender.keys.joined(opened):
         transport = ZenohTransport(opened, config=sender, on_progress=advanced, channels=channels)
         node = NodeSource(
             "replay",

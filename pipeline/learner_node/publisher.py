@@ -14,9 +14,9 @@ from recorders.messages.message_types import Float64MultiArray, String
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.publisher import TopicPublisher
-from recorders.wire.session import Session, publishing_lossy
+from recorders.wire.session import LOSSY, Session, has_subscribers
 
 _M_PER_CM = 0.01
 
@@ -31,8 +31,8 @@ class LearnerPublisher:
     ----------
     session : Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics.
 
     Attributes
     ----------
@@ -40,10 +40,10 @@ class LearnerPublisher:
         State and stream digest, as reported last.
     """
 
-    def __init__(self, session: Session, *, namespace: str) -> None:
+    def __init__(self, session: Session, *, keys: TopicKeys) -> None:
         self._session = session
-        self._namespace = namespace
-        self._producer = TopicPublisher(session, namespace=namespace)
+        self._keys = keys
+        self._producer = TopicPublisher(session, keys=keys)
         self._outputs_sent = 0
         self._stack = ExitStack()
         self.digests: dict[str, str] = {}
@@ -51,10 +51,12 @@ class LearnerPublisher:
     def __enter__(self) -> Self:
         self._stack.enter_context(self._producer)
         self._outputs = self._stack.enter_context(
-            publishing_lossy(
+            self._keys.publishing(
                 self._session,
-                message_key(self._namespace, LEARNER_OUTPUT),
+                LEARNER_OUTPUT,
+                Float64MultiArray.TYPE,
                 encoding=f"application/cdr;{Float64MultiArray.TYPE}",
+                **LOSSY,
             )
         )
         return self
@@ -78,8 +80,7 @@ class LearnerPublisher:
 
     def show(self, steps: Steps) -> None:
         """Publish the outputs of some steps, one message each, in the network's order and stamped as its target."""
-        status: Any = self._outputs.matching_status  # typed as a bool, which it is not
-        if not status.matching:
+        if not has_subscribers(self._outputs):
             return
         for stamp_ns, outputs in zip(steps.stamps_ns, steps.outputs, strict=True):
             data = encode(Float64MultiArray(outputs))

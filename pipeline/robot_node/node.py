@@ -9,7 +9,6 @@ from types import TracebackType
 from typing import NamedTuple, NoReturn, Self, TypeAlias
 
 import zenoh
-from zenoh.ext import CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from pipeline.arrays import Floats
 from pipeline.robot.backend import LinkPoseSource
@@ -27,16 +26,18 @@ from pipeline.simulation.joint_offset import OffsetRobot
 from pipeline.simulation.simulation import Simulation
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError, ReenactError, WireError
-from recorders.messages.message_types import Message, String
+from recorders.messages.message_types import JointState, Message, String
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import JOINT_COMMANDS, ROBOT_CONFIG, ROBOT_DESCRIPTION
 from recorders.nodes.keys import node_name
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
+from recorders.rmw_zenoh.qos import LATCHED
 from recorders.wire.bounded_queue import ITEM_BYTES, BoundedQueue
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
@@ -79,8 +80,8 @@ class RobotNode:
         The robot.
     session : zenoh.Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys, optional
+        Keys of the topics, and the namespace; those of the default namespace if left out.
     config : FollowerConfig
         Rate and mode.
 
@@ -95,20 +96,20 @@ class RobotNode:
         backend: LinkPoseSource,
         session: zenoh.Session,
         *,
-        namespace: str = DEFAULT_NAMESPACE,
+        keys: TopicKeys | None = None,
         config: FollowerConfig | None = None,
     ) -> None:
-        check_namespace(namespace)
         self._backend = backend
         self._session = session
-        self._namespace = namespace
+        self._keys = keys or NamespaceKeys()
+        self._namespace = self._keys.namespace
         self._config = config or FollowerConfig()
         self._inbox: BoundedQueue[_Event] = BoundedQueue(limit=MAX_WAITING * ITEM_BYTES)
         self._unanswered: list[zenoh.Query] = []  # commands of this period, in real time
         self._last_refusal = ""
         self._flooded = False
         self._slip_to_report_s = _SLIP_S
-        self._producer = TopicPublisher(session, namespace=namespace)
+        self._producer = TopicPublisher(session, keys=self._keys)
         self._robot = Follower(backend, config=self._config, publish=self._publish)
         self._stack = ExitStack()
 
@@ -122,8 +123,8 @@ class RobotNode:
                 answering = on_network_thread(self._on_query(verb))
                 stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
             listening = on_network_thread(self._on_sample)
-            topic_key = message_key(self._namespace, JOINT_COMMANDS)
-            stack.enter_context(self._session.declare_subscriber(topic_key, listening))
+            subscribing = self._keys.subscribing(self._session, JOINT_COMMANDS, JointState.TYPE, listening)
+            stack.enter_context(subscribing)
             stack.enter_context(self._session.liveliness().declare_token(robot_key(self._namespace, "alive")))
             self._stack = stack.pop_all()
         return self
@@ -197,15 +198,13 @@ class RobotNode:
         for topic, text in ((ROBOT_DESCRIPTION, robot.urdf_text), (ROBOT_CONFIG, robot.toml_text)):
             key, data = message_key(self._namespace, topic), encode(String(text))
             stack.enter_context(self._session.declare_queryable(key, on_network_thread(_replier(data))))
-            publisher = declare_advanced_publisher(
+            publisher = self._keys.publishing(
                 self._session,
-                key,
+                topic,
+                String.TYPE,
+                qos=LATCHED,
                 encoding=f"application/cdr;{String.TYPE}",
                 congestion_control=zenoh.CongestionControl.BLOCK,
-                cache=CacheConfig(max_samples=1),
-                publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
-                # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none.
-                sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
             )
             frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (RecordedMessage(topic, String.TYPE, data, 0, 0),))
             payload, attachment = pack(frame)
@@ -298,7 +297,7 @@ def run_robot(
     robot: RobotConfig,
     *,
     session: SessionConfig,
-    namespace: str = DEFAULT_NAMESPACE,
+    keys: TopicKeys | None = None,
     config: FollowerConfig | None = None,
     metrics_port: int | None = None,
     joint_offsets: Floats | None = None,
@@ -316,11 +315,13 @@ def run_robot(
         If no session can be opened, or another robot stands in the namespace.
     """
     simulation = Simulation(robot)
+    keys = keys or NamespaceKeys()
     backend = simulation if joint_offsets is None else OffsetRobot(simulation, joint_offsets)
     with (
         open_session(session) as opened,
-        RobotNode(backend, opened, namespace=namespace, config=config) as node,
-        running_node(opened, node.source(), config=session, namespace=namespace, metrics_port=metrics_port),
+        keys.joined(opened),
+        RobotNode(backend, opened, keys=keys, config=config) as node,
+        running_node(opened, node.source(), config=session, namespace=keys.namespace, metrics_port=metrics_port),
     ):
         logger.info(f"{robot.name} waits for commands at {', '.join(session.listen or session.connect)}")
         node.run()

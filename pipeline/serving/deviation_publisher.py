@@ -15,8 +15,7 @@ from recorders.messages.message_types import Float64MultiArray
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CONTROLLER_DEVIATION
 from recorders.protocol.frames import live_attachment
-from recorders.wire.keys.namespace import message_key
-from recorders.wire.session import publishing
+from recorders.wire.keys.topic_keys import TopicKeys
 
 
 class DeviationPublisher:
@@ -33,11 +32,12 @@ class DeviationPublisher:
         self._count = 0
 
     @contextmanager
-    def declared(self, session: zenoh.Session, namespace: str) -> Iterator[None]:
+    def declared(self, session: zenoh.Session, keys: TopicKeys) -> Iterator[None]:
         """Declare the topic while the block runs; what was handed in by its end is published."""
-        with publishing(
+        with keys.publishing(
             session,
-            message_key(namespace, CONTROLLER_DEVIATION),
+            CONTROLLER_DEVIATION,
+            Float64MultiArray.TYPE,
             encoding=f"{CDR}{Float64MultiArray.TYPE}",
             congestion_control=zenoh.CongestionControl.DROP,
         ) as self._publisher:

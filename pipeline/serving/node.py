@@ -25,14 +25,13 @@ from pipeline.serving.rejections import Rejection
 from pipeline.serving.served_controller import ServedController
 from pipeline.serving.topics import CDR, MAX_PAYLOAD, Arrival, TopicReader, sequence_of
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE, type_of
 from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
 from recorders.wire.callbacks import on_network_thread
-from recorders.wire.keys.namespace import message_key
-from recorders.wire.session import SessionConfig, has_subscribers, open_session, publishing
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 
 logger = logging.getLogger(__name__)
 
@@ -81,6 +80,7 @@ def serve(
             node = Node(controller, config, writer, on_command)
             with (
                 open_session(session) as opened,
+                config.keys.joined(opened),
                 low_latency(),
                 node.declared(opened, where=_where(session)) as robot,
                 running_node(
@@ -180,30 +180,33 @@ class Node:
         JointError
             If the robot that is there has other joints.
         """
-        name, namespace, commands = self._config.name, self._config.namespace, self._config.serving.commands
+        name, keys, commands = self._config.name, self._config.keys, self._config.serving.commands
+        namespace = keys.namespace
         refuse_other_controllers(session, name, namespace=namespace, allow_multiple=self._config.allow_multiple)
         robot = RobotCheck(session, self._served.joints, namespace=namespace)
         with ExitStack() as stack:
             stack.enter_context(robot.watching())
             robot.check()
             self._publisher = stack.enter_context(
-                publishing(
+                keys.publishing(
                     session,
-                    message_key(namespace, commands.topic),
+                    commands.topic,
+                    commands.type_name,
                     encoding=f"{CDR}{commands.type_name}",
                     congestion_control=zenoh.CongestionControl.DROP,
                     priority=zenoh.Priority.REAL_TIME,
                 )
             )
-            stack.enter_context(self._deviations.declared(session, namespace))
+            stack.enter_context(self._deviations.declared(session, keys))
             for topic, reader in self._readers.items():
                 handler = on_network_thread(self._handler(reader))
-                stack.enter_context(session.declare_subscriber(message_key(namespace, topic), handler))
+                kind = type_of(self._config.renames.get(topic, topic))
+                stack.enter_context(keys.subscribing(session, topic, kind, handler))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
             )
             self.serves = True  # before anybody can know, and end it
-            logger.info(f"{name} serves {message_key(namespace, commands.topic)} {where}")
+            logger.info(f"{name} serves {self._publisher.key_expr} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             stack.enter_context(self._looking_after_held())
             yield robot

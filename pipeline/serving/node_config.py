@@ -8,20 +8,21 @@ from pipeline.alignment.config import AlignmentConfig
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.serving.config import ServingConfig
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import check_name
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.writing.writer import LogWriter
 
 
 @dataclass(frozen=True)
 class ServeConfig:
-    """Name, namespace, log and ports of a served controller.
+    """Name, keys, log and ports of a served controller.
 
     Parameters
     ----------
     name : str
         Part of the keys of the liveliness token and of the status.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     serving : ServingConfig
         Learning, washout, what is reported.
     record : Path, optional
@@ -40,11 +41,11 @@ class ServeConfig:
     Raises
     ------
     WireError
-        If name or namespace cannot be part of a key.
+        If the name cannot be part of a key.
     """
 
     name: str = "controller"
-    namespace: str = DEFAULT_NAMESPACE
+    keys: TopicKeys = field(default_factory=NamespaceKeys)
     serving: ServingConfig = field(default_factory=ServingConfig)
     record: Path | None = None
     overwrite: bool = False
@@ -55,7 +56,11 @@ class ServeConfig:
 
     def __post_init__(self) -> None:
         check_name(self.name)
-        check_namespace(self.namespace)
+
+    @property
+    def namespace(self) -> str:
+        """First part of the control keys."""
+        return self.keys.namespace
 
     def log(self, controller: Controller) -> LogWriter | None:
         """Return the log of a controller that is served, None if there is to be none; raises LogError."""

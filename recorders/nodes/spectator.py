@@ -1,20 +1,20 @@
-"""Messages under a namespace as they come, for whoever looks on: nobody waits for it, and it may miss some."""
+"""Messages of all topics as they come, for whoever looks on: nobody waits for it, and it may miss some."""
 
 from collections.abc import Callable, Iterator
 
 import zenoh
 
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.frames import Frame
 from recorders.wire.bounded_queue import BoundedQueue
-from recorders.wire.subscription import Subscription, live_messages
+from recorders.wire.keys.topic_keys import TopicKeys
+from recorders.wire.subscription import Received, Subscription, live_messages
 
 _WAITING_BYTES = 2**26
 _LOOK_S = 0.2  # how often it is seen whether it is over
 
 
 def watched(
-    session: zenoh.Session, namespace: str, *, stopped: Callable[[], bool], on_missed: Callable[[int], None]
+    session: zenoh.Session, keys: TopicKeys, *, stopped: Callable[[], bool], on_missed: Callable[[int], None]
 ) -> Iterator[RecordedMessage]:
     """Yield every message that is published, live or in a replay, until it is over.
 
@@ -22,24 +22,24 @@ def watched(
     ----------
     session : zenoh.Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics.
     stopped : callable
         Whether it is over.
     on_missed : callable
         Takes how many messages were missed, as they came faster than they were taken.
     """
-    waiting: BoundedQueue[tuple[str, zenoh.Sample, Frame | None]] = BoundedQueue(limit=_WAITING_BYTES)
+    waiting: BoundedQueue[Received] = BoundedQueue(limit=_WAITING_BYTES)
 
-    def take(topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
+    def take(received: Received) -> None:
         """Queue a sample, on a thread of Zenoh's."""
-        waiting.put((topic, sample, frame), len(sample.payload))
+        waiting.put(received, len(received.sample.payload))
 
-    with Subscription(session, namespace, hand_over=take, refuse=lambda topic, reason: None, live=True):
+    with Subscription(session, keys, hand_over=take, refuse=lambda topic, reason: None, live=True):
         while not stopped():
             found = waiting.get(_LOOK_S)
             if missed := waiting.take_dropped():
                 on_missed(missed)
             if found is not None:
-                for message in live_messages(*found):
+                for message in live_messages(found):
                     yield message.record

@@ -1,4 +1,4 @@
-"""The live recorder: whatever is published under a namespace goes to a log, whoever publishes it."""
+"""The live recorder: whatever is published goes to a log, whoever publishes it."""
 
 import logging
 import time
@@ -30,6 +30,7 @@ logger = logging.getLogger(__name__)
 
 _POLL_S = 0.2
 _TOO_MANY = f"one topic more: a log holds no more than {MAX_CHANNELS} channels"
+_MAX_PUBLISHERS = 10_000  # anyone may name as many as they like
 _STOPPED = "the recorder was stopped"
 _FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
 
@@ -82,7 +83,7 @@ class LiveRecorder:
         self._warnings = OnceWarner(logger, limit=1)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
-        self._last: dict[str, int] = {}
+        self._last: dict[tuple[str, bytes], int] = {}  # numbers by topic and publisher, as far as it is named
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
         self.recording = RecordingStats()
@@ -178,7 +179,9 @@ class LiveRecorder:
         if isinstance(event, WireError):
             self._leave(receiver, str(event))
         elif isinstance(event, LiveMessage):
-            self._write(event.record, numbered=event.numbered, declared=_declared(receiver, event.sender, event.record))
+            declared = _declared(receiver, event.sender, event.record)
+            publisher = b"" if event.origin is None else event.origin.gid
+            self._write(event.record, numbered=event.numbered, declared=declared, publisher=publisher)
         elif isinstance(event, ReceivedOffer):
             self._note(event)
             self._streaming, self._ended = True, False
@@ -219,12 +222,14 @@ class LiveRecorder:
                 self._writer.attach(name, self._attachments[name])
         self._writer.note(self._notes)
 
-    def _write(self, record: RecordedMessage, *, numbered: bool, declared: DeclaredChannel | None) -> None:
+    def _write(
+        self, record: RecordedMessage, *, numbered: bool, declared: DeclaredChannel | None, publisher: bytes = b""
+    ) -> None:
         if not self._config.wants(record.topic):
             self.recording.left_out += 1
             return
         if numbered:
-            self._count_gap(record)
+            self._count_gap(record, publisher)
         if self._is_full(len(record.data)):
             self._next_file()
         if self._first_ns is None:
@@ -268,13 +273,16 @@ class LiveRecorder:
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: RecordedMessage) -> None:
-        last = self._last.get(record.topic)
+    def _count_gap(self, record: RecordedMessage, publisher: bytes) -> None:
+        last = self._last.get((record.topic, publisher))
         if last is not None and record.sequence > last + 1:
             self.recording.gaps[record.topic] += record.sequence - last - 1
         late = last is not None and 0 < record.sequence < last  # 0 is that of a producer that begins anew
         if not late:
-            self._last[record.topic] = record.sequence
+            self._last.pop((record.topic, publisher), None)  # to the end: the oldest is forgotten first
+            self._last[record.topic, publisher] = record.sequence
+            if len(self._last) > _MAX_PUBLISHERS:
+                del self._last[next(iter(self._last))]
 
     def _is_full(self, more: int) -> bool:
         """Whether a message of so many bytes belongs into another file; there is none without a message."""

@@ -1,17 +1,52 @@
-"""Delivers transient-local samples (of ROS 2's latched topics) to late joiners, each once."""
+"""Transient-local samples (of ROS 2's latched topics): publishers that keep them, and delivery to late joiners."""
 
 import threading
 from collections.abc import Callable, Iterable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
 from types import TracebackType
-from typing import Self, TypeAlias
+from typing import Any, Self, TypeAlias
 
 import zenoh
-from zenoh.ext import HistoryConfig, declare_advanced_subscriber
+from zenoh.ext import (
+    AdvancedPublisher,
+    CacheConfig,
+    HistoryConfig,
+    MissDetectionConfig,
+    declare_advanced_publisher,
+    declare_advanced_subscriber,
+)
 
 _Source: TypeAlias = tuple[str, int]  # session and publisher
+_Number: TypeAlias = int | zenoh.NTP64
 
 _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what arrives as it is published
+
+
+def publishing_latched(
+    session: zenoh.Session, key: str, *, depth: int = 1, **options: Any
+) -> AbstractContextManager[AdvancedPublisher]:
+    """Return a publisher whose last samples late joiners get.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    key : str
+        Where to publish.
+    depth : int
+        How many samples are kept.
+    options
+        As `zenoh.ext.declare_advanced_publisher` takes them.
+    """
+    return declare_advanced_publisher(
+        session,
+        key,
+        cache=CacheConfig(max_samples=depth),
+        publisher_detection=True,  # by which a subscriber that was there first knows to ask for the history
+        # Numbers the samples, which the cache needs; the other way is timestamps, and a client has none by default.
+        sample_miss_detection=MissDetectionConfig(heartbeat=None, sporadic_heartbeat=None),
+        **options,
+    )
 
 
 class HistorySubscriber:
@@ -25,7 +60,7 @@ class HistorySubscriber:
     session : zenoh.Session
         An open session.
     keys : iterable of str
-        Where to ask; no wildcards.
+        Where to ask; wildcards are expanded.
     hand_over : callable
         Takes the samples, those of the subscriber too, on threads of Zenoh's.
     """
@@ -33,10 +68,11 @@ class HistorySubscriber:
     def __init__(self, session: zenoh.Session, keys: Iterable[str], hand_over: Callable[[zenoh.Sample], None]) -> None:
         self._session = session
         self._keys = frozenset(keys)
+        self._patterns = [zenoh.KeyExpr(key) for key in sorted(self._keys) if "*" in key]
         self._hand_over = hand_over
         self._lock = threading.Lock()
         self._sources: set[_Source] = set()
-        self._taken: set[tuple[_Source, int]] = set()  # and not received yet by the subscriber
+        self._taken: set[tuple[_Source, _Number]] = set()  # and not received yet by the subscriber
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -55,8 +91,11 @@ class HistorySubscriber:
 
     def deliver(self, sample: zenoh.Sample) -> None:
         """Hand over a sample of the subscriber, unless it was delivered from history already."""
-        if not (self._keys and str(sample.key_expr) in self._keys and self._was_taken(sample)):
+        if not (self._keys and self._is_asked(sample.key_expr) and self._was_taken(sample)):
             self._hand_over(sample)
+
+    def _is_asked(self, key: zenoh.KeyExpr) -> bool:
+        return str(key) in self._keys or any(pattern.includes(key) for pattern in self._patterns)
 
     def _was_taken(self, sample: zenoh.Sample) -> bool:
         number = _number(sample)
@@ -87,7 +126,14 @@ class HistorySubscriber:
         return source in self._sources
 
 
-def _number(sample: zenoh.Sample) -> tuple[_Source, int] | None:
-    """Return who published a sample and its number there; None if its publisher keeps no count."""
-    info = sample.source_info
-    return None if info is None else ((str(info.source_id.zid), int(info.source_id.eid)), int(info.source_sn))
+def _number(sample: zenoh.Sample) -> tuple[_Source, _Number] | None:
+    """Return who published a sample and its number there; None if its publisher keeps no count, nor stamps it.
+
+    Latched publishers of rmw_zenoh stamp theirs, ours count.
+    """
+    info, stamp = sample.source_info, sample.timestamp
+    if info is not None:
+        return (str(info.source_id.zid), int(info.source_id.eid)), int(info.source_sn)
+    if stamp is not None:
+        return (f"{stamp.get_id()} {sample.key_expr}", 0), stamp.get_time_as_ntp64()
+    return None

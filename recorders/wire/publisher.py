@@ -11,8 +11,7 @@ from recorders.cdr.codec import encode
 from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
-from recorders.wire.session import publishing
+from recorders.wire.keys.topic_keys import MessagePublisher, NamespaceKeys, TopicKeys
 
 
 class TopicPublisher:
@@ -24,8 +23,8 @@ class TopicPublisher:
     ----------
     session : zenoh.Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys, optional
+        Keys of the topics; those of the default namespace if left out.
 
     Attributes
     ----------
@@ -33,11 +32,10 @@ class TopicPublisher:
         How many messages it has published.
     """
 
-    def __init__(self, session: zenoh.Session, *, namespace: str = DEFAULT_NAMESPACE) -> None:
-        check_namespace(namespace)
+    def __init__(self, session: zenoh.Session, *, keys: TopicKeys | None = None) -> None:
         self._session = session
-        self._namespace = namespace
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._keys = keys or NamespaceKeys()
+        self._publishers: dict[str, MessagePublisher] = {}
         self._numbered: Counter[str] = Counter()
         self.published = 0
         self._stack = ExitStack()
@@ -69,11 +67,12 @@ class TopicPublisher:
         self.published += 1
         return record
 
-    def _publisher(self, topic: str, type_name: str) -> zenoh.Publisher:
+    def _publisher(self, topic: str, type_name: str) -> MessagePublisher:
         if topic not in self._publishers:
-            publisher = publishing(
+            publisher = self._keys.publishing(
                 self._session,
-                message_key(self._namespace, topic),
+                topic,
+                type_name,
                 encoding=f"application/cdr;{type_name}",  # by which a recorder knows the type of a topic of your own
                 congestion_control=zenoh.CongestionControl.BLOCK,
             )

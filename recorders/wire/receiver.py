@@ -8,7 +8,7 @@ import time
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
 from typing import Any, Self, TypeAlias
@@ -24,11 +24,12 @@ from recorders.protocol.seals.authentication import INSTANCE_BYTES
 from recorders.protocol.stream import Consumer, Offer, Progress
 from recorders.wire.bounded_queue import BoundedQueue
 from recorders.wire.channel_table import SenderChannels
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import check_name
+from recorders.wire.keys.topic_keys import KeyedTopic, NamespaceKeys, TopicKeys
 from recorders.wire.queries import Answer, ConsumerQueries, ReceivedOffer, only_of_its_name
 from recorders.wire.refusals import Refusals
 from recorders.wire.shared_key import shared_key
-from recorders.wire.subscription import LiveMessage, Subscription, live_messages, schema_of
+from recorders.wire.subscription import LiveMessage, Received, Subscription, live_messages, schema_of
 
 logger = logging.getLogger(__name__)
 
@@ -45,8 +46,8 @@ class ReceiverConfig:
     ----------
     name : str
         The name that a sender awaits.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     live : bool
         Whether messages that are not of an accepted stream are handed over too.
     extra_topics : frozenset of str
@@ -63,7 +64,7 @@ class ReceiverConfig:
     """
 
     name: str = "learner"
-    namespace: str = DEFAULT_NAMESPACE
+    keys: TopicKeys = field(default_factory=NamespaceKeys)
     live: bool = False
     extra_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
@@ -72,9 +73,13 @@ class ReceiverConfig:
     key_file: Path | None = None
 
     def __post_init__(self) -> None:
-        """Check the names."""
+        """Check the name."""
         check_name(self.name)
-        check_namespace(self.namespace)
+
+    @property
+    def namespace(self) -> str:
+        """First part of the control keys."""
+        return self.keys.namespace
 
 
 class Receiver:
@@ -116,7 +121,7 @@ class Receiver:
         self.channels = SenderChannels(session, self._config.namespace)
         self._subscription = Subscription(
             session,
-            self._config.namespace,
+            self._config.keys,
             hand_over=self._on_live,
             refuse=self._refusals.count,
             latched_topics=self._config.latched_topics,
@@ -319,21 +324,23 @@ class Receiver:
 
     # From here on: Zenoh's threads.
 
-    def _on_stream(self, topic: str, sample: zenoh.Sample, attachment: bytes) -> bool:
+    def _on_stream(self, topic: KeyedTopic, sample: zenoh.Sample, attachment: bytes) -> bool:
         if not self._machine.concerns(attachment):
             return False
         packet = Packet(sample.payload.to_bytes(), attachment)
         with self._lock:
-            frame = self._machine.on_sample(topic, packet, time.monotonic(), type_name=schema_of(sample))
+            kind = topic.type or schema_of(sample)
+            frame = self._machine.on_sample(topic.sent_as, packet, time.monotonic(), type_name=kind)
             if frame is not None and self._events.put(frame, frame.size or len(frame.reason)):
                 self._machine.arrived(frame)
             if self._machine.released:
                 self._released.notify_all()
         return True
 
-    def _on_live(self, topic: str, sample: zenoh.Sample, frame: Frame | None) -> None:
+    def _on_live(self, received: Received) -> None:
+        topic = received.topic.topic
         if self._config.live:
-            for message in live_messages(topic, sample, frame):
+            for message in live_messages(received):
                 if not self._events.put(message, len(message.record.data)):
                     self._refusals.count(
                         message.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already"

@@ -13,8 +13,9 @@ from recorders.protocol.frames import FrameType
 from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
-from recorders.wire.keys.namespace import control_key, message_key
-from recorders.wire.session import has_subscribers, publishing
+from recorders.wire.keys.namespace import control_key
+from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher, TopicKeys
+from recorders.wire.session import has_subscribers
 
 Batches: TypeAlias = Iterator[tuple[RecordedMessage, ...]]
 
@@ -22,11 +23,10 @@ _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseco
 _LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
-def find_listener(session: zenoh.Session, namespace: str) -> bool:
+def find_listener(session: zenoh.Session, keys: TopicKeys) -> bool:
     """Wait a little for anyone who listens: what is put before Zenoh knows of a subscriber never reaches it."""
     deadline_s = time.monotonic() + _LISTENER_WAIT_S
-    everything = f"{namespace}/**"
-    with session.declare_publisher(everything, allowed_destination=zenoh.Locality.REMOTE) as probe:
+    with session.declare_publisher(keys.key(EVERY_TOPIC), allowed_destination=zenoh.Locality.REMOTE) as probe:
         while not has_subscribers(probe):
             if time.monotonic() > deadline_s:
                 return False
@@ -44,8 +44,8 @@ class StreamSender:
     ----------
     session : zenoh.Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     machine : SenderMachine
         What decides; not started yet.
     consumers : tuple of str
@@ -57,14 +57,14 @@ class StreamSender:
     def __init__(
         self,
         session: zenoh.Session,
-        namespace: str,
+        keys: TopicKeys,
         machine: SenderMachine,
         consumers: tuple[str, ...],
         *,
         encoding: Callable[[RecordedMessage], str],
     ) -> None:
         self._session = session
-        self._namespace = namespace
+        self._keys = keys
         self._machine = machine
         self._consumers = consumers
         self._encoding = encoding
@@ -76,12 +76,12 @@ class StreamSender:
         self._leaving = False
         self._wakes_s = 0.0  # when the thread that keeps time wakes by itself
         self._declaring = threading.Lock()
-        self._publishers: dict[str, zenoh.Publisher] = {}
+        self._publishers: dict[tuple[str, str], MessagePublisher] = {}
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
         for name in self._consumers:
-            key = control_key(self._namespace, name, "ack")
+            key = control_key(self._keys.namespace, name, "ack")
             self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
         # No daemon: the threads on which Zenoh hands in answers would be daemons as well, as it is this one that asks,
         # and a daemon that returns from Zenoh while the interpreter ends aborts the process.
@@ -94,14 +94,15 @@ class StreamSender:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    def publisher(self, key: str) -> zenoh.Publisher:
-        """Return the publisher on a key."""
+    def publisher(self, topic: str, type_name: str = "") -> MessagePublisher:
+        """Return the publisher of a topic's messages of a type."""
         with self._declaring:
-            if key not in self._publishers:
+            if (topic, type_name) not in self._publishers:
                 # The default, DROP, loses a third of a burst.
-                publisher = publishing(self._session, key, congestion_control=zenoh.CongestionControl.BLOCK)
-                self._publishers[key] = self._stack.enter_context(publisher)
-            return self._publishers[key]
+                blocking = zenoh.CongestionControl.BLOCK
+                publisher = self._keys.publishing(self._session, topic, type_name, congestion_control=blocking)
+                self._publishers[topic, type_name] = self._stack.enter_context(publisher)
+            return self._publishers[topic, type_name]
 
     def deliver(
         self,
@@ -215,9 +216,9 @@ class StreamSender:
                 self._ask(action)
 
     def _publish(self, action: Publish) -> None:
-        single = action.frame.kind is FrameType.MESSAGE
-        encoding = self._encoding(action.frame.messages[0]) if single else None
-        publisher = self.publisher(message_key(self._namespace, action.topic))
+        single = action.frame.messages[0] if action.frame.kind is FrameType.MESSAGE else None
+        encoding = None if single is None else self._encoding(single)
+        publisher = self.publisher(action.topic, "" if single is None else single.type)
         publisher.put(action.packet.payload, attachment=action.packet.attachment, encoding=encoding)
 
     def _ask(self, ask: Ask) -> None:
@@ -235,7 +236,7 @@ class StreamSender:
                 self._take_answer(ask, None)
 
         self._session.get(
-            control_key(self._namespace, ask.consumer, ask.verb),
+            control_key(self._keys.namespace, ask.consumer, ask.verb),
             zenoh.handlers.Callback(on_reply, drop=on_end),
             payload=ask.packet.payload,
             attachment=ask.packet.attachment or None,

@@ -21,7 +21,6 @@ from recorders.wire.callbacks import on_network_thread
 from recorders.wire.zenoh_config import endpoints, explicit_setting, read_config, reason
 
 Session: TypeAlias = zenoh.Session
-Publisher: TypeAlias = zenoh.Publisher
 Sample: TypeAlias = zenoh.Sample
 
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
@@ -209,6 +208,13 @@ def _closing(session: zenoh.Session) -> Iterator[zenoh.Session]:
             _insist(session.close)
 
 
+LOSSY: dict[str, Any] = {
+    "congestion_control": zenoh.CongestionControl.DROP,
+    "allowed_destination": zenoh.Locality.REMOTE,
+}
+"""Options of a publisher to other sessions whose samples are dropped where the network is blocked."""
+
+
 @contextmanager
 def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zenoh.Publisher]:
     """Yield a publisher that ends cleanly even while another thread is in the middle of a put.
@@ -229,21 +235,10 @@ def publishing(session: zenoh.Session, key: str, **options: Any) -> Iterator[zen
         _insist(publisher.undeclare)
 
 
-def has_subscribers(publisher: zenoh.Publisher) -> bool:
+def has_subscribers(publisher: Any) -> bool:
     """Whether anybody subscribes to what a publisher puts."""
     status: Any = publisher.matching_status  # typed as a bool, which it is not
     return bool(status.matching)
-
-
-def publishing_lossy(session: zenoh.Session, key: str, **options: Any) -> AbstractContextManager[zenoh.Publisher]:
-    """Return a publisher to other sessions whose samples are dropped where the network is blocked; see `publishing`."""
-    return publishing(
-        session,
-        key,
-        congestion_control=zenoh.CongestionControl.DROP,
-        allowed_destination=zenoh.Locality.REMOTE,
-        **options,
-    )
 
 
 @contextmanager

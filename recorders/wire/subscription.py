@@ -1,4 +1,4 @@
-"""Subscribes to everything under a namespace, and reads each sample as a frame of a stream or as a live message."""
+"""Subscribes to all topics, and reads each sample as a frame of a stream or as a live message."""
 
 import threading
 import time
@@ -12,41 +12,59 @@ from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import type_of
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, batch_topic, unpack
+from recorders.rmw_zenoh.attachment import Attachment
 from recorders.wire.history import HistorySubscriber
-from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import KeyedTopic, TopicKeys
 from recorders.wire.queries import MAX_CONTROL
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
+_MAX_SEQUENCE = 2**32 - 1  # rmw_zenoh's have 63 bits, a log's 32
 _ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
 
 
 class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
-    A replay that does not await this consumer is received so, too: then `sender` identifies it.
+    A replay that does not await this consumer is received so, too: then `sender` identifies it. The `origin` is what a
+    publisher in a ROS domain attached.
     """
 
     record: RecordedMessage
     numbered: bool
     sender: bytes = NO_RUN
+    origin: Attachment | None = None
 
 
-HandOver: TypeAlias = Callable[[str, zenoh.Sample, Frame | None], None]
-"""Takes a topic, the sample that came on it, and the frame that it is; None if it has no attachment of ours."""
+class Received(NamedTuple):
+    """A sample, read as far as its attachment: the frame that it is, None if it has no attachment of ours."""
 
-TakeStream: TypeAlias = Callable[[str, zenoh.Sample, bytes], bool]
-"""Takes a topic, a sample and its attachment; False if they are of no stream that anybody here awaits."""
+    topic: KeyedTopic
+    sample: zenoh.Sample
+    frame: Frame | None
+    origin: Attachment | None = None
+
+    @property
+    def type(self) -> str:
+        """Type of its messages; empty if it is unknown."""
+        return self.topic.type or type_of(self.topic.topic) or schema_of(self.sample)
+
+
+HandOver: TypeAlias = Callable[[Received], None]
+"""Takes what is received."""
+
+TakeStream: TypeAlias = Callable[[KeyedTopic, zenoh.Sample, bytes], bool]
+"""Takes a topic, a sample and its attachment of ours; False if they are of no stream that anybody here awaits."""
 
 
 class Subscription:
-    """A subscription to all topics of a namespace, and to what publishers cache of some of them.
+    """A subscription to all topics, and to what publishers cache of some of them.
 
     Parameters
     ----------
     session : zenoh.Session
         An open session.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics.
     hand_over : callable
         Takes what is received, on threads of Zenoh's.
     refuse : callable
@@ -62,7 +80,7 @@ class Subscription:
     def __init__(
         self,
         session: zenoh.Session,
-        namespace: str,
+        keys: TopicKeys,
         *,
         hand_over: HandOver,
         refuse: Callable[[str, str], None],
@@ -71,23 +89,23 @@ class Subscription:
         take_stream: TakeStream = lambda topic, sample, attachment: False,
     ) -> None:
         self._session = session
-        self._namespace = namespace
+        self._keys = keys
         self._hand_over = hand_over
         self._refuse = refuse
         self._live = live
         self._take_stream = take_stream
-        latched = (message_key(namespace, topic) for topic in latched_topics)
-        self._history = HistorySubscriber(session, latched, self._on_sample)
-        self._all_received = threading.Event()  # whatever had arrived before unsubscribing is handed over
+        self._history = HistorySubscriber(session, map(keys.key, latched_topics), self._on_sample)
+        self._drained = [threading.Event() for _ in keys.everything]  # what had arrived before unsubscribing is taken
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        subscriber = self._session.declare_subscriber(
-            f"{self._namespace}/**",
-            zenoh.handlers.Callback(self._history.deliver, drop=self._all_received.set),
-            allowed_origin=zenoh.Locality.REMOTE,
-        )
-        self._stack.enter_context(subscriber)
+        for key, drained in zip(self._keys.everything, self._drained, strict=True):
+            subscriber = self._session.declare_subscriber(
+                key,
+                zenoh.handlers.Callback(self._history.deliver, drop=drained.set),
+                allowed_origin=zenoh.Locality.REMOTE,
+            )
+            self._stack.enter_context(subscriber)
         self._stack.enter_context(self._history)
         return self
 
@@ -97,52 +115,64 @@ class Subscription:
     def close(self) -> None:
         """Receive no more, and wait until what has arrived is handed over."""
         self._stack.close()
-        self._all_received.wait(_ALL_RECEIVED_WAIT_S)
+        deadline_s = time.monotonic() + _ALL_RECEIVED_WAIT_S
+        for drained in self._drained:
+            drained.wait(max(0.0, deadline_s - time.monotonic()))
 
     def _on_sample(self, sample: zenoh.Sample) -> None:
         if sample.kind != zenoh.SampleKind.PUT:
             return  # a deleted key is no message
-        topic = "/" + str(sample.key_expr).removeprefix(self._namespace + "/")
+        key = str(sample.key_expr)
+        try:
+            topic = self._keys.read_key(key)
+        except MessageError as error:
+            self._refuse(key, str(error))
+            return
         if len(sample.payload) > MAX_PAYLOAD:
-            self._refuse(topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
+            self._refuse(topic.topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
             return
         try:
             self._take(topic, sample)
         except MessageError as error:
-            self._refuse(topic, str(error).removeprefix(f"{topic}: "))
+            self._refuse(topic.topic, str(error).removeprefix(f"{topic.topic}: "))
 
-    def _take(self, topic: str, sample: zenoh.Sample) -> None:
-        if sample.attachment is None:
-            self._hand_over(topic, sample, None)
-            return
-        if len(sample.attachment) > MAX_CONTROL:
-            raise MessageError(f"{topic}: an attachment of {len(sample.attachment)} bytes")
-        attachment = sample.attachment.to_bytes()
-        if not self._take_stream(topic, sample, attachment):
-            self._hand_over(topic, sample, self._framed(topic, sample, attachment))
+    def _take(self, topic: KeyedTopic, sample: zenoh.Sample) -> None:
+        attachment = sample.attachment
+        if attachment is not None and len(attachment) > MAX_CONTROL:
+            raise MessageError(f"{topic.topic}: an attachment of {len(attachment)} bytes")
+        data = None if attachment is None else attachment.to_bytes()
+        ours, origin = self._keys.read_attachment(topic.topic, data)
+        if ours is None:
+            self._hand_over(Received(topic, sample, None, origin))
+        elif not self._take_stream(topic, sample, ours):
+            received = Received(topic, sample, None, origin)
+            self._hand_over(received._replace(frame=self._framed(received, ours)))
 
-    def _framed(self, topic: str, sample: zenoh.Sample, attachment: bytes) -> Frame | None:
+    def _framed(self, received: Received, attachment: bytes) -> Frame | None:
         """Return the frame that a sample is, None if its attachment is not ours.
 
         On the key of batches there are no others.
         """
+        topic = received.topic.topic
         try:
-            return unpack(topic, sample.payload.to_bytes(), attachment, type_name=schema_of(sample))
+            return unpack(topic, received.sample.payload.to_bytes(), attachment, type_name=received.type)
         except MessageError:
             if self._live and topic != batch_topic():
                 return None
             raise
 
 
-def live_messages(topic: str, sample: zenoh.Sample, frame: Frame | None) -> Iterator[LiveMessage]:
-    """Yield what a sample is when it is of no stream; the arguments are those of `HandOver`."""
-    kind = type_of(topic) or schema_of(sample)
+def live_messages(received: Received) -> Iterator[LiveMessage]:
+    """Yield what a sample is when it is of no stream."""
+    (topic, stated, _), sample, frame, origin = received
+    kind = received.type
     if frame is None:
-        record = RecordedMessage(topic, kind, sample.payload.to_bytes(), 0, time.time_ns())
-        yield LiveMessage(record, numbered=False)
+        number = 0 if origin is None else origin.sequence & _MAX_SEQUENCE
+        record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time.time_ns())
+        yield LiveMessage(record, numbered=origin is not None, origin=origin)
         return
     for record in frame.messages:
-        yield LiveMessage(record._replace(type=record.type or kind), numbered=True, sender=frame.sender)
+        yield LiveMessage(record._replace(type=stated or record.type or kind), True, frame.sender, origin)
 
 
 def schema_of(sample: zenoh.Sample) -> str:

@@ -7,9 +7,10 @@ from contextlib import ExitStack
 from typing import Any, Self
 
 from recorders.errors import WireError
+from recorders.messages.topics import type_of
 from recorders.nodes.keys import controller_key
-from recorders.wire.keys.namespace import message_key
-from recorders.wire.session import Publisher, Session, has_subscribers, watching_tokens
+from recorders.wire.keys.topic_keys import MessagePublisher
+from recorders.wire.session import Session, has_subscribers, watching_tokens
 
 _MAX_STATUS = 1 << 20  # anybody may answer [bytes]
 _MAX_TOPICS = 100
@@ -101,18 +102,16 @@ def controller_status(session: Session, name: str, *, namespace: str) -> dict[st
 
 
 def await_matching(
-    publisher_on: Callable[[str], Publisher], status: dict[str, Any], *, namespace: str, wait_s: float
+    publisher_of: Callable[[str, str], MessagePublisher], status: dict[str, Any], *, wait_s: float
 ) -> None:
     """Wait until what is put on a controller's topics reaches somebody: before, it would be lost without a word.
 
     Parameters
     ----------
-    publisher_on : callable
-        Returns the publisher on a key.
+    publisher_of : callable
+        Returns the publisher of a topic and type.
     status : dict
         As `controller_status` returns it: the controller has subscribed already.
-    namespace : str
-        First part of every key.
     wait_s : float
         How long that may take [s].
 
@@ -123,7 +122,7 @@ def await_matching(
     """
     deadline_s = time.monotonic() + wait_s
     for topic in status["topics"]:
-        publisher = publisher_on(message_key(namespace, topic))
+        publisher = publisher_of(topic, type_of(topic))
         while not has_subscribers(publisher):
             if time.monotonic() > deadline_s:
                 raise WireError(

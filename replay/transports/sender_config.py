@@ -1,11 +1,12 @@
 """Whom a stream is sent to over Zenoh, and how."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_name, check_namespace
+from recorders.wire.keys.namespace import check_name
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 
 _LONGEST_WAIT_S = 86_400.0
 
@@ -20,8 +21,8 @@ class SenderConfig:
         Names of the consumers that are awaited; the window is the slowest one's. A served controller may be one of
         them: it is awaited, acknowledges nothing, and its result is its status. Without any, whoever listens may lose
         messages.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     window : int
         How many messages may be under way unacknowledged.
     batch_size : int
@@ -40,7 +41,7 @@ class SenderConfig:
     """
 
     consumers: tuple[str, ...] = ("learner",)
-    namespace: str = DEFAULT_NAMESPACE
+    keys: TopicKeys = field(default_factory=NamespaceKeys)
     window: int = 1024
     batch_size: int = 64
     wait_s: float = 10.0
@@ -51,7 +52,6 @@ class SenderConfig:
         """Check names and ranges."""
         for name in self.consumers:
             check_name(name)
-        check_namespace(self.namespace)
         if len(set(self.consumers)) != len(self.consumers):
             raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
         if not 1 <= self.batch_size <= self.window:
@@ -61,3 +61,8 @@ class SenderConfig:
         for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
             if not 0.0 <= seconds <= _LONGEST_WAIT_S:
                 raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")
+
+    @property
+    def namespace(self) -> str:
+        """First part of the control keys."""
+        return self.keys.namespace

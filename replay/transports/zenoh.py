@@ -77,8 +77,8 @@ class ZenohTransport:
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
         namespace = self._config.namespace
-        if not self._config.consumers and not find_listener(self._session, namespace):
-            logger.warning(f"nobody listens in namespace '{namespace}' yet; the stream begins all the same")
+        if not self._config.consumers and not find_listener(self._session, self._config.keys):
+            logger.warning(f"nobody listens in {self._config.keys.words} yet; the stream begins all the same")
         offer = replace(offer, sender=secrets.token_hex(16), window=self._config.window)
         with (
             published_channels(self._session, namespace, offer.sender, self._channels),
@@ -118,7 +118,7 @@ class ZenohTransport:
             kind = "octet-stream" if (message.topic, message.type) in no_cdr else "cdr"
             return f"application/{kind};{message.type}"
 
-        return StreamSender(self._session, config.namespace, machine, config.consumers, encoding=encoding)
+        return StreamSender(self._session, config.keys, machine, config.consumers, encoding=encoding)
 
     def _is_controller(self, name: str, controllers: AwaitedControllers, sender: StreamSender) -> bool:
         """Whether a served controller of that name is there, which from now on is awaited."""
@@ -131,7 +131,7 @@ class ZenohTransport:
                 f"found batches of {self._config.batch_size}"
             )
         wait_s = max(self._config.wait_s, _SUBSCRIBED_S)
-        await_matching(sender.publisher, status, namespace=self._config.namespace, wait_s=wait_s)
+        await_matching(sender.publisher, status, wait_s=wait_s)
         controllers.add(name)
         return True
 

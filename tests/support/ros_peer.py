@@ -71,7 +71,22 @@ class _Node:
         from zenoh_ros2_sdk import ROS2Subscriber
 
         options = self._described(type_name, latched=latched)
-        self._subscribers.append(ROS2Subscriber(topic, type_name, self._received.append, node_name=name, **options))
+
+        def note(message: Any) -> None:
+            payload = bytes(self._store.serialize_cdr(message, type_name))
+            self._received.append((topic, payload.hex()))
+
+        self._subscribers.append(ROS2Subscriber(topic, type_name, note, node_name=name, **options))
+
+    def publish_cdr(self, topic: str, payload: str) -> None:
+        """Publish a message that comes as CDR, in hexadecimal digits."""
+        publisher = self._publishers[topic]
+        message: Any = self._store.deserialize_cdr(bytes.fromhex(payload), publisher.msg_type)
+        publisher.publish(**{name: getattr(message, name) for name in message.__dataclass_fields__ if name[0] != "_"})
+
+    def received(self) -> list[tuple[str, str]]:
+        """Return topic and CDR of what its subscribers received so far."""
+        return list(self._received)
 
     def topics(self) -> list[Any]:
         from zenoh_ros2_sdk.discovery import get_topic_names_and_types

@@ -26,6 +26,7 @@ from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import JointMap
 from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Sample, Session
 
@@ -71,7 +72,7 @@ class RobotLink:
         self.deviations_m: Floats | None = None
 
     def __enter__(self) -> Self:
-        self._publisher = self._stack.enter_context(TopicPublisher(self._session, namespace=self._namespace))
+        self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=NamespaceKeys(self._namespace)))
         for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
             key = message_key(self._namespace, topic)
             self._stack.enter_context(self._session.declare_subscriber(key, take))

@@ -31,6 +31,7 @@ from recorders.nodes.keys import controller_key
 from recorders.ticks.joiner import JointMap
 from recorders.ticks.stamp_joiner import RejectionError
 from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Sample, Session, SessionConfig, open_session
 
@@ -110,7 +111,7 @@ class TeacherNode:
     def declared(self) -> Iterator[None]:
         """Answer targets while the block runs."""
         key, names = self._namespace, self._robot.hand_names
-        with TopicPublisher(self._session, namespace=key) as self._publisher, ExitStack() as stack:
+        with TopicPublisher(self._session, keys=NamespaceKeys(key)) as self._publisher, ExitStack() as stack:
             for place, hand in enumerate(names):
                 topic = controller_topic(NAME, hand)
                 stack.enter_context(

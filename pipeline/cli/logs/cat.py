@@ -69,10 +69,10 @@ def _print_live(session: LookingSession, patterns: frozenset[str], count: int | 
     from recorders.containers.field_values import FieldValues
     from recorders.messages.topic_patterns import matches
     from recorders.nodes.spectator import watched
-    from recorders.wire.keys.namespace import check_namespace
+    from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.wire.session import open_session
 
-    check_namespace(session.namespace)
+    keys = session.keys("cat")
     lines = MessageLines(FieldValues(), as_json=as_json)
 
     def report(missed: int) -> None:
@@ -82,9 +82,9 @@ def _print_live(session: LookingSession, patterns: frozenset[str], count: int | 
     config = session.config()
     where = ", ".join(config.listen or config.connect)
     waits = partial(console.notice, f"waits for {where}")
-    with until_stopped() as stopped, open_session(config, on_wait=waits) as opened:
-        console.notice(f"prints {session.namespace}/** at {where}; Ctrl-C ends it")
-        records = watched(opened, session.namespace, stopped=stopped, on_missed=report)
+    with until_stopped() as stopped, open_session(config, on_wait=waits) as opened, keys.joined(opened):
+        console.notice(f"prints {keys.key(EVERY_TOPIC)} at {where}; Ctrl-C ends it")
+        records = watched(opened, keys, stopped=stopped, on_missed=report)
         _print((record for record in records if not patterns or matches(record.topic, patterns)), lines.text, count)
 
 

@@ -129,7 +129,8 @@ def learn(
     learner, pairs = learner_settings(settings, rule, pairs, seed)
     config = None if robot is None else load_robot(robot)
     own = own_topics(pairing_of(learner, pairs), config)
-    receiver = ReceiverConfig(name=name, namespace=node.namespace, live=live.live, extra_topics=own, key_file=node.key)
+    keys = node.keys(name)
+    receiver = ReceiverConfig(name=name, keys=keys, live=live.live, extra_topics=own, key_file=node.key)
     session = node.config()
     with (
         note_on_interrupt(checkpoints.note),

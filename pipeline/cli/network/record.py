@@ -73,6 +73,7 @@ def record(
     """Record what anyone publishes over Zenoh, until Ctrl-C."""
     from recorders.nodes.metrics import check_metrics
     from recorders.recording.bag_folder import new_bag_folder
+    from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
@@ -87,7 +88,7 @@ def record(
         out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end, is_bag=bag is not None
     )
     console.show(recording.to_dict(), as_json=as_json)
-    console.notice(_outcome(recording, f"{node.namespace}/**"))
+    console.notice(_outcome(recording, node.keys(name).key(EVERY_TOPIC)))
 
 
 def _record(
@@ -105,16 +106,18 @@ def _record(
     from recorders.nodes.node import running_node
     from recorders.recording.bag_folder import write_bag_metadata
     from recorders.recording.live_recorder import LiveRecorder
+    from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
 
     receiving = _receiving(name, node, config)
     session = node.config()
-    key = f"{node.namespace}/**"
+    key = receiving.keys.key(EVERY_TOPIC)
     where = ", ".join(session.listen or session.connect)
     with (
         console.counter("record") as show,
         open_session(session, on_wait=partial(console.notice, f"{name} waits for {where}, to record {key}")) as opened,
+        receiving.keys.joined(opened),
         Receiver(opened, config=receiving) as receiver,
         LiveRecorder(  # last, as it sets aside what a crash left: only a recording that begins may do that
             out,
@@ -142,10 +145,12 @@ def _record(
 
 def _receiving(name: str, node: ConnectingNode, config: "RecordConfig") -> "ReceiverConfig":
     from recorders.messages.topics import ROBOT_TEXTS
+    from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.wire.receiver import ReceiverConfig
 
-    latched = frozenset(filter(config.wants, ROBOT_TEXTS.values()))
-    return ReceiverConfig(name=name, namespace=node.namespace, live=True, latched_topics=latched, key_file=node.key)
+    in_ros = node.ros is not None  # where publishers state themselves which topics are latched
+    latched = frozenset((EVERY_TOPIC,)) if in_ros else frozenset(filter(config.wants, ROBOT_TEXTS.values()))
+    return ReceiverConfig(name=name, keys=node.keys(name), live=True, latched_topics=latched, key_file=node.key)
 
 
 def _outcome(recording: "RecordingStats", key: str) -> str:

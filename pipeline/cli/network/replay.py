@@ -101,7 +101,7 @@ class SendOptions:
         batch_size = self.batch_size or min(64 if consumers and not paced else 1, self.window)
         return SenderConfig(
             consumers,
-            namespace=node.namespace,
+            keys=node.keys("replay"),
             window=self.window,
             batch_size=batch_size,
             wait_s=wait_s,

@@ -70,7 +70,7 @@ class ServeOptions:
 
         return ServeConfig(
             name=self.name,
-            namespace=node.namespace,
+            keys=node.keys(self.name),
             serving=ServingConfig(
                 learn=self.learn,
                 refuse_beyond=self.refuse_beyond,

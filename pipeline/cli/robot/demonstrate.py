@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from pipeline.exploration.hand_paths import DemonstratedPaths
     from pipeline.exploration.live_paths import ListenConfig
     from pipeline.robot.config import RobotConfig
+    from recorders.wire.keys.topic_keys import TopicKeys
 
 
 LIVE = "live"
@@ -117,15 +118,15 @@ class LiveOptions:
         """True if anything is set that needs a live source."""
         return any(each is not None for each in (self.duration, self.idle_timeout, self.wait))
 
-    def config(self, namespace: str) -> "ListenConfig":
-        """Return the settings for a subscription in a namespace."""
+    def config(self, keys: "TopicKeys") -> "ListenConfig":
+        """Return the settings for a subscription."""
         from pipeline.exploration.live_paths import DEFAULT_IDLE_TIMEOUT_S, DEFAULT_WAIT_S, ListenConfig
 
         return ListenConfig(
             duration_s=math.inf if self.duration is None else self.duration,
             idle_timeout_s=DEFAULT_IDLE_TIMEOUT_S if self.idle_timeout is None else self.idle_timeout,
             wait_s=DEFAULT_WAIT_S if self.wait is None else self.wait,
-            namespace=namespace,
+            keys=keys,
         )
 
 
@@ -215,7 +216,7 @@ def _subscribe(
     from pipeline.exploration.live_paths import subscribe_paths
     from pipeline.terminal.signals import until_stopped
 
-    config = live.config(session.namespace)
+    config = live.config(session.keys("demonstration"))
     where = session.config()
     with until_stopped() as stopped:
         return subscribe_paths(

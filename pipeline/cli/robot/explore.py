@@ -9,6 +9,7 @@ import typer
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_partial_log
 from pipeline.cli.options import MOTIONS, Json, Overwrite, Robot, Seed, complete_motion
+from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
 from pipeline.cli.sessions import NAMESPACE, Await, Namespace, StreamKey, Wait, ZenohConfig, session_config
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -33,6 +34,8 @@ class DriveOptions:
     wait: Wait = _WAIT_S
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
+    ros: RosDomain = None
+    remap: Remap = None
     key: StreamKey = None
 
     @property
@@ -43,7 +46,12 @@ class DriveOptions:
     @property
     def has_more(self) -> bool:
         """True if anything is set that needs a running robot."""
-        return bool(self.awaited or self.key) or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
+        in_ros = self.ros is not None or bool(self.remap)
+        return (
+            in_ros
+            or bool(self.awaited or self.key)
+            or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
+        )
 
 
 @dataclass(frozen=True)
@@ -141,7 +149,8 @@ def explore(
         if out is None:
             raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
         if drive.has_more:
-            raise ConfigError("--await, --epochs, --wait, --namespace and --key: expected --connect beside them")
+            needs = "--await, --epochs, --wait, --namespace, --ros, --remap and --key"
+            raise ConfigError(f"{needs}: expected --connect beside them")
         result = _simulate(wanted.source(), robot, seed, out, viewer, overwrite=overwrite)
     console.show(result, as_json=as_json)
 
@@ -183,7 +192,7 @@ def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
 
     sender = SenderConfig(
         consumers=tuple(drive.awaited or ()),
-        namespace=drive.namespace,
+        keys=topic_keys("explorer", drive.namespace, drive.ros, drive.remap),
         batch_size=1,
         wait_s=drive.wait,
         key_file=drive.key,

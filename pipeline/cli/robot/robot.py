@@ -59,7 +59,7 @@ def robot(
     run_robot(
         config,
         session=node.config(),
-        namespace=node.namespace,
+        keys=node.keys(config.name),
         config=following,
         metrics_port=node.prometheus,
         joint_offsets=offsets,

@@ -1,19 +1,14 @@
-"""The graph of a ROS domain: who is in it, by liveliness tokens, and a node of ours in it."""
+"""The graph of a ROS domain: who is in it, by liveliness tokens."""
 
 import threading
-from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
-from itertools import count
 from typing import Any, Self
 
 import zenoh
 
 from recorders.errors import WireError
-from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token, tokens_of
-from recorders.rmw_zenoh.names import NodeName
-from recorders.rmw_zenoh.qos import Qos
-from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.rmw_zenoh.liveliness import EntityType, Token, tokens_of
 from recorders.wire.session import watching_tokens
 
 MAX_TOKENS = 10_000
@@ -161,64 +156,3 @@ class RosGraph:
             self._tokens[key] = Token.from_key(key)
         except WireError:
             self.refused += 1
-
-
-class RosNode:
-    """A node of ours in the graph of a ROS domain, while the block runs.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    domain : int
-        The ROS domain.
-    name : NodeName
-        The node's name, namespace and remapping.
-    """
-
-    _numbers = count()  # of nodes; a session of ours has one, a test may have several
-
-    def __init__(self, session: zenoh.Session, domain: int, name: NodeName) -> None:
-        self.name = name
-        self._session = session
-        number = next(self._numbers)
-        self._token = Token(domain, str(session.info.zid()), number, number, EntityType.NODE, name)
-        self._entities = count(1)
-        self._stack = ExitStack()
-
-    def __enter__(self) -> Self:
-        self._stack.enter_context(self._declared(self._token))
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
-
-    def declare(self, entity: EntityType, topic: str, type_name: str, qos: Qos) -> Token:
-        """Declare a publisher or a subscription of this node, to the end of the block, and return its token.
-
-        Parameters
-        ----------
-        entity : EntityType
-            Which of both.
-        topic : str
-            Topic, as the node has it before remapping.
-        type_name : str
-            A standard ROS 2 type.
-        qos : Qos
-            Offered or requested.
-
-        Raises
-        ------
-        WireError, MessageError
-            If topic or type are none of ROS 2.
-        """
-        endpoint = Endpoint(self.name.resolve(topic), type_name, type_hash(type_name), qos)
-        node = self._token
-        token = Token(node.domain, node.session, node.node_id, next(self._entities), entity, self.name, endpoint)
-        self._stack.enter_context(self._declared(token))
-        return token
-
-    @contextmanager
-    def _declared(self, token: Token) -> Iterator[None]:
-        with self._session.liveliness().declare_token(token.to_key()):
-            yield

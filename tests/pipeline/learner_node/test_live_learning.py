@@ -44,6 +44,7 @@ from recorders.messages.topics import (
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, pack, unpack
 from recorders.reading.reader import LogReader
 from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
@@ -219,7 +220,7 @@ def test_what_had_arrived_when_it_is_stopped_is_learned(ticks: list[list[Recorde
     endpoint, arrived = free_endpoint(), threading.Event()
     with (
         open_session(SessionConfig(listen=(endpoint,))) as session,
-        LearnerPublisher(session, namespace="reenact") as voice,
+        LearnerPublisher(session, keys=NamespaceKeys()) as voice,
     ):
         with Receiver(session, config=ReceiverConfig(live=True)) as receiver, publisher(endpoint) as robot:
             session.declare_subscriber("after", lambda sample: arrived.set())

@@ -22,6 +22,7 @@ from recorders.messages.topics import LEARNER_TOPICS
 from recorders.protocol.frames import MAX_PAYLOAD, Frame, FrameType
 from recorders.protocol.packets import Publish
 from recorders.protocol.stream import WINDOW_BYTES, Offer
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.sender import StreamSender
@@ -321,11 +322,17 @@ def test_a_start_beyond_the_end_is_refused() -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"consumers": ("a b",)}, {"consumers": ("a/*",)}, {"namespace": "/x"}, {"namespace": ""}]
+    "make",
+    [
+        lambda: SenderConfig(consumers=("a b",)),
+        lambda: SenderConfig(consumers=("a/*",)),
+        lambda: NamespaceKeys("/x"),
+        lambda: NamespaceKeys(""),
+    ],
 )
-def test_names_that_cannot_be_keys_are_refused(options: dict[str, Any]) -> None:
+def test_names_that_cannot_be_keys_are_refused(make: Callable[[], object]) -> None:
     with pytest.raises(WireError, match="expected"):
-        SenderConfig(**options)
+        make()
 
 
 @pytest.mark.parametrize(

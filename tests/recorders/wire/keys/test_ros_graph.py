@@ -12,7 +12,8 @@ from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import LATCHED, Qos
-from recorders.wire.keys.ros_graph import RosGraph, RosNode, find_graph
+from recorders.wire.keys.ros_graph import RosGraph, find_graph
+from recorders.wire.keys.ros_node import RosNode
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -34,10 +35,14 @@ def graph() -> Iterator[Graph]:
 
 def test_a_client_of_others_lists_our_node_with_its_topics_and_types(graph: Graph) -> None:
     session, _, peer = graph
-    with RosNode(session, 7, NodeName.remapped("serve", "/lab", ["/hand/left/target:=/goal"])) as node:
-        node.declare(EntityType.PUBLISHER, "/joint_commands", JointState.TYPE, Qos())
-        node.declare(EntityType.SUBSCRIPTION, "/hand/left/target", PoseStamped.TYPE, Qos(depth=3))
-        node.declare(EntityType.PUBLISHER, "/robot_description", String.TYPE, LATCHED)
+    node = RosNode(7, NodeName.remapped("serve", "/lab", ["/hand/left/target:=/goal"]))
+    goal = node.name.resolve("/hand/left/target")
+    with (
+        node.joined(session),
+        node.declared(session, EntityType.PUBLISHER, "/joint_commands", JointState.TYPE, Qos()),
+        node.declared(session, EntityType.SUBSCRIPTION, goal, PoseStamped.TYPE, Qos(depth=3)),
+        node.declared(session, EntityType.PUBLISHER, "/robot_description", String.TYPE, LATCHED),
+    ):
         found = dict(peer.ask("topics"))
         assert found["/joint_commands"] == [JointState.TYPE]
         assert found["/goal"] == [PoseStamped.TYPE]

@@ -1,0 +1,205 @@
+"""Topics of a ROS domain as keys of rmw_zenoh, its attachments, and a node of ours in its graph."""
+
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import AbstractContextManager, contextmanager
+from itertools import count
+from typing import Any
+
+import zenoh
+
+from recorders.errors import WireError
+from recorders.messages.topics import CLOCK, ROBOT_TEXTS, TF, type_of
+from recorders.protocol.frames import batch_topic
+from recorders.rmw_zenoh.attachment import Attachment, unpack
+from recorders.rmw_zenoh.keys import TopicKey
+from recorders.rmw_zenoh.liveliness import EntityType
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.qos import LATCHED, Qos
+from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.history import publishing_latched
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
+from recorders.wire.keys.ros_node import RosNode
+from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, MessagePublisher
+from recorders.wire.session import publishing
+
+TF_STATIC = "/tf_static"
+_GLOBAL = frozenset((TF, TF_STATIC, CLOCK))  # of a whole system, whatever the namespace of a node
+_LATCHED = frozenset((*ROBOT_TEXTS.values(), TF_STATIC))
+
+
+def usual_qos(topic: str) -> Qos:
+    """Return the quality of service with which ROS 2's own nodes offer a topic, and ours."""
+    return LATCHED if topic in _LATCHED else Qos()
+
+
+class RosKeys:
+    """The topics of a ROS domain; `recorders.wire.keys.topic_keys.TopicKeys` describes the methods.
+
+    Our own topics, but for /tf, /tf_static and /clock, are relative to the node's namespace, as those of ROS 2's own
+    nodes are.
+
+    Parameters
+    ----------
+    domain : int
+        The ROS domain.
+    node : NodeName
+        Name, namespace and remapping of the node.
+    namespace : str
+        First part of the control keys.
+    hashes : mapping of str to str
+        RIHS01 hashes of types that are no standard ones, by type.
+
+    Raises
+    ------
+    WireError
+        If there is no such domain, or the namespace cannot be part of a key.
+    """
+
+    def __init__(
+        self,
+        domain: int,
+        node: NodeName,
+        *,
+        namespace: str = DEFAULT_NAMESPACE,
+        hashes: Mapping[str, str] | None = None,
+    ) -> None:
+        check_namespace(namespace)
+        self.domain = domain
+        self.node = RosNode(domain, node)
+        self.namespace = namespace
+        self.hashes = dict(hashes or {})
+
+    @property
+    def everything(self) -> tuple[str, ...]:
+        """Key expressions of all messages, and of batches."""
+        return self.key(EVERY_TOPIC), batch_key(self.namespace)
+
+    @property
+    def words(self) -> str:
+        """Where messages are, in words for a line."""
+        return f"ROS domain {self.domain}"
+
+    def graph_name(self, topic: str) -> str:
+        """Return the name under which a topic is in the graph; raises WireError if it is none."""
+        relative = type_of(topic) != "" and topic not in _GLOBAL
+        return self.node.name.resolve(topic.removeprefix("/") if relative else topic)
+
+    def key(self, topic: str, type_name: str = "") -> str:
+        """Return the key of a topic's messages."""
+        if topic == EVERY_TOPIC:
+            return f"{self.domain}/**"
+        if topic == batch_topic():
+            return batch_key(self.namespace)
+        kind = type_name or type_of(topic)
+        if not kind:
+            raise WireError(f"{topic}: expected a topic whose type is known, as a key of ROS 2 has it")
+        return TopicKey(self.domain, self.graph_name(topic), kind, self._hash(kind)).to_text()
+
+    def read_key(self, key: str) -> KeyedTopic:
+        """Return topic and type of a key."""
+        if key == batch_key(self.namespace):
+            return KeyedTopic(batch_topic(), "", batch_topic())
+        found = TopicKey.from_text(key)
+        return KeyedTopic(self._own_name(found.topic), found.type, found.topic)
+
+    def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
+        """Return the two parts of an attachment; ours alone on the key of batches."""
+        if topic == batch_topic() or attachment is None:
+            return Attached(attachment)
+        origin, ours = unpack(attachment)
+        return Attached(ours or None, origin)
+
+    @contextmanager
+    def joined(self, session: zenoh.Session) -> Iterator[None]:
+        """Have the node in the graph while the block runs."""
+        with self.node.joined(session):
+            yield
+
+    def publishing(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None, **options: Any
+    ) -> AbstractContextManager[MessagePublisher]:
+        """Yield a publisher that is in the graph, and numbers its messages from 1 on; of batches, one that does not."""
+        if topic == batch_topic():
+            return publishing(session, self.key(topic), **options)
+        return self._publishing(session, topic, type_name, qos or usual_qos(topic), options)
+
+    @contextmanager
+    def subscribing(
+        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+    ) -> Iterator[None]:
+        """Have the samples of a topic of one type taken, and be in the graph with it."""
+        with (
+            self.announced(session, topic, type_name, qos=qos),
+            session.declare_subscriber(self.key(topic, type_name), take),
+        ):
+            yield
+
+    @contextmanager
+    def announced(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None
+    ) -> Iterator[None]:
+        """Be in the graph as a subscription of a topic."""
+        name, requested = self.graph_name(topic), qos or usual_qos(topic)
+        kind = type_name or type_of(topic)
+        subscription = EntityType.SUBSCRIPTION
+        with self.node.declared(session, subscription, name, kind, requested, definition_hash=self._hash(kind)):
+            yield
+
+    @contextmanager
+    def _publishing(
+        self, session: zenoh.Session, topic: str, type_name: str, qos: Qos, options: dict[str, Any]
+    ) -> Iterator[MessagePublisher]:
+        key, name = self.key(topic, type_name), self.graph_name(topic)
+        opened = (
+            publishing_latched(session, key, depth=qos.depth, **options)
+            if qos.is_latched
+            else publishing(session, key, **options)
+        )
+        kind, publisher = type_name or type_of(topic), EntityType.PUBLISHER
+        with (
+            self.node.declared(session, publisher, name, kind, qos, definition_hash=self._hash(kind)) as token,
+            opened as inner,
+        ):
+            yield RosPublisher(inner, token.gid)
+
+    def _own_name(self, graph_name: str) -> str:
+        """Return a topic's name as this node has it: `graph_name` the other way."""
+        name = self.node.name.original(graph_name)
+        own = "/" + name.removeprefix(self.node.name.namespace.rstrip("/") + "/")
+        return own if own != name and type_of(own) and own not in _GLOBAL else name
+
+    def _hash(self, type_name: str) -> str:
+        return self.hashes.get(type_name) or type_hash(type_name)
+
+
+class RosPublisher:
+    """A publisher that attaches number, time and its own name to what it puts, before what this program attaches.
+
+    Parameters
+    ----------
+    publisher : MessagePublisher
+        Puts the messages.
+    gid : bytes
+        16 bytes that name the publisher in the graph.
+    """
+
+    def __init__(self, publisher: MessagePublisher, gid: bytes) -> None:
+        self._publisher = publisher
+        self._gid = gid
+        self._numbers = count(1)
+
+    @property
+    def key_expr(self) -> Any:
+        """Its key."""
+        return self._publisher.key_expr
+
+    @property
+    def matching_status(self) -> Any:
+        """Whether anybody subscribes, as Zenoh has it."""
+        return getattr(self._publisher, "matching_status")  # noqa: B009  # one that is latched has none
+
+    def put(self, payload: bytes, *, encoding: str | None = None, attachment: bytes | None = None) -> None:
+        """Publish a message."""
+        origin = Attachment(next(self._numbers), time.time_ns(), self._gid).pack()
+        self._publisher.put(payload, encoding=encoding, attachment=origin + (attachment or b""))

@@ -1,0 +1,185 @@
+"""The mapping between topics and Zenoh: keys, attachments, and whoever is seen by them. That of a namespace is here."""
+
+from collections.abc import Iterator
+from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
+from typing import Any, NamedTuple, Protocol
+
+import zenoh
+
+from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.qos import Qos
+from recorders.wire.history import publishing_latched
+from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
+from recorders.wire.session import publishing
+
+EVERY_TOPIC = "**"
+"""In place of a topic: all of them."""
+
+
+class KeyedTopic(NamedTuple):
+    """What a key states.
+
+    Attributes
+    ----------
+    topic : str
+        Topic, as this node names it.
+    type : str
+        ROS 2 type of its messages; empty if the key states none.
+    sent_as : str
+        Topic, as whoever published there names it.
+    """
+
+    topic: str
+    type: str
+    sent_as: str
+
+
+class Attached(NamedTuple):
+    """What is attached to a message.
+
+    Attributes
+    ----------
+    ours : bytes or None
+        The part that this program attaches; None if there is none.
+    origin : Attachment or None
+        Number, time and publisher, as rmw_zenoh attaches them; None where that is not the mapping.
+    """
+
+    ours: bytes | None
+    origin: Attachment | None = None
+
+
+class MessagePublisher(Protocol):
+    """A publisher of one topic; `zenoh.Publisher` is one."""
+
+    @property
+    def key_expr(self) -> Any:
+        """Its key."""
+
+    def put(self, payload: bytes, *, encoding: str | None = None, attachment: bytes | None = None) -> None:
+        """Publish a message with what this program attaches to it."""
+
+
+class TopicKeys(Protocol):
+    """One mapping between topics and keys, chosen when a program starts; all else is the same above it.
+
+    Control keys, batches and tables are in a namespace of ours under every mapping.
+    """
+
+    @property
+    def namespace(self) -> str:
+        """First part of the control keys."""
+
+    @property
+    def everything(self) -> tuple[str, ...]:
+        """Key expressions of all messages, those of batches among them."""
+
+    @property
+    def words(self) -> str:
+        """Where messages are, in words for a line."""
+
+    def key(self, topic: str, type_name: str = "") -> str:
+        """Return the key of a topic's messages of a type; that of the topic in our table if it is left out.
+
+        Raises
+        ------
+        WireError, MessageError
+            If topic or type cannot be part of a key.
+        """
+
+    def read_key(self, key: str) -> KeyedTopic:
+        """Return what a key states that matches `everything`; raises MessageError if it is of no topic."""
+
+    def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
+        """Return what is attached to a message; raises MessageError if that cannot be of this mapping."""
+
+    def joined(self, session: zenoh.Session) -> AbstractContextManager[None]:
+        """Be seen as a node while the block runs; to be entered as soon as a session is open."""
+
+    def publishing(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None, **options: Any
+    ) -> AbstractContextManager[MessagePublisher]:
+        """Yield a publisher; the `options` are Zenoh's, and `qos` is the topic's own if it is left out."""
+
+    def subscribing(
+        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+    ) -> AbstractContextManager[None]:
+        """Have the samples of a topic taken, by a function or handler of Zenoh's, while the block runs."""
+
+    def announced(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None
+    ) -> AbstractContextManager[None]:
+        """Be seen to subscribe to a topic while the block runs, for whoever subscribes to more at once."""
+
+
+@dataclass(frozen=True)
+class NamespaceKeys:
+    """Topics below a namespace: `NAMESPACE/hand/left/target`; nobody is seen by them.
+
+    Parameters
+    ----------
+    namespace : str
+        First part of every key.
+
+    Raises
+    ------
+    WireError
+        If it cannot be that.
+    """
+
+    namespace: str = DEFAULT_NAMESPACE
+
+    def __post_init__(self) -> None:
+        check_namespace(self.namespace)
+
+    @property
+    def everything(self) -> tuple[str, ...]:
+        """Key expressions of all messages."""
+        return (self.key(EVERY_TOPIC),)
+
+    @property
+    def words(self) -> str:
+        """Where messages are, in words for a line."""
+        return f"namespace '{self.namespace}'"
+
+    def key(self, topic: str, type_name: str = "") -> str:
+        """Return the key of a topic, whatever the type."""
+        return f"{self.namespace}/**" if topic == EVERY_TOPIC else message_key(self.namespace, topic)
+
+    def read_key(self, key: str) -> KeyedTopic:
+        """Return the topic of a key."""
+        topic = "/" + key.removeprefix(self.namespace + "/")
+        return KeyedTopic(topic, "", topic)
+
+    def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
+        """Return the attachment, which is ours or somebody's own."""
+        return Attached(attachment)
+
+    @contextmanager
+    def joined(self, session: zenoh.Session) -> Iterator[None]:
+        """Do nothing: nodes of a namespace are seen by `recorders.nodes`."""
+        yield
+
+    def publishing(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None, **options: Any
+    ) -> AbstractContextManager[MessagePublisher]:
+        """Yield a publisher of a topic."""
+        if qos is not None and qos.is_latched:
+            return publishing_latched(session, self.key(topic), depth=qos.depth, **options)
+        return publishing(session, self.key(topic), **options)
+
+    @contextmanager
+    def subscribing(
+        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+    ) -> Iterator[None]:
+        """Have the samples of a topic taken, whatever their type."""
+        with session.declare_subscriber(self.key(topic), take):
+            yield
+
+    @contextmanager
+    def announced(
+        self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None
+    ) -> Iterator[None]:
+        """Do nothing: nobody looks at who subscribes."""
+        yield

@@ -1,0 +1,194 @@
+"""Topics of a ROS domain: messages of ours reach a client of others to the bit, and theirs reach us, numbered."""
+
+from collections.abc import Iterator
+
+import numpy as np
+import pytest
+import zenoh
+from ros_peer import RosPeer, ros_peer
+from waiting import wait_until
+from zenoh.ext import CacheConfig, declare_advanced_publisher
+
+from recorders.cdr.codec import encode
+from recorders.errors import MessageError, WireError
+from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped, String
+from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, ROBOT_DESCRIPTION
+from recorders.rmw_zenoh.attachment import Attachment, unpack
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys.ros_keys import TF_STATIC, RosKeys
+from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.publisher import TopicPublisher
+from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.subscription import LiveMessage
+
+_STATE = JointState(1_700_000_000_123_456_789, ("a", "b"), np.array([1e-300, -2.5]))
+_POSE = PoseStamped(17, (0.25, -1.0, 1 / 3))
+
+
+def keys(*rules: str, domain: int = 7, name: str = "ours") -> RosKeys:
+    return RosKeys(domain, NodeName.remapped(name, "/", rules))
+
+
+@pytest.mark.parametrize("topic", ["/joint_states", "/a/b_c", "/hand/left/target"])
+def test_a_key_is_read_back_as_topic_and_type(topic: str) -> None:
+    key = keys().key(topic, JointState.TYPE)
+    assert key == f"7{topic}/sensor_msgs::msg::dds_::JointState_/{type_hash(JointState.TYPE)}"
+    assert keys().read_key(key) == (topic, JointState.TYPE, topic)
+
+
+def test_remapping_and_namespace_are_undone_when_a_key_is_read() -> None:
+    ours = keys("joint_states:=/arm/state", "/camera:=/eye", "__ns:=/lab")
+    for topic, named in {
+        JOINT_STATES: "/arm/state",
+        "/camera": "/eye",
+        LEFT_TARGET: "/lab/hand/left/target",
+        "/tf": "/tf",
+        TF_STATIC: "/tf_static",
+        "/other": "/other",
+    }.items():
+        key = ours.key(topic, JointState.TYPE)
+        assert key.startswith(f"7{named}/sensor_msgs")
+        assert ours.read_key(key) == (topic, JointState.TYPE, named)
+
+
+@pytest.mark.parametrize("topic", ["/a b", "/1", "/a//b", "/a__b", "/é", ""])
+def test_a_topic_that_ros_does_not_take_has_no_key(topic: str) -> None:
+    with pytest.raises(WireError, match="expected"):
+        keys().key(topic, String.TYPE)
+
+
+def test_a_topic_without_a_type_has_no_key() -> None:
+    with pytest.raises(WireError, match="/mine: expected a topic whose type is known"):
+        keys().key("/mine")
+
+
+@pytest.mark.parametrize("data", [b"", b"short", bytes(33), bytes(16) + b"\x07" + bytes(16)])
+def test_an_attachment_that_is_none_of_rmw_zenoh_is_refused(data: bytes) -> None:
+    with pytest.raises(MessageError, match="expected"):
+        keys().read_attachment("/a", data)
+
+
+Ends = tuple[zenoh.Session, RosPeer, str]
+
+
+@pytest.fixture(scope="module")
+def ends() -> Iterator[Ends]:
+    endpoint = free_endpoint()
+    with open_session(SessionConfig(listen=(endpoint,))) as session, ros_peer(endpoint, domain=7) as peer:
+        yield session, peer, endpoint
+
+
+def received(peer: RosPeer, topic: str, count: int) -> list[bytes]:
+    found: list[bytes] = []
+
+    def are_there() -> bool:
+        found[:] = [bytes.fromhex(data) for name, data in peer.ask("received") if name == topic]
+        return len(found) >= count
+
+    wait_until(are_there)
+    return found
+
+
+def test_what_we_publish_reaches_a_client_of_others_to_the_bit(ends: Ends) -> None:
+    session, peer, _ = ends
+    for topic, kind in ((JOINT_STATES, JointState.TYPE), ("/goal", PoseStamped.TYPE)):
+        peer.ask("subscribe", topic=topic, type_name=kind, name="listener")
+    ours = keys(f"{LEFT_TARGET}:=/goal")
+    with ours.joined(session), TopicPublisher(session, keys=ours) as publisher:
+        for _ in range(2):
+            publisher.publish(JOINT_STATES, _STATE, log_time_ns=5)
+        publisher.publish(LEFT_TARGET, _POSE, log_time_ns=5)
+        assert received(peer, JOINT_STATES, 2) == [encode(_STATE)] * 2
+        assert received(peer, "/goal", 1) == [encode(_POSE)]
+        info = peer.ask("info", topic="/goal")
+        assert [publisher["node_name"] for publisher in info["publishers"]] == ["ours"]
+
+
+def test_what_a_client_of_others_publishes_reaches_us_numbered_and_named(ends: Ends) -> None:
+    session, peer, _ = ends
+    config = ReceiverConfig(name="recorder", keys=keys(f"{JOINT_STATES}:=/state"), live=True)
+    with Receiver(session, config=config) as receiver:
+        for topic, kind in (("/state", JointState.TYPE), ("/numbers", Float64MultiArray.TYPE)):
+            peer.ask("publisher", topic=topic, type_name=kind, name="talker")
+        numbers = Float64MultiArray(np.array([0.1, 2.0]))
+        for topic, message in (("/state", _STATE), ("/state", _STATE), ("/numbers", numbers)):
+            peer.ask("publish_cdr", topic=topic, payload=encode(message).hex())
+        found = [live(receiver) for _ in range(3)]
+    assert [(message.record.topic, message.record.type, message.record.sequence) for message in found] == [
+        (JOINT_STATES, JointState.TYPE, 0),
+        (JOINT_STATES, JointState.TYPE, 1),
+        ("/numbers", Float64MultiArray.TYPE, 0),
+    ]
+    assert [message.record.data for message in found] == [encode(_STATE), encode(_STATE), encode(numbers)]
+    assert all(message.numbered and message.origin is not None for message in found)
+    first, second, other = (message.origin for message in found)
+    assert first.gid == second.gid != other.gid
+    assert 0 < first.source_time_ns < second.source_time_ns
+
+
+def live(receiver: Receiver) -> LiveMessage:
+    event = receiver.next_event(60.0)
+    assert isinstance(event, LiveMessage)
+    return event
+
+
+def test_a_late_joiner_gets_what_is_latched_whoever_it_is(ends: Ends) -> None:
+    session, peer, endpoint = ends
+    text = String("<robot/>")
+    ours = keys()
+    with (
+        ours.joined(session),
+        ours.publishing(session, ROBOT_DESCRIPTION, String.TYPE) as publisher,
+        open_session(SessionConfig(connect=(endpoint,))) as late,
+    ):
+        publisher.put(encode(text))
+        peer.ask("subscribe", topic=ROBOT_DESCRIPTION, type_name=String.TYPE, name="viewer", latched=True)
+        assert received(peer, ROBOT_DESCRIPTION, 1) == [encode(text)]
+        for latched in (EVERY_TOPIC, ROBOT_DESCRIPTION):
+            config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({latched}))
+            with Receiver(late, config=config) as receiver:
+                assert live(receiver).record[:4] == (ROBOT_DESCRIPTION, String.TYPE, encode(text), 1)
+
+
+def test_a_latched_publisher_that_stamps_rather_than_counts_is_taken_once(ends: Ends) -> None:
+    """As rmw_zenoh's own does: a cache, and sessions that stamp what they publish."""
+    _, _, endpoint = ends
+    stamping = zenoh.Config()
+    stamping.insert_json5("timestamping/enabled", "true")
+    stamping.insert_json5("mode", '"client"')
+    stamping.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    stamping.insert_json5("scouting/multicast/enabled", "false")
+    key = keys().key(TF_STATIC, String.TYPE)
+    with zenoh.open(stamping) as other, open_session(SessionConfig(connect=(endpoint,))) as late:
+        publisher = declare_advanced_publisher(other, key, cache=CacheConfig(max_samples=1), publisher_detection=True)
+        publisher.put(b"first", attachment=Attachment(1, 5, bytes(16)).pack())
+        config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({EVERY_TOPIC}))
+        with Receiver(late, config=config) as receiver:
+            assert live(receiver).record.data == b"first"
+            publisher.put(b"second", attachment=Attachment(2, 6, bytes(16)).pack())
+            assert live(receiver).record.data == b"second"
+            publisher.put(b"third", attachment=Attachment(3, 7, bytes(16)).pack())
+            assert live(receiver).record.data == b"third"
+
+
+def test_a_publisher_numbers_from_one_and_puts_its_part_first(ends: Ends) -> None:
+    session, _, _ = ends
+    found: list[zenoh.Sample] = []
+    ours = keys()
+
+    def put_two(publisher: MessagePublisher) -> None:
+        publisher.put(b"a", attachment=b"ours")
+        publisher.put(b"b")
+
+    with (
+        ours.subscribing(session, JOINT_STATES, JointState.TYPE, found.append),
+        ours.publishing(session, JOINT_STATES, JointState.TYPE) as publisher,
+    ):
+        put_two(publisher)
+        wait_until(lambda: len(found) == 2)
+    read = [unpack(sample.attachment.to_bytes()) for sample in found]
+    assert [(origin.sequence, rest) for origin, rest in read] == [(1, b"ours"), (2, b"")]
+    assert read[0][0].gid == read[1][0].gid
