@@ -81,11 +81,10 @@ def carries_ticks(reader: Reader, renames: Mapping[str, str], tick: Sequence[str
     if not there.issuperset(tick):
         return bool(counts.get(SAMPLE_JOINTS)) and SAMPLE_JOINTS not in renames
     known = {foreign: ours for foreign, ours in renames.items() if foreign in counts}
-    parts: dict[int, set[str]] = {}
+    parts: dict[int | None, set[str]] = {}
     try:
         for _, record in zip(range(_LOOKED_AT), renamed(reader, known, tick), strict=False):
-            stamp = stamp_ns(record.type, record.data)
-            parts.setdefault(-1 if stamp is None else stamp, set()).add(record.topic)
+            parts.setdefault(stamp_ns(record.type, record.data), set()).add(record.topic)
     except (MessageError, ReenactError):
         return True
     whole = sum(found.issuperset(tick) for found in parts.values())

@@ -20,7 +20,7 @@ from recorders.containers.opening import open_log
 from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SAMPLE_JOINTS
+from recorders.messages.topics import ROBOT_DESCRIPTION, SAMPLE_JOINTS
 from recorders.writing.writer import LogWriter
 
 HAND, TARGET = "/hand/tip/measured", "/hand/tip/target"
@@ -71,6 +71,13 @@ def test_hands_as_measured_may_come_more_often_than_ticks(tmp_path: Path) -> Non
     assert carries(tmp_path, more, REACHED)
     assert not carries(tmp_path, [*at(HAND, 0, 5, 9), *at(SAMPLE_JOINTS, 1)], REACHED)
     assert not carries(tmp_path, [*at(HAND, 0, 5, 10), *at(SAMPLE_JOINTS, 0, 1, 2, 3)], REACHED)
+
+
+def test_a_hand_as_measured_with_joints_but_without_the_other_hand_is_no_whole_tick(tmp_path: Path) -> None:
+    tick = (HAND, "/hand/other/measured", SAMPLE_JOINTS)
+    records = [*at(HAND, *range(4)), *at(SAMPLE_JOINTS, *range(4))]
+    assert carries(tmp_path, [*records, *at(tick[1], 0, 1)], tick)
+    assert not carries(tmp_path, [*records, *at(tick[1], 0)], tick)
 
 
 def test_topics_are_renamed_before_and_names_that_are_not_there_count_for_nothing(tmp_path: Path) -> None:
@@ -157,6 +164,12 @@ def test_a_robot_is_given_or_carried(log: Path, robot: Path, tmp_path: Path) -> 
     mapped, files = {"/tracker": HAND}, {name: (robot / name).read_bytes() for name in FILES}
     with pytest.raises(ConfigError, match="carries no robot, whose joints are to be aligned; give one with --robot"):
         align_logs([log], AlignmentConfig(), robot=None, renames=mapped, tick=REACHED)
+    description = RecordedMessage(ROBOT_DESCRIPTION, String.TYPE, encode(String("<robot/>")), 0, START)
+    described = write_foreign(tmp_path / "described.mcap", [description, *recording(robot)])
+    for theirs, made in ((log, False), (described, True)):
+        with pytest.raises(ConfigError) as error:
+            align_logs([theirs], AlignmentConfig(), robot=None, renames=mapped, tick=REACHED)
+        assert str(error.value).endswith("is a URDF, of which `reenact robot new` makes one") == made
     with LogWriter(tmp_path / "ours.mcap", manifest={"kind": "recording"}, attachments=files) as writer:
         for record in recording(robot):
             writer.copy(record)

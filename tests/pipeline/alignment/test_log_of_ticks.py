@@ -136,6 +136,12 @@ def test_episodes_are_written_each_as_a_log_of_ours(robot: Path, tmp_path: Path)
         }
 
 
+def test_a_tick_may_be_at_time_0(robot: Path, tmp_path: Path) -> None:
+    log = write_foreign(tmp_path / "log.mcap", moving(robot, 0, 1, 2))
+    read = ticks_of(log, robot, AlignmentConfig(latencies_ns=dict.fromkeys(("/tracker", "/joint_states"), START)))
+    assert [record.log_time_ns for record in read.records(topics=[HAND])] == [0, 10 * MS, 20 * MS]
+
+
 def test_what_is_wrong_with_a_log_names_it(robot: Path, tmp_path: Path) -> None:
     log = write_foreign(tmp_path / "still.mcap", [moving(robot, 0)[1], moving(robot, 100, log_ms=50)[0]])
     with pytest.raises(LogError, match=r"still\.mcap: expected"):
