@@ -8,7 +8,10 @@ class PlainStampOrder:
 
     def __init__(self, topics: int) -> None:
         self._topics = topics
-        self._begin()
+        self._last: dict[int, int] = {}
+        self._ahead: int | None = None
+        self._leaps: list[list[int]] = [[] for _ in range(topics)]
+        self._behind: list[list[int]] = [[] for _ in range(topics)]
 
     def take(self, rank: int, stamp: int) -> str:
         """Take a stamp of a topic; one at which the clock begins anew is the first of the new one."""
@@ -16,8 +19,8 @@ class PlainStampOrder:
         if ahead is not None and stamp < ahead - 10 * SECOND:
             _go_on(self._behind[rank], stamp)
             if all(len(run) >= 10 for run in self._behind):
-                self._begin()
-                self.take(rank, stamp)
+                self._last, self._ahead = {rank: stamp}, stamp
+                self._leaps, self._behind = ([[] for _ in range(self._topics)] for _ in range(2))
                 return "anew"
         if ahead is not None and stamp > ahead + 60 * SECOND:
             _go_on(self._leaps[rank], stamp)
@@ -31,12 +34,6 @@ class PlainStampOrder:
         self._last[rank] = stamp
         self._ahead = stamp if ahead is None else max(ahead, stamp)
         return "next"
-
-    def _begin(self) -> None:
-        self._last: dict[int, int] = {}
-        self._ahead: int | None = None
-        self._leaps: list[list[int]] = [[] for _ in range(self._topics)]
-        self._behind: list[list[int]] = [[] for _ in range(self._topics)]
 
 
 def _go_on(run: list[int], stamp: int) -> None:

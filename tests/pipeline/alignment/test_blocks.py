@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from pipeline.alignment import blocks
 from pipeline.alignment.blocks import BlockReader, Dropped, Kind, joints_kind, pose_kind
-from recorders.cdr.codec import encode
+from recorders.cdr.codec import decode_as, encode
 from recorders.cdr.layouts import read_message
 from recorders.errors import MessageError
 from recorders.messages.message_types import JointState, PoseStamped
@@ -152,7 +152,6 @@ def test_messages_of_a_known_layout_are_read_together(monkeypatch: pytest.Monkey
         decoded.append(data)
         return decode_as(kind, data)
 
-    decode_as = blocks.decode_as
     monkeypatch.setattr(blocks, "decode_as", counted)
     alike = [encode(PoseStamped(stamp, np.full(3, stamp), frame_id="cam")) for stamp in range(1, 50)]
     other = encode(PoseStamped(9, np.zeros(3), frame_id="map"))
