@@ -20,7 +20,8 @@ class PlainStampOrder:
             _go_on(self._behind[rank], stamp)
             if all(len(run) >= 10 for run in self._behind):
                 self._last, self._ahead = {rank: stamp}, stamp
-                self._leaps, self._behind = ([[] for _ in range(self._topics)] for _ in range(2))
+                self._leaps = [[] for _ in range(self._topics)]
+                self._behind = [[] for _ in range(self._topics)]
                 return "anew"
         if ahead is not None and stamp > ahead + 60 * SECOND:
             _go_on(self._leaps[rank], stamp)
