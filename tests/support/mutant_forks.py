@@ -44,6 +44,13 @@ def run_in_forks(tasks: Iterable[tuple[_Key, Task]], *, processes: int, done: Ca
         _take_one(running, done)
 
 
+def limit_processor_time(seconds: int) -> None:
+    """End this process once it has taken so much more of it."""
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    limit = int(used.ru_utime + used.ru_stime) + seconds
+    resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
+
+
 def _take_one(running: dict[int, tuple[_Key, _Fork]], done: Callable[[_Key, Any], None]) -> None:
     ended, _, _ = select.select(list(running), [], [], _HANGS_AFTER_S)
     for handle in ended or list(running):
@@ -66,9 +73,7 @@ def _work(task: Task, file: IO[str]) -> None:
         nothing = os.open(os.devnull, os.O_RDWR)
         for number in (0, 1, 2):
             os.dup2(nothing, number)
-        used = resource.getrusage(resource.RUSAGE_SELF)
-        limit = int(used.ru_utime + used.ru_stime) + task.seconds
-        resource.setrlimit(resource.RLIMIT_CPU, (limit, resource.RLIM_INFINITY))
+        limit_processor_time(task.seconds)
         signal.signal(signal.SIGXCPU, signal.SIG_DFL)
         result = task.work()
     except BaseException:

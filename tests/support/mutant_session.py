@@ -8,7 +8,7 @@ start run the files as they are: what only they run counts as reached by no test
 import ast
 import sys
 import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import coverage
 import pytest
 from mutant_codes import ChangedModule, changed_functions, forget_modules, functions_of, statement_at, take_on
-from mutant_forks import OUT_OF_TIME, Task, run_in_forks
+from mutant_forks import OUT_OF_TIME, Task, limit_processor_time, run_in_forks
 from mutation import Mutant, mutated_tree
 
 ROOT = Path(__file__).parents[2]
@@ -32,7 +32,7 @@ OPTIONS = (
 KILLED, SURVIVED, UNREACHED = "killed", "survived", "reached by no test"
 
 _OWN_MODULES = ("mutation", "mutant_codes", "mutant_forks", "mutant_session", "mutant_table", "__main__")
-_MORE_S, _TIMES = 10, 10  # processor time that a mutant may take beyond what its tests take without it
+_MORE_S, _TIMES = 5, 10  # processor time that a test may take with a mutant beyond what it takes without it
 _ALL_TESTS_S = 900
 
 
@@ -120,7 +120,7 @@ class MutantSession:
             failed = _run_anew(job.file, tree, tests)
         else:
             take_on(functions, codes)
-            failed = _first_failure(_in_order(items, tests))
+            failed = _first_failure(_in_order(items, tests), measured.seconds)
         return [KILLED, failed] if failed else [SURVIVED, ""]
 
     def _done(self, job: Job, result: Any) -> None:
@@ -166,8 +166,15 @@ def _run(items: Sequence[pytest.Item]) -> Iterator[tuple[pytest.Item, str]]:
         yield item, failures.first
 
 
-def _first_failure(items: Sequence[pytest.Item]) -> str:
-    return next((failed for _, failed in _run(items) if failed), "")
+def _first_failure(items: Sequence[pytest.Item], seconds: Mapping[str, float]) -> str:
+    """Run tests up to the first that fails; each may take so many times longer than without a mutant."""
+    running = _run(items)
+    for item in items:
+        limit_processor_time(_MORE_S + int(_TIMES * seconds[item.nodeid]))
+        _, failed = next(running)
+        if failed:
+            return failed
+    return ""
 
 
 def _run_anew(file: str, tree: ast.Module, tests: Sequence[str]) -> str:

@@ -2,21 +2,29 @@
 
 import io
 
+import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
 from mcap.writer import CompressionType, Writer
 
+from recorders.mcap_format.attachments import AttachmentHead
+from recorders.mcap_format.chunk_contents import MessageColumns
+from recorders.writing.chunk_index_file import ChunkIndexFile
 from recorders.writing.mcap_writer import McapWriter
 
 TIMES = st.integers(0, 2**64 - 1)
 MESSAGES = st.tuples(st.integers(0, 30), st.integers(0, 2**32 - 1), TIMES, TIMES, st.binary(max_size=300))
-STEPS = st.lists(st.one_of(st.sampled_from(["schema", "channel", "metadata", "flush"]), MESSAGES), max_size=60)
+STEPS = st.lists(
+    st.one_of(st.sampled_from(["schema", "channel", "metadata", "flush"]), MESSAGES, st.binary(max_size=50)),
+    max_size=60,
+)
+SENT = tuple[int, int, int, int, bytes]
 
 
-def theirs(steps: list[object], chunk_size: int) -> bytes:
+def theirs(steps: list[object], chunk_size: int, chunk_messages: int) -> bytes:
     """Return the file that the library makes."""
-    file, channels, schemas = io.BytesIO(), 0, 0
+    file, channels, schemas, messages = io.BytesIO(), 0, 0, 0
     writer = Writer(file, compression=CompressionType.LZ4, chunk_size=chunk_size, enable_data_crcs=True)
     writer.start(profile="ros2", library="reenact")
     for step in steps:
@@ -30,16 +38,25 @@ def theirs(steps: list[object], chunk_size: int) -> bytes:
                 writer.add_metadata("note", {"c": "d"})
             case "flush":
                 writer.flush()
+            case bytes(data):
+                writer.flush()
+                writer.add_attachment(3, 4, "café.txt", "text/plain", data)
             case (int(place), int(sequence), int(log_time), int(publish_time), bytes(data)) if channels:
                 writer.add_message(1 + place % channels, log_time, data, publish_time, sequence)
+                messages += 1
+                if messages % chunk_messages == 0:
+                    writer.flush()
     writer.finish()
     return file.getvalue()
 
 
-def ours(steps: list[object], chunk_size: int) -> tuple[bytes, dict[int, int]]:
-    """Return the file that our writer makes, and what it counts by channel."""
+def ours(
+    steps: list[object], chunk_size: int, chunk_messages: int, index: ChunkIndexFile
+) -> tuple[bytes, dict[int, int], list[SENT]]:
+    """Return the file that our writer makes, what it counts by channel, and the messages of its chunks."""
     file, channels, schemas = io.BytesIO(), 0, 0
-    writer = McapWriter(file, chunk_size=chunk_size)
+    chunks: list[MessageColumns] = []
+    writer = McapWriter(file, chunk_size=chunk_size, chunk_messages=chunk_messages, index=index, on_chunk=chunks.append)
     for step in steps:
         match step:
             case "schema":
@@ -50,18 +67,44 @@ def ours(steps: list[object], chunk_size: int) -> tuple[bytes, dict[int, int]]:
                 writer.add_metadata("note", {"c": "d"})
             case "flush":
                 writer.flush()
+            case bytes(data):
+                writer.add_attachment(
+                    AttachmentHead(4, 3, "café.txt", "text/plain", 0, len(data)), [data[:7], memoryview(data)[7:]]
+                )
             case (int(place), int(sequence), int(log_time), int(publish_time), bytes(data)) if channels:
+                before = writer.messages
                 writer.add_message((1 + place % channels, sequence, log_time, publish_time, data))
+                assert writer.messages == before + 1
     writer.finish()
-    return file.getvalue(), dict(writer.counts)
+    assert writer.pending == []
+    sent = [message for chunk in chunks for message in zip(*chunk[:5], strict=True)]
+    return file.getvalue(), dict(writer.counts), sent
 
 
 @settings(max_examples=200, deadline=None)
-@given(steps=STEPS, begin=st.lists(st.just("channel"), max_size=3), chunk_size=st.integers(0, 2000))
-def test_a_file_is_that_of_the_library(steps: list[object], begin: list[object], chunk_size: int) -> None:
-    data, counts = ours([*begin, *steps], chunk_size)
-    assert data == theirs([*begin, *steps], chunk_size)
+@given(
+    steps=STEPS,
+    begin=st.lists(st.just("channel"), max_size=3),
+    chunk_size=st.integers(0, 2000),
+    chunk_messages=st.one_of(st.integers(1, 20), st.just(2**63)),
+)
+def test_a_file_is_that_of_the_library(
+    steps: list[object],
+    begin: list[object],
+    chunk_size: int,
+    chunk_messages: int,
+    tmp_path_factory: pytest.TempPathFactory,
+) -> None:
+    index = ChunkIndexFile(tmp_path_factory.getbasetemp() / "log.mcap")
+    try:
+        data, counts, sent = ours([*begin, *steps], chunk_size, chunk_messages, index)
+    finally:
+        index.close()
+    assert data == theirs([*begin, *steps], chunk_size, chunk_messages)
     summary = make_reader(io.BytesIO(data)).get_summary()
     assert summary is not None
     assert summary.statistics is not None
     assert counts == summary.statistics.channel_message_counts
+    assert len(sent) == summary.statistics.message_count
+    if begin:
+        assert [message[1:] for message in sent] == [step[1:] for step in steps if isinstance(step, tuple)]
