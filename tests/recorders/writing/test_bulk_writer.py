@@ -172,6 +172,7 @@ def ours(
         following = writer.write(
             (record for part in (begin, rest) for record in part), end_ns=end_ns, most_bytes=most_bytes
         )
+        assert writer.counts.total() > 0 or not found
         place += writer.counts.total()
         assert following is (found[place] if place < len(found) else None)
         writer.finish({"seed": 3})
@@ -192,3 +193,12 @@ def test_files_are_those_of_the_library(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(bulk_writer, "LARGE", LARGE)
         assert ours(found, compression, end_ns, most_bytes) == theirs(found, compression, end_ns, most_bytes)
+
+
+def test_a_chunk_ends_where_it_has_a_mebibyte_unless_another_size_is_given() -> None:
+    progress: list[int] = []
+    writer = BulkWriter(io.BytesIO(), CHANNELS, profile="", on_chunk=progress.append)
+    sizes = [2**19 - 31, 2**19 - 32, 0] * 2  # with 31 bytes beside its data a message
+    found = [RecordedMessage("/a", "", bytes(size), 0, 0) for size in sizes]
+    assert writer.write(iter(found), end_ns=1, most_bytes=2**63) is None
+    assert progress == [3, 6]

@@ -1,6 +1,7 @@
 """Chunks are encoded here, and are byte for byte those of the library of MCAP's authors."""
 
 import io
+from collections.abc import Sequence
 
 import pytest
 from hypothesis import given, settings
@@ -22,7 +23,7 @@ STEPS = st.lists(
 SENT = tuple[int, int, int, int, bytes]
 
 
-def theirs(steps: list[object], chunk_size: int, chunk_messages: int) -> bytes:
+def theirs(steps: Sequence[object], chunk_size: int = 2**20, chunk_messages: int = 2**63) -> bytes:
     """Return the file that the library makes."""
     file, channels, schemas, messages = io.BytesIO(), 0, 0, 0
     writer = Writer(file, compression=CompressionType.LZ4, chunk_size=chunk_size, enable_data_crcs=True)
@@ -51,12 +52,12 @@ def theirs(steps: list[object], chunk_size: int, chunk_messages: int) -> bytes:
 
 
 def ours(
-    steps: list[object], chunk_size: int, chunk_messages: int, index: ChunkIndexFile
+    steps: Sequence[object], index: ChunkIndexFile | None = None, **limits: int
 ) -> tuple[bytes, dict[int, int], list[SENT]]:
     """Return the file that our writer makes, what it counts by channel, and the messages of its chunks."""
     file, channels, schemas = io.BytesIO(), 0, 0
     chunks: list[MessageColumns] = []
-    writer = McapWriter(file, chunk_size=chunk_size, chunk_messages=chunk_messages, index=index, on_chunk=chunks.append)
+    writer = McapWriter(file, index=index, on_chunk=chunks.append, **limits)
     for step in steps:
         match step:
             case "schema":
@@ -97,7 +98,7 @@ def test_a_file_is_that_of_the_library(
 ) -> None:
     index = ChunkIndexFile(tmp_path_factory.getbasetemp() / "log.mcap")
     try:
-        data, counts, sent = ours([*begin, *steps], chunk_size, chunk_messages, index)
+        data, counts, sent = ours([*begin, *steps], index, chunk_size=chunk_size, chunk_messages=chunk_messages)
     finally:
         index.close()
     assert data == theirs([*begin, *steps], chunk_size, chunk_messages)
@@ -108,3 +109,9 @@ def test_a_file_is_that_of_the_library(
     assert len(sent) == summary.statistics.message_count
     if begin:
         assert [message[1:] for message in sent] == [step[1:] for step in steps if isinstance(step, tuple)]
+
+
+def test_a_chunk_ends_where_it_is_longer_than_a_mebibyte_unless_another_size_is_given() -> None:
+    for size in range(2**20 - 120, 2**20):
+        steps = ["schema", "channel", (0, 0, 1, 1, bytes(size)), (0, 1, 2, 2, b"")]
+        assert ours(steps)[0] == theirs(steps)
