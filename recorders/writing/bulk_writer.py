@@ -124,7 +124,6 @@ class BulkWriter:
             declared[channel] = self.log.register_channel(
                 channel.topic, channel.encoding, schema, dict(channel.metadata)
             )
-        self.log.flush()  # what the library has written of the header goes first
         for number in declared.values():
             self.log.declare(number)
         return {topic: declared[channel] for topic, channel in channels.items()}

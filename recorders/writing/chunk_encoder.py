@@ -73,7 +73,7 @@ def build_chunk(messages: MessageColumns, declared: Sequence[tuple[int, bytes]] 
     if declared:
         parts, offsets = _with_declarations(parts, list(offsets), declared)
     entries: defaultdict[int, list[bytes]] = defaultdict(list)
-    for channel, entry in zip(channels, map(_ENTRY.pack, times, offsets), strict=False):  # offsets has the end, too
+    for channel, entry in zip(channels, map(_ENTRY.pack, times, offsets), strict=True):
         entries[channel].append(entry)
     indexes = {channel: b"".join(of_channel) for channel, of_channel in entries.items()}
     return BuiltChunk(b"".join(parts), (min(times), max(times)), indexes)

@@ -78,8 +78,8 @@ class LogFile:
         self._unreported: LogError | None = self._unwritable("an earlier write was interrupted")
         self._seen: int | None = None  # messages written when the last look found others that wait
         self._threads = (
-            PeriodicThread(self._flush_late, name="log flush", first_s=LOOK_EVERY_S),
-            PeriodicThread(self._sync, name="log sync", first_s=SYNC_EVERY_S),
+            PeriodicThread(self._flush_late, name="log flush", every_s=LOOK_EVERY_S),
+            PeriodicThread(self._sync, name="log sync", every_s=SYNC_EVERY_S),
         )
 
     def change(self, write: Callable[[], object]) -> None:
@@ -162,34 +162,32 @@ class LogFile:
             self._end(self.chunks, complete)
             self.chunks.finish()
 
-    def _flush_late(self) -> float:
-        """Hand over what waited at the last look and still does; returns when to look again [s]."""
+    def _flush_late(self) -> None:
+        """Hand over what waited at the last look and still does."""
         with self._lock:
             seen, self._seen = self._seen, self.chunks.written if self.chunks.pending else None
             if not self.sound or self._seen is None or seen != self._seen:
-                return LOOK_EVERY_S
+                return
             self.sound = False
             try:
                 self.chunks.flush()
                 self.sound = True
             except OSError as error:
                 self._unreported = self._file.error(error)
-        return LOOK_EVERY_S
 
-    def _sync(self) -> float:
-        """Sync, and see that the file is still there; returns when to do so again [s]."""
+    def _sync(self) -> None:
+        """Sync, and see that the file is still there."""
         error: OSError | None = None
         try:
             self._file.sync()
             if self._file.is_there():
-                return SYNC_EVERY_S
+                return
         except OSError as met:
             error = met
         with self._lock:
             if self.sound:
                 self._finish(complete=False)
                 self._unreported = self._file.put_back() if error is None else self._file.error(error)
-        return SYNC_EVERY_S
 
     def _stop(self) -> None:
         for thread in self._threads:

@@ -10,16 +10,16 @@ class PeriodicThread:
     Parameters
     ----------
     action : callable
-        What is done; returns the time until it is to be done again [s].
+        What is done.
     name : str
         Name of the thread.
-    first_s : float
-        Time until it is done first [s].
+    every_s : float
+        Time until it is done first, and from the end of one time to the next [s].
     """
 
-    def __init__(self, action: Callable[[], float], *, name: str, first_s: float) -> None:
+    def __init__(self, action: Callable[[], None], *, name: str, every_s: float) -> None:
         self._action = action
-        self._first_s = first_s
+        self._every_s = every_s
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
         self._thread.start()
@@ -30,6 +30,5 @@ class PeriodicThread:
         self._thread.join()
 
     def _run(self) -> None:
-        wait_s = self._first_s
-        while not self._stopped.wait(wait_s):
-            wait_s = self._action()
+        while not self._stopped.wait(self._every_s):
+            self._action()

@@ -11,13 +11,13 @@ class SteppedThreads:
     """Takes the place of `PeriodicThread`, and holds what the latest log's threads do."""
 
     def __init__(self) -> None:
-        self._actions: dict[str, Callable[[], float]] = {}
+        self._actions: dict[str, Callable[[], None]] = {}
 
     def step(self, name: str) -> None:
         """Have a thread do once what it does."""
         self._actions[name]()
 
-    def started(self, action: Callable[[], float], *, name: str, first_s: float) -> Self:
+    def started(self, action: Callable[[], None], *, name: str, every_s: float) -> Self:
         """Stand in the place of a thread that is started."""
         self._actions[name] = action
         return self

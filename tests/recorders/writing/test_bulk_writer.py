@@ -198,7 +198,19 @@ def test_files_are_those_of_the_library(
 def test_a_chunk_ends_where_it_has_a_mebibyte_unless_another_size_is_given() -> None:
     progress: list[int] = []
     writer = BulkWriter(io.BytesIO(), CHANNELS, profile="", on_chunk=progress.append)
-    sizes = [2**19 - 31, 2**19 - 32, 0] * 2  # with 31 bytes beside its data a message
+    sizes = [2**19 - 31, 2**19 - 31, 2**19 - 31, 2**19 - 32, 0]  # with 31 bytes beside its data a message
     found = [RecordedMessage("/a", "", bytes(size), 0, 0) for size in sizes]
     assert writer.write(iter(found), end_ns=1, most_bytes=2**63) is None
-    assert progress == [3, 6]
+    assert progress == [2, 5]
+
+
+@pytest.mark.parametrize(("more", "written"), [(0, 1), (1, 2)])
+def test_a_file_that_has_the_size_takes_no_more(more: int, written: int) -> None:
+    first, second = (RecordedMessage("/a", "", bytes(CHUNK), number, 0) for number in range(2))
+    sizes: list[int] = []
+    for most_bytes in (0, more):
+        writer = BulkWriter(file := io.BytesIO(), CHANNELS, profile="", compression="", chunk_bytes=CHUNK)
+        following = writer.write(iter([first, second]), end_ns=1, most_bytes=most_bytes + sum(sizes))
+        sizes.append(file.tell())
+    assert writer.counts.total() == written
+    assert following is (second if written == 1 else None)

@@ -1,5 +1,6 @@
 """What the writer's threads do: late messages are handed over, and equal recordings are equal files nevertheless."""
 
+import errno
 import os
 import sys
 import threading
@@ -8,12 +9,15 @@ from pathlib import Path
 
 import pytest
 from mcap.reader import make_reader
+from stepped_threads import stepped_threads
 
 from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.reader import LogReader
-from recorders.writing.chunk_writer import FLUSH_EVERY
+from recorders.writing.chunk_writer import FLUSH_EVERY, ChunkWriter
+from recorders.writing.log_file import LOOK_EVERY_S, SYNC_EVERY_S, LogFile
+from recorders.writing.periodic_thread import PeriodicThread
 from recorders.writing.writer import LogWriter
 
 
@@ -193,3 +197,125 @@ def test_no_thread_outlives_its_log(tmp_path):
     with pytest.raises(LogError):
         LogWriter(tmp_path / "none" / "log.mcap", manifest={})
     assert threading.active_count() == before
+
+
+def test_what_is_promised_of_the_time_until_a_message_is_safe():
+    assert 2 * LOOK_EVERY_S <= 0.1
+    assert SYNC_EVERY_S <= 1.0
+    assert FLUSH_EVERY <= 64
+
+
+def test_what_waits_at_two_looks_is_handed_over_and_nothing_earlier(tmp_path):
+    with stepped_threads() as threads, LogWriter(tmp_path / "log.mcap", manifest={}, rechunk=False) as log:
+        phases(log, range(3))
+        threads.step("log flush")
+        assert handed_over(log.part) == 0
+        phases(log, range(FLUSH_EVERY))  # those that waited are written, and the last three are others
+        threads.step("log flush")
+        assert handed_over(log.part) == FLUSH_EVERY
+        phases(log, range(1))
+        threads.step("log flush")
+        assert handed_over(log.part) == FLUSH_EVERY + 4
+        threads.step("log flush")
+        phases(log, range(1))
+        threads.step("log flush")
+        assert handed_over(log.part) == FLUSH_EVERY + 4
+
+
+@pytest.mark.parametrize("act", [LogWriter.close, LogWriter.abort])
+def test_a_log_that_is_over_takes_nothing_and_is_not_ended_twice(tmp_path, monkeypatch, act):
+    monkeypatch.setattr(os, "O_TMPFILE", os.O_DIRECTORY)  # a file system whose every file has a name
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    phases(log, [0])
+    act(log)
+    others = [log.part, tmp_path / "log.mcap.part.tmp1"]  # which another writer now has
+    for path in others:
+        path.write_bytes(b"another's")
+    log.abort()
+    log.close()
+    assert [path.read_bytes() for path in others] == [b"another's"] * 2
+    for _ in range(2):
+        with pytest.raises(LogError, match="the log was closed, or an earlier write failed"):
+            log.check()
+
+
+def test_one_message_is_worth_keeping(tmp_path):
+    log = LogWriter(tmp_path / "log.mcap", manifest={})
+    phases(log, [0])
+    log.abort()
+    assert len(list(LogReader(log.part))) == 1
+
+
+def test_a_write_that_fails_is_the_last(tmp_path):
+    def fail():
+        raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    with stepped_threads() as threads:
+        file = LogFile(tmp_path / "log.mcap", end=lambda chunks, complete: None, overwrite=False, rechunk=True)
+        with pytest.raises(LogError, match=r"cannot write .*log.mcap.part: Input/output error"):
+            file.change(fail)
+        for name in ("log flush", "log sync"):
+            threads.step(name)
+        assert not file.sound
+        with pytest.raises(LogError, match="the log was closed, or an earlier write failed"):
+            file.change(lambda: None)
+        file.close()
+
+
+def test_a_write_that_is_interrupted_is_the_last(tmp_path):
+    def interrupted():
+        raise KeyboardInterrupt
+
+    with stepped_threads():
+        file = LogFile(tmp_path / "log.mcap", end=lambda chunks, complete: None, overwrite=False, rechunk=True)
+        with pytest.raises(KeyboardInterrupt):
+            file.change(interrupted)
+        with pytest.raises(LogError, match="an earlier write was interrupted"):
+            file.close()
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_log_that_cannot_be_begun_leaves_nothing(tmp_path, monkeypatch):
+    def fail(*args, **options):
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    before = threading.active_count()
+    for name in ("ChunkWriter.attach", "ChunkIndexFile.__init__"):
+        with monkeypatch.context() as patch:
+            patch.setattr(f"recorders.writing.chunk_writer.{name}", fail)
+            with pytest.raises(LogError, match=r"cannot write .*: No space left on device"):
+                LogWriter(tmp_path / "log.mcap", manifest={}, attachments={"a": b"a"})
+        assert list(tmp_path.iterdir()) == []
+        assert threading.active_count() == before
+
+
+def test_what_comes_while_the_end_is_written_is_not_written_any_more(tmp_path):
+    with (tmp_path / "log.mcap").open("wb") as file:
+        chunks = ChunkWriter(file, tmp_path / "log.mcap")
+        channel = chunks.register_channel("/x", "", 0, {})
+        chunks.gather((channel, 0, 0, 0, b"in time"))
+        chunks.end_messages()
+        chunks.gather((channel, 1, 0, 0, b"late"))
+        chunks.add_metadata("end", {})
+        chunks.finish()
+        chunks.close()
+    with (tmp_path / "log.mcap").open("rb") as file:
+        assert [message.data for _, _, message in make_reader(file).iter_messages()] == [b"in time"]
+
+
+def test_a_thread_that_is_stopped_has_done_what_it_was_doing_and_holds_up_nobody_else():
+    done: list[bool] = []
+
+    def act():
+        started.set()
+        assert stopping.wait(120)
+        time.sleep(0.05)  # so that whoever does not wait for it is through
+        done.append(True)
+
+    started, stopping = threading.Event(), threading.Event()
+    thread = PeriodicThread(act, name="slow", every_s=0.0)
+    assert started.wait(120)
+    assert thread._thread.daemon  # an interpreter that ends does not wait for it
+    stopping.set()
+    thread.stop()
+    assert done == [True]

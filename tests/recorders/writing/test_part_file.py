@@ -2,25 +2,33 @@
 
 import errno
 import fcntl
+import gc
+import io
 import os
 import shutil
 import time
+from pathlib import Path
 from typing import Any
 
 import pytest
 
-from recorders.errors import LogError
+from recorders.errors import LogError, TakenError
+from recorders.files import disk
 from recorders.mcap_format.manifest import content_sha256
 from recorders.messages.message_types import String
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.reader import LogReader
-from recorders.writing.part_file import PartFile
+from recorders.writing.part_file import PartFile, is_written
 from recorders.writing.writer import LogWriter
 
 
 def write(log, count):
     for number in range(count):
         log.write(SESSION_PHASE, String(str(number)), log_time_ns=number)
+
+
+def fail(*args):
+    raise OSError(errno.EIO, os.strerror(errno.EIO))
 
 
 def error_meanwhile(log):
@@ -68,6 +76,18 @@ def test_a_file_system_without_hard_links_will_do(tmp_path, monkeypatch):
         write(log, 5)
     assert len(list(LogReader(path))) == 5
     path.unlink()
+    failing = PartFile(path, overwrite=False)
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "rename", fail)
+        with pytest.raises(OSError, match="Input/output error"):
+            failing.publish()
+    assert list(tmp_path.iterdir()) == [failing.part]  # the name is free again
+    synced: list[Path] = []
+    with monkeypatch.context() as patch:
+        patch.setattr(disk, "sync_folder", synced.append)
+        failing.publish()
+    assert synced == [tmp_path]
+    path.unlink()
     late = LogWriter(path, manifest={})
     path.write_bytes(b"precious")
     with pytest.raises(LogError, match="has come into being meanwhile"):
@@ -103,10 +123,31 @@ def test_a_log_that_cannot_be_put_back_says_so(tmp_path):
     write(log, 100)
     shutil.rmtree(folder)
     folder.write_text("a file in the folder's place")
-    with pytest.raises(LogError, match=r"removed while it was written, and cannot be put back: "):
+    with pytest.raises(LogError, match=r"removed while it was written, and cannot be put back: Not a directory$"):
         log.close()
     log.close()
     assert folder.read_text() == "a file in the folder's place"
+
+
+def test_what_is_put_back_is_on_the_disk(tmp_path, monkeypatch):
+    synced, sync = [], os.fsync
+
+    def watched(descriptor):
+        path = Path(f"/proc/self/fd/{descriptor}").readlink()
+        synced.append((path, os.fstat(descriptor).st_size if path.is_file() else None))
+        sync(descriptor)
+
+    folder = tmp_path / "folder"
+    folder.mkdir()
+    file = PartFile(folder / "log.mcap", overwrite=False)
+    file.stream.write(b"what was recorded")
+    shutil.rmtree(folder)
+    monkeypatch.setattr(os, "fsync", watched)
+    assert str(file.put_back()).endswith("what had been recorded is there again")
+    assert synced == [(tmp_path, None), (file.part, 17), (folder, None)]
+    assert file.part.read_bytes() == b"what was recorded"
+    file.close(keep=True)
+    assert file.stream.closed
 
 
 def test_a_log_whose_folder_is_moved_is_found_in_its_new_place(tmp_path):
@@ -193,8 +234,13 @@ def seen_while_rewriting(folder):
         target.flush()
         seen.extend(entry.name for entry in folder.iterdir())
 
+    old = file.stream
     file.rewrite(copy)
+    assert old.closed
+    assert is_written(file.part)
     file.publish()
+    assert file.stream.closed
+    assert not is_written(file.path)
     assert (folder / "log.mcap").read_bytes() == b"old and new"
     return sorted(seen)
 
@@ -216,7 +262,11 @@ def test_a_file_system_without_nameless_files_will_do(tmp_path, monkeypatch):
     assert (tmp_path / "log.mcap.part.tmp1").read_bytes() == b"precious"
 
 
-def test_a_rewriting_that_fails_leaves_the_file_as_it_was(tmp_path):
+@pytest.mark.parametrize("nameless", [True, False])
+def test_a_rewriting_that_fails_leaves_the_file_as_it_was(tmp_path, monkeypatch, nameless):
+    if not nameless:
+        monkeypatch.setattr(os, "O_TMPFILE", os.O_DIRECTORY)
+
     def fail(source, target):
         target.write(b"half")
         raise OSError(errno.ENOSPC, "No space left on device")
@@ -228,3 +278,52 @@ def test_a_rewriting_that_fails_leaves_the_file_as_it_was(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["log.mcap.part"]
     assert file.part.read_bytes() == b"old"
     file.close(keep=True)
+
+
+def test_a_file_that_cannot_be_locked_or_put_on_the_disk_is_not_left(tmp_path, monkeypatch):
+    for name in ("lock", "sync_folder"):
+        with monkeypatch.context() as patch:
+            patch.setattr(disk, name, fail)
+            with pytest.raises(LogError, match=r"cannot write .*log.mcap.part: Input/output error"):
+                PartFile(tmp_path / "log.mcap", overwrite=False)
+        assert list(tmp_path.iterdir()) == []
+    gc.collect()  # a file that is left open is a warning, which fails the test
+
+
+def test_a_file_that_another_has_replaced_before_it_was_locked_stays(tmp_path, monkeypatch):
+    part = tmp_path / "log.mcap.part"
+
+    def lock(file):
+        part.unlink()
+        part.write_bytes(b"another's")
+        return True
+
+    monkeypatch.setattr(disk, "lock", lock)
+    with pytest.raises(TakenError, match=r"log.mcap.part is being written by another recording"):
+        PartFile(tmp_path / "log.mcap", overwrite=False)
+    assert part.read_bytes() == b"another's"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_failure_of_the_disk_after_the_file_has_its_name_is_told_as_such(tmp_path, monkeypatch, overwrite):
+    class Failing(io.BufferedWriter):
+        def close(self):
+            was_open = not self.closed
+            super().close()
+            if was_open:
+                fail()
+
+    path = tmp_path / "log.mcap"
+    for name in ("close", "sync_folder"):
+        file = PartFile(path, overwrite=overwrite)
+        with monkeypatch.context() as patch:
+            if name == "close":
+                with file.stream as same:
+                    file.stream = Failing(io.FileIO(os.dup(same.fileno()), "wb"))
+            else:
+                patch.setattr(disk, name, fail)
+            with pytest.raises(LogError, match=r"log.mcap is whole, but the disk failed after that: Input/output"):
+                file.publish()
+        assert path.exists()
+        file.close(keep=True)
+        path.unlink()

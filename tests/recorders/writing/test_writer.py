@@ -5,7 +5,7 @@ import numpy as np
 import pytest
 from mcap.exceptions import EndOfFile
 from mcap.reader import NonSeekingReader, make_reader
-from mcap.records import Metadata
+from mcap.records import Attachment, Metadata
 from mcap.stream_reader import StreamReader
 
 from recorders.cdr.codec import encode
@@ -179,6 +179,9 @@ def _until_the_end(reader):
         ("/camera", b"x", {}, "expected a standard ROS 2 type such as .*, found ''"),
         (LEFT_TARGET, target(), {"sequence": -1}, "out of range"),
         (LEFT_TARGET, target(), {"sequence": 2**32}, "out of range"),
+        (LEFT_TARGET, target(), {"log_time_ns": 2**64}, "out of range"),
+        (LEFT_TARGET, target(), {"log_time_ns": -1}, "out of range"),
+        (LEFT_TARGET, target(), {"publish_time_ns": 2**64}, "out of range"),
         (LEFT_TARGET, "text", {}, "expected a message"),
     ],
 )
@@ -186,7 +189,7 @@ def test_wrong_messages_are_refused_and_the_log_goes_on(tmp_path, topic, message
     path = tmp_path / "log.mcap"
     with LogWriter(path, manifest={}) as log:
         with pytest.raises(MessageError, match=expected):
-            log.write(topic, message, log_time_ns=0, **options)
+            log.write(topic, message, **{"log_time_ns": 0, **options})
         log.write(ROBOT_DESCRIPTION, String("<robot/>"), log_time_ns=0)
     assert [record.topic for record in LogReader(path)] == [ROBOT_DESCRIPTION]
 
@@ -197,6 +200,12 @@ def test_a_manifest_that_cannot_be_written_is_refused_before_recording(tmp_path)
     with pytest.raises(LogError, match="complete is set by the writer"):
         LogWriter(tmp_path / "a.mcap", manifest={"complete": True})
     assert list(tmp_path.iterdir()) == []
+    with LogWriter(tmp_path / "a.mcap", manifest={"seed": 3}) as log:
+        with pytest.raises(LogError, match="manifest: rate cannot be written"):
+            log.note({"rate": float("nan")})
+        log.note({"rate": 1.0})
+    manifest = LogReader(log.path).manifest
+    assert (manifest["seed"], manifest["rate"], manifest["complete"]) == (3, 1.0, True)
 
 
 def test_a_directory_that_is_not_there_is_one_line(tmp_path):
@@ -224,9 +233,13 @@ def test_the_log_begins_with_its_manifest(tmp_path):
         log.note({"run": "a"})
         log.write(LEFT_TARGET, target(), log_time_ns=0)
         assert _manifests(log.part)[1:] == [{**_known(log.part), "seed": 3, "run": "a", "complete": False}]
+        log.note({"robot": "asimo"})
+        assert _manifests(log.part)[2:] == [
+            {**_known(log.part), "seed": 3, "run": "a", "robot": "asimo", "complete": False}
+        ]
     outcome = {"messages": 1, "counts": {LEFT_TARGET: 1}, "content_sha256": content_sha256(LogReader(log.path))}
     *_, last = _manifests(log.path)
-    assert last == {**_known(log.path), "seed": 3, "run": "a", "complete": True, **outcome}
+    assert last == {**_known(log.path), "seed": 3, "run": "a", "robot": "asimo", "complete": True, **outcome}
     assert LogReader(log.path).manifest == last
 
 
@@ -288,6 +301,40 @@ def test_joint_states_survive_to_the_bit(tmp_path):
         log.write("/joint_states", message, log_time_ns=3)
     (record,) = LogReader(path)
     assert record.data == encode(message)
+
+
+def test_the_largest_numbers_and_attachments_of_later_are_there(tmp_path):
+    most = 2**64 - 1
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        log.write(LEFT_TARGET, target(), log_time_ns=most, publish_time_ns=most, sequence=2**32 - 1)
+        log.attach("late.toml", b"late")
+        with log.part.open("rb") as file, suppress(EndOfFile):
+            found = [record for record in StreamReader(file).records if isinstance(record, Attachment)]
+            assert [(record.name, record.media_type) for record in found] == [("late.toml", "application/toml")]
+    (record,) = LogReader(log.path)
+    assert (record.log_time_ns, record.sequence) == (most, 2**32 - 1)
+
+
+def test_a_type_of_several_topics_is_declared_once(tmp_path):
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        for topic in ("/a", "/b", "/c"):
+            log.write(topic, String("x"), log_time_ns=0)
+    with log.path.open("rb") as file:
+        summary = make_reader(file).get_summary()
+    assert [schema.name for schema in summary.schemas.values()] == [String.TYPE]
+    assert {channel.schema_id for channel in summary.channels.values()} == {1}
+
+
+def test_one_channel_more_than_can_be_numbered_is_refused(tmp_path, monkeypatch):
+    assert MAX_CHANNELS == 65535
+    monkeypatch.setattr("recorders.writing.writer.MAX_CHANNELS", 3)
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        for number in range(3):
+            log.write(f"/{number}", b"", log_time_ns=0, opaque=True)
+        with pytest.raises(MessageError, match="/one/more: a log holds no more than 3 channels"):
+            log.write("/one/more", b"", log_time_ns=0, opaque=True)
+        log.write("/0", b"", log_time_ns=0, opaque=True)
+    assert LogReader(log.path).counts == {"/0": 2, "/1": 1, "/2": 1}
 
 
 @pytest.mark.campaign
