@@ -12,8 +12,6 @@ from recorders.errors import MessageError
 from recorders.messages.message_types import TFMessage
 from recorders.messages.record import RecordedMessage
 
-TF_STATIC = "/tf_static"
-
 _HERE: Transform = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 _MAX_FRAMES = 10_000
 _POSITION = 3

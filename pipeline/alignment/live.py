@@ -15,9 +15,9 @@ from pipeline.alignment.track import NEVER
 from pipeline.robot.config import RobotConfig
 from recorders.cdr.codec import stamp_ns
 from recorders.errors import ConfigError, MessageError
-from recorders.messages.message_types import JointState
+from recorders.messages.message_types import JointState, String, TFMessage
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, is_target, type_of
+from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, TF_STATIC, is_target, type_of
 from recorders.text.wording import escape_control, names_text
 from replay.sources.episodes import ALIGNMENT
 from replay.sources.live import LiveStream
@@ -46,8 +46,8 @@ class LiveAligner:
 
     Attributes
     ----------
-    topics : frozenset of str
-        Topics whose messages are wanted, by the names that they are published under.
+    types : dict of str to str
+        Types of the topics whose messages are wanted, by the names that they are published under.
 
     Raises
     ------
@@ -76,7 +76,7 @@ class LiveAligner:
         self._config, self._pivot = config, sources[pivot].topic
         self._waiting: list[RecordedMessage] = []
         self._warned = set[str]()  # topics
-        self.topics = self._aligner.topics - {SESSION_PHASE}
+        self.types = {source.topic: source.kind.message.TYPE for source in sources} | {TF_STATIC: TFMessage.TYPE}
         self.begin()
 
     @property
@@ -101,7 +101,7 @@ class LiveAligner:
 
     def feed(self, record: RecordedMessage) -> list[RecordedMessage]:
         """Take in a message and return those of the ticks that it completes; on other topics it is passed over."""
-        if record.topic not in self.topics:
+        if record.topic not in self.types:
             return []
         self._waiting.append(record)
         rises = True
@@ -160,8 +160,8 @@ class LiveInputs:
 
     Attributes
     ----------
-    topics : frozenset of str
-        Topics whose messages are wanted, by the names that they are published under.
+    types : dict of str to str
+        Types of the topics whose messages are wanted, by the names that they are published under.
     """
 
     def __init__(
@@ -175,8 +175,14 @@ class LiveInputs:
         self._renames = dict(renames)
         self._aligner = None if config is None else LiveAligner(robot, config, renames=renames, tick=tick)
         replaced = set(renames.values())
-        named = {*renames, *(topic for topic in tick if topic not in replaced)}
-        self.topics = frozenset({SESSION_PHASE, *(named if self._aligner is None else self._aligner.topics)})
+        named = (*renames, *(topic for topic in tick if topic not in replaced))
+        types = {topic: type_of(renames.get(topic, topic)) for topic in named}
+        self.types = {SESSION_PHASE: String.TYPE} | (types if self._aligner is None else self._aligner.types)
+
+    @property
+    def topics(self) -> frozenset[str]:
+        """Topics whose messages are wanted."""
+        return frozenset(self.types)
 
     @property
     def account(self) -> list[dict[str, Any]]:

@@ -11,12 +11,12 @@ from numpy.typing import NDArray
 from pipeline.alignment.blocks import Block, BlockReader, Dropped, Kind, Times
 from pipeline.alignment.clock import Place, StampOrder
 from pipeline.alignment.config import AlignmentConfig, Transform
-from pipeline.alignment.frames import TF_STATIC, StaticFrames, mounted, placed
+from pipeline.alignment.frames import StaticFrames, mounted, placed
 from pipeline.alignment.track import NEVER, WAIT_NS, Span, Track
 from pipeline.arrays import Floats
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SESSION_PHASE
+from recorders.messages.topics import SESSION_PHASE, TF_STATIC
 
 _END_NS = 2**31 * 10**9  # no message has a stamp from here on
 _MARKERS = frozenset((TF_STATIC, SESSION_PHASE))  # what comes after them is not as what came before

@@ -95,7 +95,8 @@ def subscribe_paths(
     """
     # A stamp that leaps farther than the idle timeout is not of this one.
     tracks = {side: PoseTrack(max_gap_s=config.idle_timeout_s) for side in topics.values()}
-    receiving = ReceiverConfig(name=_NAME, keys=config.keys, live=True)
+    types = dict.fromkeys(_published(topics, renames), PoseStamped.TYPE)
+    receiving = ReceiverConfig(name=_NAME, keys=config.keys, live=True, topics=types)
     with (
         open_session(session) as opened,
         config.keys.joined(opened),

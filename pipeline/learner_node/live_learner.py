@@ -19,7 +19,7 @@ from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.range_check import range_check
-from pipeline.samples.pairing import find_pairing
+from pipeline.samples.pairing import PairingRule, find_pairing
 from pipeline.training.run import CycleReport, Steps
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
@@ -78,6 +78,19 @@ class LiveConfig:
         """Check the ranges."""
         if self.epochs < 1 or (self.ticks is not None and self.ticks < 1):
             raise ConfigError(f"expected epochs and ticks of at least 1, found {self.epochs} and {self.ticks}")
+
+
+def wanted_types(pairing: PairingRule, robot: RobotConfig, config: LiveConfig) -> dict[str, str]:
+    """Return the types of all topics that a live learner may take, by the names that they are published under."""
+    found: dict[str, str] = {}
+    for tick in dict.fromkeys(each.topics(robot.hand_names) for each in (pairing, _otherwise(pairing))):
+        found |= LiveInputs(robot, config.alignment, renames=config.renames, tick=tick).types
+    return {topic: kind for topic, kind in found.items() if kind}
+
+
+def _otherwise(pairing: PairingRule) -> PairingRule:
+    """Return the pairs in the place of some if their ticks do not come."""
+    return find_pairing(pairing.otherwise) if pairing.otherwise else pairing
 
 
 class LiveLearner:
@@ -179,8 +192,7 @@ class LiveLearner:
             inputs = LiveInputs(self._robot, config.alignment, renames=config.renames, tick=tick)
             return AlignedStream(inputs, epochs=config.epochs, check=check, tick=tick, poses=check.poses, phase=phase)
 
-        other = find_pairing(asked.otherwise) if asked.otherwise else asked
-        return LiveChoice(make, asked.topics(hands), other.topics(hands))
+        return LiveChoice(make, asked.topics(hands), _otherwise(asked).topics(hands))
 
     def _with_each_stored(
         self,

@@ -1,9 +1,10 @@
 """The node `learn --live`: learns from published hand targets and joints, of a robot or a replay."""
 
 import logging
+from dataclasses import replace
 from typing import Any
 
-from pipeline.learner_node.live_learner import LiveConfig, LiveLearner
+from pipeline.learner_node.live_learner import LiveConfig, LiveLearner, wanted_types
 from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 from pipeline.robot_node.client import RemoteRobot
@@ -12,6 +13,7 @@ from pipeline.terminal.signals import until_stopped
 from pipeline.training.trainer import Trainer
 from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import TF_STATIC
 from recorders.nodes.node import running_node
 from recorders.wire.keys.topic_keys import EVERY_TOPIC
 from recorders.wire.receiver import Receiver, ReceiverConfig
@@ -65,6 +67,8 @@ def learn_live(
             robot = _answering(opened, receiver.namespace)
         else:
             RobotCheck(opened, robot.joints, namespace=receiver.namespace, learner=True).warn()
+        types = wanted_types(trainer.pairing, robot, config)
+        receiver = replace(receiver, topics=types, latched_topics=frozenset({TF_STATIC}) & types.keys())
         with (
             _Recording(config, robot, trainer.pairing.topics(robot.hand_names)) as recording,
             LearnerPublisher(opened, keys=receiver.keys) as publisher,

@@ -200,7 +200,7 @@ class Node:
             stack.enter_context(self._deviations.declared(session, keys))
             for topic, reader in self._readers.items():
                 handler = on_network_thread(self._handler(reader))
-                kind = type_of(self._config.renames.get(topic, topic))
+                kind = self._inputs.types.get(topic) or type_of(topic)
                 stack.enter_context(keys.subscribing(session, topic, kind, handler))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
@@ -379,7 +379,7 @@ class Node:
         if size > MAX_PAYLOAD:
             self._served.reject(Rejection.TOO_LARGE, f"{reader.topic}: found {size} bytes")
             return None
-        sequence = sequence_of(reader.topic, sample) if self._writer.records else UNNUMBERED
+        sequence = sequence_of(self._config.keys, reader.topic, sample) if self._writer.records else UNNUMBERED
         return RecordedMessage(
             reader.topic, reader.type_name(sample.encoding), sample.payload.to_bytes(), sequence, time_ns
         )

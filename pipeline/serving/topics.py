@@ -7,6 +7,7 @@ from recorders.errors import MessageError
 from recorders.messages.message_types import PoseStamped
 from recorders.messages.topics import type_of
 from recorders.protocol.frames import unpack
+from recorders.wire.keys.topic_keys import TopicKeys
 
 MAX_PAYLOAD = 64 << 10
 """Larger payloads are refused unread [bytes]; a pose takes some 100, the joints of a large robot a few thousand."""
@@ -48,12 +49,15 @@ Arrival = tuple[TopicReader, zenoh.Sample, int]
 """A sample, with the reader of its topic, and when it came [ns]."""
 
 
-def sequence_of(topic: str, sample: zenoh.Sample) -> int:
-    """Return the producer's number, if an attachment of ours carries one."""
+def sequence_of(keys: TopicKeys, topic: str, sample: zenoh.Sample) -> int:
+    """Return the producer's number, if an attachment of ours or of rmw_zenoh carries one."""
     if sample.attachment is None or len(sample.attachment) > MAX_PAYLOAD:
         return UNNUMBERED
     try:
-        messages = unpack(topic, b"", sample.attachment.to_bytes()).messages
+        ours, origin = keys.read_attachment(topic, sample.attachment.to_bytes())
+        if ours is None:
+            return UNNUMBERED if origin is None else origin.short_sequence
+        messages = unpack(topic, b"", ours).messages
     except MessageError:
         return UNNUMBERED
     return messages[0].sequence if messages else UNNUMBERED

@@ -70,6 +70,7 @@ LEARNER_STATUS = "/learner/status"
 ROBOT_DESCRIPTION = "/robot_description"
 ROBOT_CONFIG = "/robot_config"
 TF = "/tf"
+TF_STATIC = "/tf_static"
 CLOCK = "/clock"
 CONTROLLER_DEVIATION = "/controller/deviation"
 

@@ -6,6 +6,7 @@ from typing import NamedTuple
 from recorders.errors import MessageError
 
 _LAYOUT = struct.Struct("<qqB16s")  # sequence number, source time, length of the GID, GID
+_MAX_SHORT = 2**32 - 1
 
 
 class Attachment(NamedTuple):
@@ -24,6 +25,11 @@ class Attachment(NamedTuple):
     sequence: int
     source_time_ns: int
     gid: bytes
+
+    @property
+    def short_sequence(self) -> int:
+        """The number as a log has it, in 32 bits; it begins anew after those."""
+        return self.sequence & _MAX_SHORT
 
     def pack(self) -> bytes:
         """Return the 33 bytes."""

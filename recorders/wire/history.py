@@ -49,6 +49,22 @@ def publishing_latched(
     )
 
 
+def subscribing_latched(session: zenoh.Session, key: str, take: Any) -> AbstractContextManager[Any]:
+    """Return a subscriber that gets the last sample of each publisher that keeps some, and all later ones.
+
+    Parameters
+    ----------
+    session : zenoh.Session
+        An open session.
+    key : str
+        Where to subscribe.
+    take
+        A function or handler of Zenoh's.
+    """
+    history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+    return declare_advanced_subscriber(session, key, take, history=history)
+
+
 class HistorySubscriber:
     """Queries the last samples published on some keys before this came, beside a subscriber of all keys.
 

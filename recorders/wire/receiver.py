@@ -6,7 +6,7 @@ import secrets
 import threading
 import time
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import ExitStack
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -57,6 +57,8 @@ class ReceiverConfig:
     waiting_bytes : int
         How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
+    topics : mapping of str to str, optional
+        Types of the topics that are wanted, so that no others need be sent here; all if left out.
     latched_topics : frozenset of str
         Topics of which the last message from before this came is handed over too, if its publisher keeps it.
     key_file : Path, optional
@@ -69,6 +71,7 @@ class ReceiverConfig:
     extra_topics: frozenset[str] = frozenset()
     silence_s: float = 30.0
     waiting_bytes: int = 256 << 20
+    topics: Mapping[str, str] | None = None
     latched_topics: frozenset[str] = frozenset()
     key_file: Path | None = None
 
@@ -124,6 +127,7 @@ class Receiver:
             self._config.keys,
             hand_over=self._on_live,
             refuse=self._refusals.count,
+            topics=self._config.topics,
             latched_topics=self._config.latched_topics,
             live=self._config.live,
             take_stream=self._on_stream,

@@ -2,7 +2,7 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import ExitStack
 from typing import NamedTuple, Self, TypeAlias
 
@@ -18,7 +18,6 @@ from recorders.wire.keys.topic_keys import KeyedTopic, TopicKeys
 from recorders.wire.queries import MAX_CONTROL
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
-_MAX_SEQUENCE = 2**32 - 1  # rmw_zenoh's have 63 bits, a log's 32
 _ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
 
 
@@ -69,6 +68,8 @@ class Subscription:
         Takes what is received, on threads of Zenoh's.
     refuse : callable
         Takes topic and reason of what is neither a message nor a frame.
+    topics : mapping of str to str, optional
+        Types of the topics that are wanted, which is seen in a ROS domain; all if left out.
     latched_topics : iterable of str
         Topics of which the last message from before this came is received too, if its publisher caches it.
     live : bool
@@ -84,6 +85,7 @@ class Subscription:
         *,
         hand_over: HandOver,
         refuse: Callable[[str, str], None],
+        topics: Mapping[str, str] | None = None,
         latched_topics: Iterable[str] = (),
         live: bool = False,
         take_stream: TakeStream = lambda topic, sample, attachment: False,
@@ -94,12 +96,17 @@ class Subscription:
         self._refuse = refuse
         self._live = live
         self._take_stream = take_stream
-        self._history = HistorySubscriber(session, map(keys.key, latched_topics), self._on_sample)
-        self._drained = [threading.Event() for _ in keys.everything]  # what had arrived before unsubscribing is taken
+        self._topics = topics or {}
+        self._selected = keys.everything if topics is None else keys.selection(topics)
+        latched = (keys.key(topic, self._topics.get(topic, "")) for topic in latched_topics)
+        self._history = HistorySubscriber(session, latched, self._on_sample)
+        self._drained = [threading.Event() for _ in self._selected]  # what had arrived before unsubscribing is taken
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        for key, drained in zip(self._keys.everything, self._drained, strict=True):
+        for topic, kind in self._topics.items():
+            self._stack.enter_context(self._keys.announced(self._session, topic, kind))
+        for key, drained in zip(self._selected, self._drained, strict=True):
             subscriber = self._session.declare_subscriber(
                 key,
                 zenoh.handlers.Callback(self._history.deliver, drop=drained.set),
@@ -167,7 +174,7 @@ def live_messages(received: Received) -> Iterator[LiveMessage]:
     (topic, stated, _), sample, frame, origin = received
     kind = received.type
     if frame is None:
-        number = 0 if origin is None else origin.sequence & _MAX_SEQUENCE
+        number = 0 if origin is None else origin.short_sequence
         record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time.time_ns())
         yield LiveMessage(record, numbered=origin is not None, origin=origin)
         return

@@ -9,7 +9,7 @@ from pipeline.robot.config import RobotConfig
 from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.serving.node_config import ServeConfig
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, hand_target
+from recorders.messages.topics import JOINT_STATES, SESSION_PHASE, hand_target, type_of
 
 
 class ServedInputs:
@@ -33,6 +33,8 @@ class ServedInputs:
         Whether messages go on as they are.
     topics : tuple of str
         Topics to subscribe to.
+    types : dict of str to str
+        Their types.
 
     Raises
     ------
@@ -43,6 +45,7 @@ class ServedInputs:
     def __init__(self, controller: Controller, config: ServeConfig, wanted: tuple[str, ...]) -> None:
         self.plain = config.alignment is None and not config.renames
         self.topics = wanted
+        self.types = {topic: type_of(topic) for topic in wanted}
         self._inputs: list[LiveInputs] = []
         if self.plain:
             return
@@ -54,8 +57,9 @@ class ServedInputs:
         for tick, alignment in aligned:
             renames = {name: ours for name, ours in config.renames.items() if ours in tick}
             self._inputs.append(LiveInputs(robot, alignment, renames=renames, tick=tick))
-        named = dict.fromkeys(topic for inputs in self._inputs for topic in sorted(inputs.topics))
-        self.topics = tuple(topic for topic in named if topic != SESSION_PHASE)
+        named = {topic: inputs.types[topic] for inputs in self._inputs for topic in sorted(inputs.topics)}
+        self.types = {topic: kind for topic, kind in named.items() if topic != SESSION_PHASE}
+        self.topics = tuple(self.types)
 
     @property
     def counts(self) -> dict[str, int]:

@@ -9,7 +9,7 @@ from typing import Any
 import zenoh
 
 from recorders.errors import WireError
-from recorders.messages.topics import CLOCK, ROBOT_TEXTS, TF, type_of
+from recorders.messages.topics import CLOCK, ROBOT_TEXTS, TF, TF_STATIC, type_of
 from recorders.protocol.frames import batch_topic
 from recorders.rmw_zenoh.attachment import Attachment, unpack
 from recorders.rmw_zenoh.keys import TopicKey
@@ -17,13 +17,12 @@ from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import LATCHED, Qos
 from recorders.rmw_zenoh.type_hashes import type_hash
-from recorders.wire.history import publishing_latched
+from recorders.wire.history import publishing_latched, subscribing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
 from recorders.wire.keys.ros_node import RosNode
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, MessagePublisher
 from recorders.wire.session import publishing
 
-TF_STATIC = "/tf_static"
 _GLOBAL = frozenset((TF, TF_STATIC, CLOCK))  # of a whole system, whatever the namespace of a node
 _LATCHED = frozenset((*ROBOT_TEXTS.values(), TF_STATIC))
 
@@ -74,6 +73,10 @@ class RosKeys:
     def everything(self) -> tuple[str, ...]:
         """Key expressions of all messages, and of batches."""
         return self.key(EVERY_TOPIC), batch_key(self.namespace)
+
+    def selection(self, topics: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the key expressions of messages on some topics, of one type each, and of batches."""
+        return *(self.key(topic, kind) for topic, kind in topics.items()), batch_key(self.namespace)
 
     @property
     def words(self) -> str:
@@ -128,11 +131,10 @@ class RosKeys:
     def subscribing(
         self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
     ) -> Iterator[None]:
-        """Have the samples of a topic of one type taken, and be in the graph with it."""
-        with (
-            self.announced(session, topic, type_name, qos=qos),
-            session.declare_subscriber(self.key(topic, type_name), take),
-        ):
+        """Have the samples of a topic of one type taken, cached ones of one that is latched, and be in the graph."""
+        key, latched = self.key(topic, type_name), (qos or usual_qos(topic)).is_latched
+        declared = subscribing_latched(session, key, take) if latched else session.declare_subscriber(key, take)
+        with self.announced(session, topic, type_name, qos=qos), declared:
             yield
 
     @contextmanager

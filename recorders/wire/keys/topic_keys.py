@@ -1,6 +1,6 @@
 """The mapping between topics and Zenoh: keys, attachments, and whoever is seen by them. That of a namespace is here."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple, Protocol
@@ -75,6 +75,15 @@ class TopicKeys(Protocol):
     def everything(self) -> tuple[str, ...]:
         """Key expressions of all messages, those of batches among them."""
 
+    def selection(self, topics: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the key expressions of messages on some topics, and of batches; more may match where that is cheap.
+
+        Parameters
+        ----------
+        topics : mapping of str to str
+            Types by topic.
+        """
+
     @property
     def words(self) -> str:
         """Where messages are, in words for a line."""
@@ -137,6 +146,10 @@ class NamespaceKeys:
     def everything(self) -> tuple[str, ...]:
         """Key expressions of all messages."""
         return (self.key(EVERY_TOPIC),)
+
+    def selection(self, topics: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the key expression of all messages: in a namespace nobody publishes what is of no use there."""
+        return self.everything
 
     @property
     def words(self) -> str:

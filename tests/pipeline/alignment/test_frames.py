@@ -9,12 +9,13 @@ from tracked_arm import JOINTS, MS, SOURCES, START, aligned, steady
 from pipeline.alignment import frames
 from pipeline.alignment.blocks import Dropped
 from pipeline.alignment.config import AlignmentConfig
-from pipeline.alignment.frames import TF_STATIC, StaticFrames
+from pipeline.alignment.frames import StaticFrames
 from pipeline.alignment.rows import RowFormat
 from pipeline.alignment.ticks import Aligner
 from recorders.cdr.codec import decode, encode
 from recorders.messages.message_types import TFMessage, TransformStamped
 from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import TF_STATIC
 
 
 def test_frames_turn_poses_into_the_world():

@@ -9,10 +9,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from pipeline.alignment import frames as module
-from pipeline.alignment.frames import TF_STATIC, StaticFrames, mounted, placed
+from pipeline.alignment.frames import StaticFrames, mounted, placed
 from recorders.cdr.codec import encode
 from recorders.messages.message_types import TFMessage, TransformStamped
 from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import TF_STATIC
 
 HERE = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)
 

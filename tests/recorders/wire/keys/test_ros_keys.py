@@ -12,11 +12,11 @@ from zenoh.ext import CacheConfig, declare_advanced_publisher
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError, WireError
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped, String
-from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, ROBOT_DESCRIPTION
+from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, ROBOT_DESCRIPTION, TF_STATIC
 from recorders.rmw_zenoh.attachment import Attachment, unpack
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.type_hashes import type_hash
-from recorders.wire.keys.ros_keys import TF_STATIC, RosKeys
+from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
