@@ -11,17 +11,17 @@ from pipeline.alignment import live as module
 from pipeline.alignment.aligned_log import own_frames
 from pipeline.alignment.blocks import joints_kind, pose_kind
 from pipeline.alignment.config import AlignmentConfig
-from pipeline.alignment.frames import TF_STATIC, StaticFrames
+from pipeline.alignment.frames import StaticFrames
 from pipeline.alignment.live import AlignedStream, LiveAligner, LiveInputs
 from pipeline.alignment.rows import RowFormat
 from pipeline.alignment.ticks import Aligner, Source
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode
 from recorders.errors import ConfigError
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.message_types import JointState, PoseStamped, String, TFMessage
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE
+from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE, TF_STATIC
 
 HAND, TARGET = "/hand/tip/measured", "/hand/tip/target"
 TICK, RENAMES = (HAND, SAMPLE_JOINTS), {"/tracker": HAND}
@@ -115,16 +115,20 @@ def test_what_waits_fills_no_memory(robot: Path, monkeypatch: pytest.MonkeyPatch
 
 def test_topics_of_no_concern_are_passed_over_and_transforms_are_wanted(robot: Path) -> None:
     live = aligner_of(robot)
-    assert live.topics == {"/tracker", "/joint_states", TF_STATIC}
+    assert live.types == {
+        "/tracker": PoseStamped.TYPE,
+        "/joint_states": JointState.TYPE,
+        TF_STATIC: TFMessage.TYPE,
+    }
     assert live.feed(recording(robot)[0]._replace(topic="/other")) == []
     assert live._waiting == []
 
 
 def test_topics_are_called_as_ours_or_as_they_are_mapped(robot: Path) -> None:
     """Joints that are not mapped are the robot's own."""
-    assert aligner_of(robot, renames={}).topics == {HAND, "/joint_states", TF_STATIC}
+    assert set(aligner_of(robot, renames={}).types) == {HAND, "/joint_states", TF_STATIC}
     mapped = aligner_of(robot, renames={"/arm": SAMPLE_JOINTS, "/a": HAND})
-    assert mapped.topics == {"/a", "/arm", TF_STATIC}
+    assert set(mapped.types) == {"/a", "/arm", TF_STATIC}
     assert mapped.account["topics"] == {"/a": {"as": HAND}, "/arm": {"as": SAMPLE_JOINTS}}
 
 
@@ -168,7 +172,9 @@ def marker() -> RecordedMessage:
 def test_inputs_that_are_not_aligned_are_renamed_alone(robot: Path) -> None:
     known, renames = load_robot(robot), {"/tracker": HAND, "/arm": SAMPLE_JOINTS}
     inputs = LiveInputs(known, None, renames=renames, tick=(HAND, TARGET, SAMPLE_JOINTS))
-    assert inputs.topics == {SESSION_PHASE, "/tracker", "/arm", TARGET}
+    poses = dict.fromkeys(("/tracker", TARGET), PoseStamped.TYPE)
+    assert inputs.types == {SESSION_PHASE: String.TYPE, "/arm": JointState.TYPE} | poses
+    assert inputs.topics == inputs.types.keys()
     assert (inputs.account, inputs.counts) == ([], {})
     bare = RecordedMessage("/tracker", "", encode(PoseStamped(1, np.zeros(3))), 3, 4)
     for numbered in (True, False):
@@ -182,7 +188,7 @@ def test_inputs_that_are_not_aligned_are_renamed_alone(robot: Path) -> None:
 
 def test_inputs_that_are_aligned_have_numbers_and_begin_a_cycle_with_a_marker(robot: Path) -> None:
     inputs = LiveInputs(load_robot(robot), AlignmentConfig(), renames=RENAMES, tick=TICK)
-    assert inputs.topics == {SESSION_PHASE, "/tracker", "/joint_states", TF_STATIC}
+    assert inputs.types == {SESSION_PHASE: String.TYPE} | aligner_of(robot).types
     records = recording(robot)[:200]
     made = [known for record in records for known in inputs.feed(record, numbered=False)]
     assert {numbered for _, numbered in made} == {True}
