@@ -51,13 +51,17 @@ def joints(draw: Any) -> bytes:
 def spoiled(draw: Any, messages: Any) -> bytes:
     """Return a message of which some bytes are others, missing or too many."""
     data = bytearray(draw(messages))
-    kind = draw(st.sampled_from(["whole"] * 4 + ["seconds", "nanoseconds", "byte", "order", "cut", "more", "none"]))
+    kind = draw(
+        st.sampled_from(["whole"] * 4 + ["seconds", "nanoseconds", "byte", "head", "order", "cut", "more", "none"])
+    )
     if kind == "seconds":
         data[4:8] = draw(st.sampled_from([2**31 - 1, 2**31, 2**32 - 1])).to_bytes(4, "little")
     elif kind == "nanoseconds":
         data[8:12] = draw(st.sampled_from([SECOND - 1, SECOND, 2**32 - 1])).to_bytes(4, "little")
     elif kind == "byte":
         data[draw(st.integers(0, len(data) - 1))] ^= 1 << draw(st.integers(0, 7))
+    elif kind == "head":
+        data[draw(st.integers(0, 3))] ^= 1
     elif kind == "order":
         data[1] = 0
     elif kind in ("cut", "none"):

@@ -56,3 +56,55 @@ def test_other_joints_and_other_layouts_are_no_matter():
             record = record._replace(data=encode(message))
         other.append(record)
     assert aligned(other)[1] == expected
+
+
+@pytest.mark.parametrize("period", [None, 10 * MS])
+@pytest.mark.parametrize(
+    ("tolerance_ms", "pause_ns", "cut"),
+    [(20, 10**9, False), (20, 10**9 + 1, True), (200, 2 * 10**9, False), (200, 2 * 10**9 + 1, True)],
+)
+def test_a_pause_cuts_after_a_second_and_ten_tolerances(period, tolerance_ms, pause_ns, cut):
+    """Ticks of a topic, that is; at a rate every tick that is missing cuts."""
+    stamps = [START, START + 10 * MS, START + 10 * MS + pause_ns, START + 20 * MS + pause_ns]
+    records = [record for stamp in stamps for record in (joints(stamp, (0.0, 0.0)), pose(stamp, (0.0, 0.0, 0.0)))]
+    aligner, found = aligned(records, period=period, tolerance_ns=tolerance_ms * MS)
+    numbers = [record.sequence for record in found[::2]]
+    assert numbers[:2] == [0, 1]
+    assert numbers[2] == (3 if cut or period else 2)
+    assert aligner.missed == (0 if period is None else pause_ns // (10 * MS) - 1 + (pause_ns % (10 * MS) > 0))
+
+
+@pytest.mark.parametrize("block", [1, 3, 8192])
+def test_the_messages_of_a_topic_are_counted_by_what_became_of_them(block):
+    """First and last times are of what was used, or may yet be; frames are those of all, in order of arrival."""
+    records = [
+        pose(START - 9 * MS, (0, 0, 0), (0, 0, 0, 0)),
+        pose(START - 8 * MS, (0, 0, 0), frame="elsewhere"),
+        pose(START + 1 * MS, (0, 0, 0), frame="/world"),
+        pose(START + 1 * MS, (0, 0, 0)),
+        pose(START + 100 * 10**9, (0, 0, 0)),
+        pose(START + 4 * MS, (0, 0, 0)),
+        pose(START + 5 * MS, (math.nan, 0, 0)),
+        pose(0, (0, 0, 0), frame="last"),
+        pose(1, (0, 0, 0))._replace(data=b"\0\1\0\0"),
+    ]
+    counts = aligned(records, block=block)[0].counts[0]
+    reasons = (Dropped.NO_LENGTH, Dropped.UNKNOWN_FRAME, Dropped.LATE, Dropped.AHEAD, Dropped.NOT_FINITE)
+    assert counts.dropped == dict.fromkeys((*reasons, Dropped.NO_STAMP, Dropped.UNREADABLE), 1)
+    assert (counts.used, counts.first_ns, counts.last_ns) == (2, START + 1 * MS, START + 4 * MS)
+    assert [*counts.frames] == ["world", "elsewhere", "/world", "last"]
+    assert counts.first_error.startswith("geometry_msgs/msg/PoseStamped: ")
+
+
+def test_a_topic_may_begin_far_ahead():
+    aligner, _ = aligned([joints(START, (0.0, 0.0)), pose(START + 100 * 10**9, (0, 0, 0))])
+    assert (aligner.counts[0].used, aligner.counts[0].first_ns) == (0, START + 100 * 10**9)
+    assert aligner.counts[0].last_ns is None
+
+
+def test_frames_from_anyone_are_named_a_hundred_of_a_topic_at_most():
+    records = [pose(START + index * MS, (0, 0, 0), frame=f"f{index}") for index in range(150)]
+    counts = aligned(records)[0].counts[0]
+    assert counts.dropped == {Dropped.UNKNOWN_FRAME: 150}
+    assert 90 < len(counts.frames) < 110
+    assert [*counts.frames] == [f"f{index}" for index in range(len(counts.frames))]

@@ -109,6 +109,7 @@ def test_a_cycle_begins_after_the_tick_before_it(robot: Path, tmp_path: Path, fi
 def test_more_phase_markers_than_any_session_has_are_refused(
     robot: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    assert 10**5 < ticks.MOST_PHASES < 10**6
     for module in (aligned_log, ticks):
         monkeypatch.setattr(module, "MOST_PHASES", 3)
     for count in (2, 3, 4):
