@@ -54,6 +54,11 @@ class SenderConfig:
             check_name(name)
         if len(set(self.consumers)) != len(self.consumers):
             raise ConfigError(f"expected each consumer once, found {names_text(self.consumers)}")
+        if self.consumers and self.keys.renames:
+            raise ConfigError(
+                f"--remap: expected none where {names_text(self.consumers)} is awaited, as a stream states its topics "
+                "by name; rename at the other end"
+            )
         if not 1 <= self.batch_size <= self.window:
             raise ConfigError(
                 f"expected 1 <= batch size <= window, found batch size {self.batch_size} and window {self.window}"

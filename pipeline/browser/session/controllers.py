@@ -11,6 +11,8 @@ from pipeline.deployment.verb_process import VerbProcess
 from recorders.errors import ConfigError, WireError
 from recorders.nodes.keys import controller_key, node_name
 from recorders.text.wording import names_text
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.session import Session
 
 TEACHER = teacher_node.NAME
@@ -28,8 +30,8 @@ class Place:
         An open session.
     endpoints : tuple of str
         Where the nodes connect.
-    namespace : str
-        First part of their keys.
+    keys : TopicKeys
+        Keys of their topics, and their namespace.
     folder : Path
         For their files.
     hands : tuple of str
@@ -38,15 +40,20 @@ class Place:
 
     session: Session
     endpoints: tuple[str, ...]
-    namespace: str
+    keys: TopicKeys
     folder: Path
     hands: tuple[str, ...]
+
+    @property
+    def namespace(self) -> str:
+        """First part of their control keys."""
+        return self.keys.namespace
 
     @property
     def arguments(self) -> list[str]:
         """Arguments by which a verb comes there."""
         connect = [part for endpoint in self.endpoints for part in ("--connect", endpoint)]
-        return [*connect, "--namespace", self.namespace]
+        return [*connect, "--namespace", self.namespace, *_of_domain(self.keys)]
 
     def await_token(self, key: str, process: VerbProcess) -> None:
         """Wait until somebody is there that has a liveliness token; raises WireError, with the reason of a process."""
@@ -57,6 +64,15 @@ class Place:
             if time.monotonic() > deadline_s:
                 raise WireError(f"{process.name} did not begin within {_WAIT_S:g} s")
             time.sleep(_POLL_S)
+
+
+def _of_domain(keys: TopicKeys) -> list[str]:
+    """Return the arguments by which a verb has the same keys of topics, if they are of a ROS domain."""
+    if not isinstance(keys, RosKeys):
+        return []
+    node = keys.node.name
+    rules = [f"__ns:={node.namespace}", *(f"{source}:={target}" for source, target in node.rules)]
+    return ["--ros", str(keys.domain), *(part for rule in rules for part in ("--remap", rule))]
 
 
 class Controllers:

@@ -3,7 +3,7 @@
 import logging
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -19,7 +19,7 @@ from pipeline.motions.names import motion_names
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
 from pipeline.robot_node.client import RemoteRobot
 from recorders.errors import MotionError, RobotError, WireError
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import Session, SessionConfig, open_session
 
@@ -45,8 +45,8 @@ class PlayConfig:
         Learned controllers.
     session : SessionConfig or None
         Where a robot and a controller run already; None for a simulated robot and controllers of our own.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     wait_s : float
         How long a robot that runs already may take to answer [s].
     folder : Path
@@ -57,7 +57,7 @@ class PlayConfig:
     texts: tuple[str, str] | None = None
     controllers: tuple[Path, ...] = ()
     session: SessionConfig | None = None
-    namespace: str = DEFAULT_NAMESPACE
+    keys: TopicKeys = field(default_factory=NamespaceKeys)
     wait_s: float = 10.0
     folder: Path = Path("play")
 
@@ -155,10 +155,11 @@ def playing(config: PlayConfig) -> Iterator[Play]:
             yield _own(config, Path(name), stack)
         else:
             session = stack.enter_context(open_session(config.session))
+            stack.enter_context(config.keys.joined(session))
             drive = Drive(_robot_there(session, config))
-            link = stack.enter_context(RobotLink(session, drive, namespace=config.namespace))
+            link = stack.enter_context(RobotLink(session, drive, keys=config.keys))
             ends = config.session.connect or config.session.listen
-            where = Place(session, ends[:1], config.namespace, Path(name), drive.robot.hand_names)
+            where = Place(session, ends[:1], config.keys, Path(name), drive.robot.hand_names)
             recordings = _recordings(stack, where, drive, config)
             activity = _activity(stack)
             yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
@@ -167,15 +168,15 @@ def playing(config: PlayConfig) -> Iterator[Play]:
 def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
     """Return a simulated robot of our own, and controllers beside it."""
     robot = load_robot(config.robot or "asimo") if config.texts is None else parse_robot(*config.texts)
-    endpoint, namespace = free_endpoint(), config.namespace
-    own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=namespace))
+    endpoint, keys = free_endpoint(), config.keys
+    own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=keys.namespace))
     drive = Drive(robot)
     try:
         session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=_WAIT_S)))
-        link = stack.enter_context(RobotLink(session, drive, namespace=namespace))
+        link = stack.enter_context(RobotLink(session, drive, keys=keys))
     except WireError as error:
         raise WireError(own.report or str(error)) from error
-    where = Place(session, (endpoint,), namespace, folder, robot.hand_names)
+    where = Place(session, (endpoint,), keys, folder, robot.hand_names)
     controllers = Controllers(where)
     recordings = _recordings(stack, where, drive, config)
     activity = _activity(stack)
@@ -208,7 +209,7 @@ def _robot_there(session: Session, config: PlayConfig) -> RobotConfig:
     if config.robot is not None:
         return load_robot(config.robot)
     try:
-        there = RemoteRobot(session, namespace=config.namespace, wait_s=config.wait_s)
+        there = RemoteRobot(session, namespace=config.keys.namespace, wait_s=config.wait_s)
     except RobotError as error:
         raise RobotError(f"{error}; give the robot with --robot") from error
     if not there.status.real_time:

@@ -20,13 +20,19 @@ from recorders.cdr.codec import decode_as
 from recorders.errors import JointError, ReenactError
 from recorders.messages.message_types import Float64MultiArray, JointState
 from recorders.messages.phase import EVALUATE, Phase
-from recorders.messages.topics import CONTROLLER_DEVIATION, JOINT_STATES, SAMPLE_JOINTS, SESSION_PHASE, hand_target
+from recorders.messages.topics import (
+    CONTROLLER_DEVIATION,
+    JOINT_STATES,
+    SAMPLE_JOINTS,
+    SESSION_PHASE,
+    hand_target,
+    type_of,
+)
 from recorders.nodes.keys import controller_key
 from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
 from recorders.ticks.joiner import JointMap
-from recorders.wire.keys.namespace import message_key
-from recorders.wire.keys.topic_keys import NamespaceKeys
+from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import Sample, Session
 
@@ -48,8 +54,8 @@ class RobotLink:
         An open session.
     drive : Drive
         Makes the ticks.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
 
     Attributes
     ----------
@@ -59,8 +65,8 @@ class RobotLink:
         How far off each hand may be, as the controller predicted last [m], shape (hands,).
     """
 
-    def __init__(self, session: Session, drive: Drive, *, namespace: str) -> None:
-        self._session, self._drive, self._namespace = session, drive, namespace
+    def __init__(self, session: Session, drive: Drive, *, keys: TopicKeys) -> None:
+        self._session, self._drive, self._keys = session, drive, keys
         self._joints = JointMap(drive.robot.joints)
         self._run = uuid4().hex
         self._cycles = 0
@@ -72,10 +78,9 @@ class RobotLink:
         self.deviations_m: Floats | None = None
 
     def __enter__(self) -> Self:
-        self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=NamespaceKeys(self._namespace)))
+        self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=self._keys))
         for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
-            key = message_key(self._namespace, topic)
-            self._stack.enter_context(self._session.declare_subscriber(key, take))
+            self._stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
         return self
 
     def __exit__(
@@ -98,7 +103,7 @@ class RobotLink:
 
         Empty where nobody answers.
         """
-        key = controller_key(self._namespace, self.controller or "*", "status")
+        key = controller_key(self._keys.namespace, self.controller or "*", "status")
         for reply in self._session.get(key, timeout=_ANSWER_S):
             if reply.ok is not None and len(reply.ok.payload) <= _MAX_PAYLOAD:
                 return _read_status(reply.ok.payload.to_bytes())

@@ -96,19 +96,22 @@ def _config(controllers: list[Path], robot: str | None, session: LookingSession,
     from pipeline.browser.session.play import PlayConfig
     from pipeline.learner.controller import Controller
 
+    keys = session.keys("play")
     if session.is_given:
         if controllers:
             raise ConfigError(
                 "CONTROLLER.npz: expected none with --connect, where a controller serves already, found "
                 f"{controllers[0]}; serve it with `reenact serve {controllers[0]} --connect ENDPOINT`"
             )
-        return PlayConfig(robot, session=session.config(), namespace=session.namespace, folder=out)
+        return PlayConfig(robot, session=session.config(), keys=keys, folder=out)
+    if session.ros is not None:
+        raise ConfigError("--ros: expected --connect or --listen beside it, where a robot and a controller run already")
     loaded = [Controller.load(path) for path in controllers]
     if robot is None and loaded:
         return PlayConfig(
             texts=(loaded[0].robot_toml, loaded[0].robot_urdf),
             controllers=tuple(controllers),
-            namespace=session.namespace,
+            keys=keys,
             folder=out,
         )
-    return PlayConfig(robot, controllers=tuple(controllers), namespace=session.namespace, folder=out)
+    return PlayConfig(robot, controllers=tuple(controllers), keys=keys, folder=out)

@@ -70,6 +70,11 @@ class RosKeys:
         self.hashes = dict(hashes or {})
 
     @property
+    def renames(self) -> bool:
+        """Whether topics have other names in the graph: by a rule, or by the node's namespace."""
+        return bool(self.node.name.rules) or self.node.name.namespace != "/"
+
+    @property
     def everything(self) -> tuple[str, ...]:
         """Key expressions of all messages, and of batches."""
         return self.key(EVERY_TOPIC), batch_key(self.namespace)

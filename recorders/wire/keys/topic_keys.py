@@ -72,6 +72,10 @@ class TopicKeys(Protocol):
         """First part of the control keys."""
 
     @property
+    def renames(self) -> bool:
+        """Whether topics of this node have other names for others."""
+
+    @property
     def everything(self) -> tuple[str, ...]:
         """Key expressions of all messages, those of batches among them."""
 
@@ -141,6 +145,11 @@ class NamespaceKeys:
 
     def __post_init__(self) -> None:
         check_namespace(self.namespace)
+
+    @property
+    def renames(self) -> bool:
+        """Whether topics have other names for others: never."""
+        return False
 
     @property
     def everything(self) -> tuple[str, ...]:

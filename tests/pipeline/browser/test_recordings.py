@@ -19,12 +19,14 @@ from recorders.errors import LogError
 from recorders.messages.message_types import JointState
 from recorders.messages.topics import JOINT_STATES
 from recorders.reading.reader import LogReader
+from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 
 START_NS = 5_000_000_000
+KEYS = NamespaceKeys()
 
 
 @pytest.fixture(scope="module")
@@ -91,7 +93,7 @@ def test_a_recorder_that_is_not_waited_for_to_the_end_is_ended(robot, session, e
 
     begun: list[VerbProcess] = []
     recordings = Recordings(
-        Interrupted(session, (endpoint,), "reenact", tmp_path, robot.hand_names), driven(robot), tmp_path
+        Interrupted(session, (endpoint,), NamespaceKeys(), tmp_path, robot.hand_names), driven(robot), tmp_path
     )
     with pytest.raises(KeyboardInterrupt):
         recordings.begin("x")
@@ -105,7 +107,9 @@ def test_a_recording_that_makes_no_episode_is_kept_as_it_is(robot, session, endp
     with LogWriter(raw, manifest={}) as writer:
         writer.write(JOINT_STATES, JointState(1, robot.joints, robot.comfort), log_time_ns=1)
     written = LogReader(raw).manifest
-    recordings = Recordings(Place(session, (endpoint,), "reenact", tmp_path, robot.hand_names), driven(robot), folder)
+    recordings = Recordings(
+        Place(session, (endpoint,), NamespaceKeys(), tmp_path, robot.hand_names), driven(robot), folder
+    )
     process = VerbProcess(tmp_path, verb)
     process.wait()
     recordings.under_way = Recording("demonstration", process, raw, 0)
@@ -121,7 +125,9 @@ def test_only_a_log_of_the_folder_is_found(robot, session, endpoint, tmp_path):
     (tmp_path / "elsewhere.mcap").touch()
     folder = tmp_path / "out"
     folder.mkdir()
-    recordings = Recordings(Place(session, (endpoint,), "reenact", tmp_path, robot.hand_names), driven(robot), folder)
+    recordings = Recordings(
+        Place(session, (endpoint,), NamespaceKeys(), tmp_path, robot.hand_names), driven(robot), folder
+    )
     with pytest.raises(LogError, match="expected the name of a log"):
         recordings.path("../elsewhere")
     (folder / "here.mcap").touch()
@@ -131,7 +137,7 @@ def test_only_a_log_of_the_folder_is_found(robot, session, endpoint, tmp_path):
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 def test_a_state_that_is_not_finite_is_refused(robot, session, number, caplog):
     drive = driven(robot)
-    with RobotLink(session, drive, namespace="reenact"), TopicPublisher(session) as publisher:
+    with RobotLink(session, drive, keys=NamespaceKeys()), TopicPublisher(session) as publisher:
         for stamp_ns, q in ((1, np.full_like(robot.comfort, number)), (2, robot.comfort)):
             state = JointState(START_NS + stamp_ns * TICK_NS, robot.joints, q)
             publisher.publish(JOINT_STATES, state, log_time_ns=state.stamp_ns)

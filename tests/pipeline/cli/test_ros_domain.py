@@ -1,0 +1,58 @@
+"""`--ros` and `--remap`: which keys of topics they choose, and what is refused in one line."""
+
+from pathlib import Path
+
+import pytest
+from processes import complaint, reenact
+
+from pipeline.cli.ros_domain import topic_keys
+from recorders.errors import ConfigError, ReenactError
+from recorders.messages.topics import JOINT_STATES, LEFT_TARGET
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import NamespaceKeys
+
+
+def test_without_a_domain_topics_are_below_the_namespace() -> None:
+    assert topic_keys("serve", "lab", None, None) == NamespaceKeys("lab")
+
+
+@pytest.mark.parametrize(
+    ("name", "in_ros"),
+    [("controller", "/controller"), ("arm-2.left", "/arm_2_left"), ("2nd", "/_2nd"), ("a__b", "/a_b")],
+)
+def test_a_node_has_its_name_as_ros_takes_it(name: str, in_ros: str) -> None:
+    keys = topic_keys(name, "lab", 3, [])
+    assert isinstance(keys, RosKeys)
+    assert (keys.domain, keys.namespace, keys.node.name.full_name) == (3, "lab", in_ros)
+
+
+def test_rules_rename_topics_and_the_node() -> None:
+    keys = topic_keys("serve", "lab", 3, ["__node:=arm", "__ns:=/left", "joint_states:=/state", f"{LEFT_TARGET}:=/no"])
+    assert isinstance(keys, RosKeys)
+    assert keys.node.name.full_name == "/left/arm"
+    assert keys.graph_name(JOINT_STATES) == "/state"
+    assert keys.graph_name(LEFT_TARGET) == f"/left{LEFT_TARGET}"
+
+
+@pytest.mark.parametrize(
+    "rule", ["", "a", "a=b", ":=b", "a:=", "a:=b c", "a b:=c", "a:=b:=c", "__ns:=lab", "__node:=a/b"]
+)
+def test_a_rule_that_is_none_is_refused(rule: str) -> None:
+    with pytest.raises(ReenactError, match="expected"):
+        topic_keys("serve", "lab", 3, [rule])
+
+
+def test_rules_need_a_domain() -> None:
+    with pytest.raises(ConfigError, match="--remap: expected --ros beside it, found 'a:=b' alone"):
+        topic_keys("serve", "lab", None, ["a:=b"])
+
+
+def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
+    asked = reenact("cat", "--connect", "tcp/127.0.0.1:9", "--ros", "2", "--remap", "a=b", cwd=tmp_path)
+    assert complaint(asked) == (
+        "reenact: remap: expected FROM:=TO, such as joint_states:=/arm/joint_states, found 'a=b'"
+    )
+    played = reenact("play", "--ros", cwd=tmp_path)
+    assert complaint(played) == (
+        "reenact: --ros: expected --connect or --listen beside it, where a robot and a controller run already"
+    )
