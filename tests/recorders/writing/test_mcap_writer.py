@@ -7,10 +7,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mcap.reader import make_reader
+from mcap.records import Message
+from mcap.stream_reader import StreamReader
 from mcap.writer import CompressionType, Writer
 
 from recorders.mcap_format.attachments import AttachmentHead
 from recorders.mcap_format.chunk_contents import MessageColumns
+from recorders.mcap_format.unread import Unread
 from recorders.writing.chunk_index_file import ChunkIndexFile
 from recorders.writing.mcap_writer import McapWriter
 
@@ -115,3 +118,19 @@ def test_a_chunk_ends_where_it_is_longer_than_a_mebibyte_unless_another_size_is_
     for size in range(2**20 - 120, 2**20):
         steps = ["schema", "channel", (0, 0, 1, 1, bytes(size)), (0, 1, 2, 2, b"")]
         assert ours(steps)[0] == theirs(steps)
+
+
+def test_a_message_of_which_a_part_is_in_another_file_is_written_whole_behind_what_came_before() -> None:
+    files: list[bytes] = []
+    for data, rest in ((b"abcdefg", None), (b"ab", Unread(io.BytesIO(b"###cdefg##"), 3, 5))):
+        writer = McapWriter(file := io.BytesIO())
+        channel = writer.register_channel("/x", "", 0, {})
+        writer.add_message((channel, 6, 9, 9, b"before"))
+        writer.add_message_in_pieces(channel, 7, 5, 4, data, rest)
+        writer.finish()
+        files.append(file.getvalue())
+    assert files[0] == files[1]
+    found = [each for each in StreamReader(io.BytesIO(files[0])).records if isinstance(each, Message)]
+    assert [(each.sequence, each.data) for each in found] == [(6, b"before"), (7, b"abcdefg")]
+    statistics = make_reader(io.BytesIO(files[0])).get_summary().statistics
+    assert (statistics.message_count, statistics.message_start_time, statistics.message_end_time) == (2, 5, 9)
