@@ -157,7 +157,6 @@ class _Copy:
             self._add(message)
             del message  # a large one would take memory beside the next
         recovery = self._account(out)
-        self._log.flush()
         self._log.add_metadata(METADATA_NAME, to_metadata(self._manifest(recovery)))
         self._log.finish()
         return recovery

@@ -1,6 +1,7 @@
 """The one writer of MCAP: the library's, with chunks encoded here, and a way past its buffers for large records."""
 
 import struct
+import sys
 import zlib
 from collections.abc import Callable, Iterable, Mapping
 from functools import cache
@@ -19,7 +20,6 @@ from recorders.writing.chunk_encoder import RECORD_SIZE, BuiltChunk, build_chunk
 from recorders.writing.chunk_index_file import ChunkIndexFile, EncodedRecords
 
 _SIZE = struct.Struct("<Q")
-_NO_LIMIT = 2**63
 
 
 class McapWriter:
@@ -59,7 +59,7 @@ class McapWriter:
         *,
         profile: str = "ros2",
         chunk_size: int = 2**20,
-        chunk_messages: int = _NO_LIMIT,
+        chunk_messages: int = sys.maxsize,
         index: ChunkIndexFile | None = None,
         on_chunk: Callable[[MessageColumns], None] = lambda messages: None,
     ) -> None:
@@ -185,11 +185,6 @@ class McapWriter:
         """Write the summary, as the last thing of all."""
         self.end_chunk()
         self._mcap.finish()
-
-    def flush(self) -> None:
-        """End the chunk, and hand everything to the operating system."""
-        self.end_chunk()
-        self._file.flush()
 
     def end_chunk(self) -> bool:
         """Write the chunk that is gathered, and return whether there was one; declarations alone wait for the next."""

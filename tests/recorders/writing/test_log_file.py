@@ -293,6 +293,8 @@ def test_what_comes_while_the_end_is_written_is_not_written_any_more(tmp_path):
     with (tmp_path / "log.mcap").open("wb") as file:
         chunks = ChunkWriter(file, tmp_path / "log.mcap")
         channel = chunks.register_channel("/x", "", 0, {})
+        chunks.flush()
+        assert chunks.regular  # nothing ended early
         chunks.gather((channel, 0, 0, 0, b"in time"))
         chunks.end_messages()
         chunks.gather((channel, 1, 0, 0, b"late"))

@@ -70,7 +70,8 @@ def ours(
             case "metadata":
                 writer.add_metadata("note", {"c": "d"})
             case "flush":
-                writer.flush()
+                waiting = len(writer.pending)
+                assert writer.end_chunk() == (waiting > 0)
             case bytes(data):
                 writer.add_attachment(
                     AttachmentHead(4, 3, "café.txt", "text/plain", 0, len(data)), [data[:7], memoryview(data)[7:]]
@@ -102,6 +103,7 @@ def test_a_file_is_that_of_the_library(
     index = ChunkIndexFile(tmp_path_factory.getbasetemp() / "log.mcap")
     try:
         data, counts, sent = ours([*begin, *steps], index, chunk_size=chunk_size, chunk_messages=chunk_messages)
+        in_index = b"".join(records.data for records in index)
     finally:
         index.close()
     assert data == theirs([*begin, *steps], chunk_size, chunk_messages)
@@ -109,6 +111,8 @@ def test_a_file_is_that_of_the_library(
     assert summary is not None
     assert summary.statistics is not None
     assert counts == summary.statistics.channel_message_counts
+    assert in_index in data
+    assert bool(in_index) == bool(summary.chunk_indexes)  # and so not in the memory
     assert len(sent) == summary.statistics.message_count
     if begin:
         assert [message[1:] for message in sent] == [step[1:] for step in steps if isinstance(step, tuple)]
@@ -134,3 +138,9 @@ def test_a_message_of_which_a_part_is_in_another_file_is_written_whole_behind_wh
     assert [(each.sequence, each.data) for each in found] == [(6, b"before"), (7, b"abcdefg")]
     statistics = make_reader(io.BytesIO(files[0])).get_summary().statistics
     assert (statistics.message_count, statistics.message_start_time, statistics.message_end_time) == (2, 5, 9)
+
+
+def test_a_chunk_of_any_size_ends_with_the_record_that_makes_it_longer() -> None:
+    steps = ["channel", *[(0, 0, 1, 1, b"abc"), "schema", (0, 1, 2, 2, b""), "channel"] * 2, "flush", (1, 2, 3, 3, b"")]
+    for size in range(400):
+        assert ours(steps, chunk_size=size)[0] == theirs(steps, chunk_size=size)
