@@ -1,6 +1,7 @@
 """What the writer's threads do: late messages are handed over, and equal recordings are equal files nevertheless."""
 
 import errno
+import io
 import os
 import sys
 import threading
@@ -15,7 +16,7 @@ from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.topics import SESSION_PHASE
 from recorders.reading.reader import LogReader
-from recorders.writing.chunk_writer import FLUSH_EVERY, ChunkWriter
+from recorders.writing.chunk_writer import FLUSH_EVERY, ChunkWriter, rechunk_log
 from recorders.writing.log_file import LOOK_EVERY_S, SYNC_EVERY_S, LogFile
 from recorders.writing.periodic_thread import PeriodicThread
 from recorders.writing.writer import LogWriter
@@ -303,6 +304,22 @@ def test_what_comes_while_the_end_is_written_is_not_written_any_more(tmp_path):
         chunks.close()
     with (tmp_path / "log.mcap").open("rb") as file:
         assert [message.data for _, _, message in make_reader(file).iter_messages()] == [b"in time"]
+
+
+def test_a_copy_blames_the_disk_or_what_was_written(tmp_path):
+    class Failing(io.BytesIO):
+        def read(self, *args):
+            raise OSError(errno.EIO, os.strerror(errno.EIO))
+
+    path = tmp_path / "log.mcap"
+    LogWriter(path, manifest={}).close()
+    for source, error, expected in (
+        (Failing(), OSError, "Input/output error"),
+        (io.BytesIO(path.read_bytes()[:100]), ValueError, "what was written does not read back"),
+        (io.BytesIO(b"anything"), ValueError, "what was written does not read back"),
+    ):
+        with pytest.raises(error, match=expected):
+            rechunk_log(source, io.BytesIO(), path)
 
 
 def test_a_thread_that_is_stopped_has_done_what_it_was_doing_and_holds_up_nobody_else():

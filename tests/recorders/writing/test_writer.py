@@ -245,12 +245,14 @@ def test_the_log_begins_with_its_manifest(tmp_path):
 
 def _manifests(path):
     """Return the manifests in the part of a file that is there."""
-    found = []
+    found = [record for record in _records(path) if isinstance(record, Metadata) and record.name == METADATA_NAME]
+    return [from_metadata(record.metadata) for record in found]
+
+
+def _records(path):
+    """Yield the records in the part of a file that is there."""
     with path.open("rb") as file, suppress(EndOfFile):
-        for record in StreamReader(file).records:
-            if isinstance(record, Metadata) and record.name == METADATA_NAME:
-                found.append(from_metadata(record.metadata))
-    return found
+        yield from StreamReader(file).records
 
 
 def _known(path):
@@ -308,9 +310,10 @@ def test_the_largest_numbers_and_attachments_of_later_are_there(tmp_path):
     with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
         log.write(LEFT_TARGET, target(), log_time_ns=most, publish_time_ns=most, sequence=2**32 - 1)
         log.attach("late.toml", b"late")
-        with log.part.open("rb") as file, suppress(EndOfFile):
-            found = [record for record in StreamReader(file).records if isinstance(record, Attachment)]
-            assert [(record.name, record.media_type) for record in found] == [("late.toml", "application/toml")]
+        found = [record for record in _records(log.part) if isinstance(record, Attachment)]
+        assert [(record.name, record.media_type, record.data) for record in found] == [
+            ("late.toml", "application/toml", b"late")
+        ]
     (record,) = LogReader(log.path)
     assert (record.log_time_ns, record.sequence) == (most, 2**32 - 1)
 
