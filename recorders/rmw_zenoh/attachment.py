@@ -1,11 +1,13 @@
 """The attachment of a message in rmw_zenoh: number, time and publisher."""
 
 import struct
+from collections.abc import Callable
 from typing import NamedTuple
 
 from recorders.errors import MessageError
 
 _LAYOUT = struct.Struct("<qqB16s")  # sequence number, source time, length of the GID, GID
+_NUMBERS = struct.Struct("<qq")  # its first two
 _MAX_SHORT = 2**32 - 1
 
 
@@ -34,6 +36,13 @@ class Attachment(NamedTuple):
     def pack(self) -> bytes:
         """Return the 33 bytes."""
         return _LAYOUT.pack(self.sequence, self.source_time_ns, len(self.gid), self.gid)
+
+
+def attaching(gid: bytes) -> Callable[[int, int], bytes]:
+    """Return what packs the attachments of a publisher: of a number and a time [ns], as `Attachment.pack` does."""
+    named = Attachment(0, 0, gid).pack()[_NUMBERS.size :]
+    pack = _NUMBERS.pack
+    return lambda sequence, source_time_ns: pack(sequence, source_time_ns) + named
 
 
 def unpack(data: bytes) -> tuple[Attachment, bytes]:

@@ -1,15 +1,17 @@
 """`serve` beside a bare Zenoh echo of the same bytes, target to command: python tests/benchmarks/bench_serve.py.
 
-Processes on loopback: a driver, `reenact serve`, three echoes. All connect to the driver, as they would to a robot;
-with `--listen`, the driver connects to them. It puts the two targets of a tick at 1 kHz and takes the time until the
-command of that stamp is back. An echo subscribes to the same keys and answers the second target with a command of the
-same size, with the same attachment and quality of service, that it does not compute. The first has plain callbacks, as
-Zenoh's own ping-pong example does; the second has them called on the thread that reads from the network; the third has
-its callbacks and threads as `serve` has them, to show what there is to gain at all. Rounds take turns, so that a slow
-moment of the machine hits all. Nothing is asserted. Where other machines share the processor, p5 says more of the
-program than p50 does, and late ticks come in bursts: of these, only sums over several runs say something.
+Processes on loopback: a driver, `reenact serve`, the same with `--ros`, three echoes. All connect to the driver, as
+they would to a robot; with `--listen`, the driver connects to them. It puts the two targets of a tick at 1 kHz and
+takes the time until the command of that stamp is back. An echo subscribes to the same keys and answers the second
+target with a command of the same size, with the same attachment and quality of service, that it does not compute. The
+first has plain callbacks, as Zenoh's own ping-pong example does; the second has them called on the thread that reads
+from the network; the third has its callbacks and threads as `serve` has them, to show what there is to gain at all.
+Rounds take turns, so that a slow moment of the machine hits all. Nothing is asserted. Where other machines share the
+processor, p5 says more of the program than p50 does, and late ticks come in bursts: of these, only sums over several
+runs say something.
 """
 
+import random
 import statistics
 import subprocess
 import sys
@@ -17,7 +19,7 @@ import tempfile
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
-from itertools import chain, cycle, islice, permutations
+from itertools import chain
 from pathlib import Path
 from typing import Any
 
@@ -33,8 +35,12 @@ from recorders.cdr.codec import encode, stamp_ns
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
 from recorders.protocol.frames import live_attachment
+from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.names import NodeName
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.keys.namespace import message_key
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 
@@ -47,6 +53,11 @@ ECHOES: dict[str, Callable[[Handler], Any]] = {
     "echo": lambda handler: handler,
     "direct echo": lambda handler: zenoh.handlers.Callback(handler, indirect=False),
     "best echo": on_network_thread,
+}
+DOMAIN = 7
+SERVED: dict[str, tuple[TopicKeys, list[str]]] = {
+    "serve": (NamespaceKeys(NAMESPACE), []),
+    "serve --ros": (RosKeys(DOMAIN, NodeName("driver")), ["--ros", str(DOMAIN)]),
 }
 LISTEN = "--listen"
 PATIENCE_S = 2.0  # what is not back by then is lost
@@ -94,13 +105,14 @@ def echo(name: str, session_config: SessionConfig) -> None:
 class Driver:
     """Puts targets at 1 kHz and notes when their commands are back."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, keys: TopicKeys) -> None:
         self._back: dict[int, int] = {}
+        self._in_ros = isinstance(keys, RosKeys)
         self._commands = session.declare_subscriber(
-            message_key(NAMESPACE, JOINT_COMMANDS), on_network_thread(self._on_command)
+            keys.key(JOINT_COMMANDS, JointState.TYPE), on_network_thread(self._on_command)
         )
-        keys = [message_key(NAMESPACE, topic) for topic in (LEFT_TARGET, RIGHT_TARGET)]
-        self._targets = [session.declare_publisher(key, **QUALITY) for key in keys]
+        targets = [keys.key(topic, PoseStamped.TYPE) for topic in (LEFT_TARGET, RIGHT_TARGET)]
+        self._targets = [session.declare_publisher(key, **QUALITY) for key in targets]
         deadline = time.monotonic() + 60.0
         while not all(publisher.matching_status.matching for publisher in self._targets):  # type: ignore[attr-defined]
             if time.monotonic() > deadline:
@@ -134,6 +146,8 @@ class Driver:
         stamp = self._sent * PERIOD_NS
         hands = self._motion[self._sent % len(self._motion)]
         label = live_attachment(self._sent, 0)
+        if self._in_ros:
+            label = Attachment(self._sent, time.time_ns(), bytes(16)).pack() + label
         return stamp, [(encode(PoseStamped(stamp, hand)), label) for hand in hands]
 
 
@@ -147,15 +161,15 @@ def show(times: dict[str, list[list[float]]]) -> None:
             f"{name:11s} p5 {p5:7.1f} us   p50 {p50:7.1f} us   p99 {p99:8.1f} us   "
             f"later than 1 ms: {late} of {len(values)} (lost {lost})"
         )
-    for name in ECHOES:
-        pairs = zip(times["serve"], times[name], strict=True)
-        differences = [statistics.median(served) - statistics.median(echoed) for served, echoed in pairs]
+    for name, to in (*(("serve", echo) for echo in ECHOES), ("serve --ros", "serve")):
+        pairs = zip(times[name], times[to], strict=True)
+        differences = [statistics.median(served) - statistics.median(other) for served, other in pairs]
         low, middle, high = statistics.quantiles(differences, n=4)
-        print(f"serve adds {middle:.1f} us to {name} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
+        print(f"{name} adds {middle:.1f} us to {to} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
 
 
 def main(*, listens: bool) -> None:
-    times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, "serve")}
+    times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, *SERVED)}
     with ExitStack() as stack:
         folder = Path(stack.enter_context(tempfile.TemporaryDirectory()))
         trained().save(folder / "controller.npz")
@@ -163,17 +177,18 @@ def main(*, listens: bool) -> None:
         for name in times:
             endpoint = free_endpoint()
             role = LISTEN if listens else "--connect"
-            of_ours = (
-                ["-m", "pipeline", "serve", str(folder / "controller.npz")] if name == "serve" else [__file__, name]
-            )
-            command = [sys.executable, *of_ours, role, endpoint]
+            keys, options = SERVED.get(name, (NamespaceKeys(NAMESPACE), []))
+            verb = ["-m", "pipeline", "serve", str(folder / "controller.npz"), *options]
+            command = [sys.executable, *(verb if name in SERVED else [__file__, name]), role, endpoint]
             process = stack.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
             stack.callback(process.kill)
-            drivers[name] = Driver(stack.enter_context(open_session(session_at(endpoint, listens=not listens))))
+            session = stack.enter_context(open_session(session_at(endpoint, listens=not listens)))
+            drivers[name] = Driver(session, keys)
         for driver in drivers.values():
             driver.round()
-        for order in islice(cycle(permutations(drivers)), ROUNDS):
-            for name in order:
+        turns = random.Random(0)
+        for _ in range(ROUNDS):
+            for name in turns.sample(list(drivers), len(drivers)):
                 times[name].append(drivers[name].round())
     show(times)
 

@@ -99,7 +99,8 @@ def serve(
 ) -> None:
     """Answer hand targets with joint commands over Zenoh.
 
-    Ctrl-C or SIGTERM ends it; then the last status is printed.
+    Ctrl-C or SIGTERM ends it; then the last status is printed. With --ros it is a node that has topics alone: neither
+    parameters nor services nor a lifecycle, in whose place are these options.
     """
     from pipeline.learner.controller import Controller as Learned
     from pipeline.learner.controller import check_writable

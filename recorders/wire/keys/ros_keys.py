@@ -11,7 +11,7 @@ import zenoh
 from recorders.errors import WireError
 from recorders.messages.topics import CLOCK, ROBOT_TEXTS, TF, TF_STATIC, type_of
 from recorders.protocol.frames import batch_topic
-from recorders.rmw_zenoh.attachment import Attachment, unpack
+from recorders.rmw_zenoh.attachment import attaching, unpack
 from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
@@ -192,8 +192,9 @@ class RosPublisher:
     """
 
     def __init__(self, publisher: MessagePublisher, gid: bytes) -> None:
+        self._put = publisher.put  # each look-up is time that a command takes
         self._publisher = publisher
-        self._gid = gid
+        self._attach = attaching(gid)
         self._numbers = count(1)
 
     @property
@@ -208,5 +209,5 @@ class RosPublisher:
 
     def put(self, payload: bytes, *, encoding: str | None = None, attachment: bytes | None = None) -> None:
         """Publish a message."""
-        origin = Attachment(next(self._numbers), time.time_ns(), self._gid).pack()
-        self._publisher.put(payload, encoding=encoding, attachment=origin + (attachment or b""))
+        origin = self._attach(next(self._numbers), time.time_ns())
+        self._put(payload, encoding=encoding, attachment=origin + attachment if attachment else origin)
