@@ -68,7 +68,19 @@ class Answers:
             return offered.answer(current.beginning)
         if (ended := self._streams.find(sender)) is not None:
             return offered.answer(ended)
-        return None if current is None else offered.answer(Progress(error=taken))
+        return None if current is None else self.refusal(offered, taken)
+
+    def refusal(self, offered: Offered, reason: str) -> Packet:
+        """Return the answer to an offer that is turned down, which is on offer no longer."""
+        self._streams.offered.pop(offered.offer.identity, None)
+        answer = offered.answer(Progress(error=reason))
+        self.renew()
+        return answer
+
+    def renew(self) -> None:
+        """Be another instance, unless a stream is under way or on offer: nobody takes up what was overheard before."""
+        if self._streams.current is None and not self._streams.offered:
+            self._keys.renew()
 
     def to_status(self, packet: Packet) -> Packet:
         """Return the answer to whoever asks how far this is.

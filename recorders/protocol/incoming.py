@@ -8,6 +8,10 @@ from recorders.protocol.packets import Packet
 from recorders.protocol.seals.sealing import ReceiverSeals
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
 from recorders.protocol.stream_digest import StreamDigest, find_digest
+from recorders.text.wording import escape_control
+
+MAX_REASON = 1000
+"""How much of what a sender gives as its reason is taken over [characters]."""
 
 
 class IncomingStream:
@@ -28,6 +32,8 @@ class IncomingStream:
         What the consumer made of all of it.
     error : str, optional
         Why the consumer stopped.
+    given_up : str
+        Why the sender gave it up before the consumer had decided; empty if it did not.
     """
 
     def __init__(self, offer: Offer, seals: ReceiverSeals, start: int) -> None:
@@ -41,6 +47,7 @@ class IncomingStream:
         self._newest = -1
         self.result: dict[str, Any] | None = None
         self.error: str | None = None
+        self.given_up = ""
 
     @property
     def progress(self) -> Progress:
@@ -76,6 +83,16 @@ class IncomingStream:
         if number is None:
             raise MessageError(f"{topic}: a frame of the stream that is under way, but not sealed by its sender")
         return unpack(topic, *packet, type_name=type_name), number
+
+    def aborted(self, frame: Frame) -> str:
+        """Return in words why the sender has given the stream up, from its abort."""
+        return escape_control(f"the sender gave up at message {self._received}: {frame.reason[:MAX_REASON]}")
+
+    def note_abort(self, topic: str, packet: Packet, type_name: str) -> None:
+        """Note if the sender gives the stream up before it has begun; raises as `opened` does."""
+        frame, _ = self.opened(topic, packet, type_name)
+        if frame.kind is FrameType.ABORT:
+            self.given_up = self.aborted(frame)
 
     def new_part(self, frame: Frame, payload: bytes) -> Frame | None:
         """Return what is new of a frame: what came before is a repeat, what comes after a gap is sent again.

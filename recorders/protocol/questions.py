@@ -108,6 +108,10 @@ class Questions:
         ask = self._asked[self._number] = Ask(self._number, name, verb, packet, timeout_s)
         return ask
 
-    def is_answered(self, ask: Ask) -> bool:
-        """Note the answer to a question; False if none is awaited."""
-        return self._asked.pop(ask.number, None) is not None
+    def is_open(self, ask: Ask) -> bool:
+        """Whether the answer to a question is awaited."""
+        return ask.number in self._asked
+
+    def close(self, ask: Ask) -> None:
+        """Await no more answer to a question."""
+        del self._asked[ask.number]

@@ -13,13 +13,11 @@ from recorders.protocol.packets import Packet
 from recorders.protocol.seals.sealing import ConsumerKeys, question_number
 from recorders.protocol.states import RECEIVER_TRANSITIONS, ReceiverState
 from recorders.protocol.stream import Offer, Progress, asker, asking
-from recorders.text.wording import escape_control
 
 FAREWELL_WAIT_S = 5.0
 """How long a sender is awaited that is to fetch a result or a failure: it does within milliseconds, if it lives [s]."""
 
 GIVEN_UP = "the stream was given up"
-MAX_REASON = 1000  # characters of what a sender gives as its reason
 
 
 class ReceiverMachine:
@@ -89,14 +87,20 @@ class ReceiverMachine:
         """When the sender is taken for gone, if nothing comes from it before [s]; infinite if none is awaited."""
         if self.released:
             return math.inf
+        if self._streams.given_up:
+            return -math.inf
         receiving = self.state is ReceiverState.RECEIVING
         return self._last_received_s + (self._silence_s if receiving else FAREWELL_WAIT_S)
 
     # From the network.
 
     def on_hello(self, packet: Packet) -> Packet | Offered:
-        """Return the answer to an offer, or a new one, which is to be accepted or refused."""
+        """Return the answer to an offer, or a new one, to be queued and then noted as `waiting`."""
         return self._answers.to_hello(packet, self.taken)
+
+    def waiting(self, offered: Offered) -> None:
+        """Note that an offer which `on_hello` returned is queued, to be accepted or refused."""
+        self._streams.offer(offered.offer, offered.seals)
 
     def answer(self, offered: Offered) -> Packet | None:
         """Return the answer to an offer that can be answered by now without the consumer; None if it is to decide."""
@@ -140,8 +144,10 @@ class ReceiverMachine:
         MessageError
             If it is not the sender's, or no frame.
         """
-        stream = self._streams.current
-        if stream is None or stream_of(packet.attachment) != stream.identity:
+        stream, identity = self._streams.current, stream_of(packet.attachment)
+        if stream is None or identity != stream.identity:
+            if identity in self._streams.offered:
+                self._streams.offered[identity].note_abort(topic, packet, type_name)
             return None
         frame, number = stream.opened(topic, packet, type_name)
         self._notice(stream, number, now_s)
@@ -150,8 +156,7 @@ class ReceiverMachine:
         if self.state is not ReceiverState.RECEIVING:
             return None
         if frame.kind is FrameType.ABORT:
-            why = f"the sender gave up at message {stream.progress.received}: {frame.reason[:MAX_REASON]}"
-            return frame._replace(reason=escape_control(why), digests=b"")
+            return frame._replace(reason=stream.aborted(frame), digests=b"")
         return stream.new_part(frame, packet.payload)
 
     def arrived(self, frame: Frame) -> None:
@@ -176,7 +181,8 @@ class ReceiverMachine:
             return None
         self._move("sender silent")
         return WireError(
-            f"the sender fell silent {now_s - self._last_received_s:.0f} s ago, before message "
+            self._streams.given_up
+            or f"the sender fell silent {now_s - self._last_received_s:.0f} s ago, before message "
             f"{self.progress.received}: it was killed, or the connection is gone"
         )
 
@@ -185,13 +191,13 @@ class ReceiverMachine:
     def accept(self, offered: Offered, start: int, now_s: float) -> Packet:
         """Begin a stream from the index `start` on, and return the answer to its offer."""
         self._move("accepted")
-        self._streams.current = IncomingStream(offered.offer, offered.seals, start)
+        self._streams.begin(IncomingStream(offered.offer, offered.seals, start))
         self._last_received_s = now_s
         return offered.answer(self.progress)
 
     def refuse(self, offered: Offered, reason: str) -> Packet:
         """Return the answer to an offer that is turned down."""
-        return offered.answer(Progress(error=reason))
+        return self._answers.refusal(offered, reason)
 
     def consume(self, frame: Frame) -> Packet | None:
         """Note that a frame's messages are consumed; returns an acknowledgement if it is time for one."""
@@ -236,6 +242,7 @@ class ReceiverMachine:
         """Be idle again, and keep how the stream ended for a sender that comes back."""
         self._move(event)
         self._streams.close(reason)
+        self._answers.renew()
 
     def _move(self, event: str) -> None:
         self.state = RECEIVER_TRANSITIONS[self.state, event]

@@ -9,7 +9,7 @@ from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import FrameType
 from recorders.protocol.outbox import Outbox
-from recorders.protocol.packets import Action, Ask, Packet
+from recorders.protocol.packets import Ask, Packet, read_progress
 from recorders.protocol.patience import Patience
 from recorders.protocol.questions import Questions
 from recorders.protocol.seals.opening import Opening
@@ -22,7 +22,7 @@ from recorders.protocol.stream import Offer, Progress, asking
 class SenderMachine:
     """Delivers one stream to its consumers: whole, in order, and confirmed by their results, or not at all.
 
-    Whoever drives it hands in what happens and the time, one call after the other, sees to what `take_actions` returns,
+    Whoever drives it hands in what happens and the time, one call after the other, sees to what `outbox` holds,
     and calls `on_time` at `deadline_s`. While it is SENDING it takes the stream from index `sent` on, which falls where
     a consumer lacks what is not here any longer, or was started anew.
 
@@ -49,6 +49,8 @@ class SenderMachine:
         Where it is on its way.
     error : WireError, optional
         Why it has failed; None if it was aborted from outside.
+    outbox : Outbox
+        What is to be done.
     """
 
     def __init__(
@@ -68,7 +70,7 @@ class SenderMachine:
         self._questions = Questions(consumers, wait_s)
         self._patience = Patience(patience_s)
         self._seals = SenderSeals(key, offer.identity[1])
-        self._outbox = Outbox(offer, self._seals)
+        self.outbox = Outbox(offer, self._seals)
         self._opening = Opening(self._seals, refuse)
         self.state = SenderState.GREETING
         self.error: WireError | None = None
@@ -98,15 +100,6 @@ class SenderMachine:
         """When `on_time` is to be called, if nothing happens before [s]; infinite if never."""
         return math.inf if self.is_over else self._questions.deadline_s
 
-    @property
-    def has_actions(self) -> bool:
-        """Whether `take_actions` would return any."""
-        return len(self._outbox) > 0
-
-    def take_actions(self) -> list[Action]:
-        """Return what is to be done, in this order, and forget it."""
-        return self._outbox.take()
-
     def start(self, now_s: float) -> None:
         """Begin to greet."""
         self._greet_next(now_s)
@@ -123,12 +116,12 @@ class SenderMachine:
             self._patience.begin()
             return False
         self._patience.end()
-        self._window.add(self._outbox.publish(self._kind, self.sent, messages))
+        self._window.add(self.outbox.publish(self._kind, self.sent, messages))
         return True
 
     def end(self) -> None:
         """Note that the stream has no more messages: `sent` is its end."""
-        self._window.add(self._outbox.publish(FrameType.END, self.sent))
+        self._window.add(self.outbox.publish(FrameType.END, self.sent))
         self._move("ended")
         self._patience.begin()
         self._conclude()
@@ -136,7 +129,7 @@ class SenderMachine:
     def abort(self, reason: str) -> None:
         """Give the stream up, and inform the consumers that may have taken the offer."""
         if not self.is_over:
-            self._outbox.publish(FrameType.ABORT, self.sent, reason=reason)
+            self.outbox.publish(FrameType.ABORT, self.sent, reason=reason)
             self._move("failed")
 
     def on_time(self, now_s: float) -> None:
@@ -154,11 +147,16 @@ class SenderMachine:
             self._questions.confirm(consumer, now_s)
         self._window.note(consumer, replace(progress, result=None, error=None))
 
+    def awaits(self, ask: Ask) -> bool:
+        """Whether the answer to a question is still awaited."""
+        return self._questions.is_open(ask) and not self.is_over
+
     def on_answer(self, ask: Ask, packet: Packet | None, now_s: float) -> None:
-        """Take in the answer to a question; None if there was none in time."""
-        if not self._questions.is_answered(ask) or self.is_over:
+        """Take in an answer to a question; None if no more can come. One that is not the consumer's answers nothing."""
+        if not self.awaits(ask) or (packet is not None and not self._opening.is_answer(ask, packet)):
             return
-        answer = self._opening.answer(ask, packet)
+        self._questions.close(ask)
+        answer = None if packet is None else read_progress(packet)
         if ask.verb == "hello":
             self._take_hello(ask.consumer, answer, now_s)
         elif self.state is SenderState.LEAVING:
@@ -168,7 +166,8 @@ class SenderMachine:
 
     def exempt(self, ask: Ask, now_s: float) -> None:
         """Take in that whoever has the name that was greeted acknowledges nothing, and need not be greeted."""
-        if self._questions.is_answered(ask) and not self.is_over:
+        if self.awaits(ask):
+            self._questions.close(ask)
             self._questions.ungreeted.remove(ask.consumer)
             self._greet_next(now_s)
 
@@ -189,7 +188,7 @@ class SenderMachine:
             self._fail(WireError(f"{name}: wants message {answer.next} of a stream that has {self._offer.messages}"))
         else:
             self._window.progress[name] = answer
-            self._outbox.digests.begin(name, answer.next)
+            self.outbox.digests.begin(name, answer.next)
             self._questions.has_accepted(name, now_s)
             self._greet_next(now_s)
         self.on_time(now_s)
@@ -205,7 +204,7 @@ class SenderMachine:
                 self._greet_next(now_s)
         elif answer is not None and answer.error is not None:
             self._fail(WireError(f"{name}: {answer.error}"))
-        elif answer is not None and answer.result is not None and answer.digest != self._outbox.digests.digest(name):
+        elif answer is not None and answer.result is not None and answer.digest != self.outbox.digests.digest(name):
             self._fail(WireError(f"{name}: took in another stream than was sent; its result is not to be trusted"))
         else:
             if answer is not None:
@@ -221,7 +220,7 @@ class SenderMachine:
         try:
             if self._patience.lacks(name, received, now_s, lacking=lacking) and answer is not None:
                 for frame in self._window.missing(name, answer):
-                    self._outbox.publish_again(frame)
+                    self.outbox.publish_again(frame)
         except Rewind as rewind:
             self._window.begin(rewind.index)
             self._move("rewound")
@@ -247,4 +246,4 @@ class SenderMachine:
         self.state = SENDER_TRANSITIONS[self.state, event]
 
     def _ask(self, name: str, verb: str, payload: bytes) -> None:
-        self._outbox.ask(self._questions.ask(name, verb, self._seals.question(name, verb, payload)))
+        self.outbox.ask(self._questions.ask(name, verb, self._seals.question(name, verb, payload)))

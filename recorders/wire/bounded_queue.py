@@ -33,11 +33,11 @@ class BoundedQueue(Generic[_Item]):
         self._items: deque[tuple[_Item, int]] = deque()
         self._nothing_new = threading.Lock()  # held from when the taker looks until the next item is put
 
-    def put(self, item: _Item, size: int) -> bool:
-        """Queue an item of so many bytes; False if it finds no room."""
+    def put(self, item: _Item, size: int, *, always: bool = False) -> bool:
+        """Queue an item of so many bytes; False if it finds no room, as one that is `always` to be queued does."""
         size += ITEM_BYTES
         with self._lock:
-            if self._waiting and self._waiting + size > self._limit:
+            if self._waiting and self._waiting + size > self._limit and not always:
                 self._dropped += 1
                 return False
             self._waiting += size

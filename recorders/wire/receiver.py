@@ -335,7 +335,10 @@ class Receiver:
         with self._lock:
             kind = topic.type or schema_of(sample)
             frame = self._machine.on_sample(topic.sent_as, packet, time.monotonic(), type_name=kind)
-            if frame is not None and self._events.put(frame, frame.size or len(frame.reason)):
+            # An abort comes once, and the last of a stream.
+            if frame is not None and self._events.put(
+                frame, frame.size or len(frame.reason), always=frame.kind is FrameType.ABORT
+            ):
                 self._machine.arrived(frame)
             if self._machine.released:
                 self._released.notify_all()
@@ -357,8 +360,8 @@ class Receiver:
             offered = self._machine.on_hello(packet)
             if not isinstance(offered, Packet):
                 if self._events.put(ReceivedOffer(offered, answer), offered.size):
-                    return
-                offered = self._machine.refuse(offered, self._machine.taken)
+                    self._machine.waiting(offered)
+                return  # its sender offers it again, unless it is answered
         answer(offered)
 
     def _on_status(self, packet: Packet, answer: Answer) -> None:

@@ -144,7 +144,7 @@ class StreamSender:
         """Inform the consumers that the stream is given up, as well as the connection allows."""
         with self._lock:
             self._machine.abort(reason)
-            actions = self._machine.take_actions()
+            actions = self._machine.outbox.take()
         with suppress(zenoh.ZError):
             self._see_to(actions)
 
@@ -163,7 +163,7 @@ class StreamSender:
         with self._lock:
             if self._wants(index):
                 self._machine.end()
-            actions = self._machine.take_actions()
+            actions = self._machine.outbox.take()
         self._see_to(actions)
 
     def _send(self, index: int, messages: tuple[RecordedMessage, ...]) -> bool:
@@ -190,7 +190,7 @@ class StreamSender:
                 woken = self._changed.wait_for(lambda: self._unanswered or self._broken or is_settled(), _LOOK_S)
                 unanswered, self._unanswered = self._unanswered, []
                 settled = bool(woken) and not unanswered
-                actions = self._machine.take_actions()
+                actions = self._machine.outbox.take()
             if self._broken is not None:
                 raise self._broken
             self._see_to(actions)
@@ -222,22 +222,21 @@ class StreamSender:
         publisher.put(action.packet.payload, attachment=action.packet.attachment, encoding=encoding)
 
     def _ask(self, ask: Ask) -> None:
-        """Ask a consumer; the first answer, or that there is none, is handed in on a thread of Zenoh's."""
-        answers: list[Packet] = []
+        """Ask whoever has a consumer's keys: others than the consumer may answer, and before it does.
+
+        All answers are handed in, and then that there are no more, on a thread of Zenoh's.
+        """
 
         def on_reply(reply: zenoh.Reply) -> None:
-            if reply.ok is not None and not answers:
+            if reply.ok is not None:
                 attachment = b"" if reply.ok.attachment is None else reply.ok.attachment.to_bytes()
-                answers.append(Packet(reply.ok.payload.to_bytes(), attachment))
-                self._take_answer(ask, answers[0])
-
-        def on_end() -> None:
-            if not answers:
-                self._take_answer(ask, None)
+                self._take_answer(ask, Packet(reply.ok.payload.to_bytes(), attachment))
 
         self._session.get(
             control_key(self._keys.namespace, ask.consumer, ask.verb),
-            zenoh.handlers.Callback(on_reply, drop=on_end),
+            zenoh.handlers.Callback(on_reply, drop=lambda: self._take_answer(ask, None)),
+            target=zenoh.QueryTarget.ALL,  # by default, the nearest that claims to be complete is asked alone
+            consolidation=zenoh.ConsolidationMode.NONE,
             payload=ask.packet.payload,
             attachment=ask.packet.attachment or None,
             timeout=ask.timeout_s,
@@ -245,10 +244,10 @@ class StreamSender:
 
     def _take_answer(self, ask: Ask, answer: Packet | None) -> None:
         with self._lock:
-            if answer is None and ask.verb == "hello":
-                self._unanswered.append(ask)
-            else:
+            if answer is not None or ask.verb != "hello":
                 self._machine.on_answer(ask, answer, time.monotonic())
+            elif self._machine.awaits(ask):
+                self._unanswered.append(ask)
             self._notify()
 
     def _on_ack(self, name: str) -> Callable[[zenoh.Sample], None]:
@@ -264,7 +263,7 @@ class StreamSender:
     def _notify(self) -> None:
         """Wake whoever has something to do now."""
         self._changed.notify()
-        if self._machine.has_actions or self._machine.deadline_s < self._wakes_s:
+        if self._machine.outbox or self._machine.deadline_s < self._wakes_s:
             self._due.notify()
 
     def _leave(self) -> None:
@@ -285,7 +284,7 @@ class StreamSender:
     def _next_actions(self) -> list[Action]:
         """Wait until there is something to be done."""
         with self._lock:
-            while not (self._leaving or self._machine.has_actions):
+            while not (self._leaving or self._machine.outbox):
                 self._wakes_s = self._machine.deadline_s
                 left_s = self._wakes_s - time.monotonic()
                 if left_s > 0.0:
@@ -293,4 +292,4 @@ class StreamSender:
                 else:
                     self._machine.on_time(time.monotonic())
                     self._changed.notify()
-            return [] if self._leaving else self._machine.take_actions()
+            return [] if self._leaving else self._machine.outbox.take()

@@ -85,9 +85,13 @@ class Peer:
 
     def ask(self, verb: str, payload: bytes) -> Progress | None:
         """Ask the consumer; when it answers, what was put before has come there too."""
-        for reply in self._get(verb, self._sealing.question(verb, payload)):
+        question = self._sealing.question(verb, payload)
+        for reply in self._get(verb, question):
             if reply.ok is not None:
-                return Progress.from_json(reply.ok.payload.to_bytes())
+                attachment = b"" if reply.ok.attachment is None else reply.ok.attachment.to_bytes()
+                answer = Packet(reply.ok.payload.to_bytes(), attachment)
+                self._sealing.is_answer(question, answer)  # the consumer's instance is then known
+                return Progress.from_json(answer.payload)
         return None
 
     def put(self, frame: Frame) -> None:

@@ -81,14 +81,14 @@ class World:
         if self.sender.state is SenderState.GREETING and not self.asked:
             self.sender.start(self.now_s)
         for _ in range(10_000):
-            if (self.sender.is_over and not self.sender.has_actions) or stop():
+            if (self.sender.is_over and not self.sender.outbox) or stop():
                 return self.sender
             if not (self._see_to_actions() or self._hand_over_acknowledgements() or self._send()):
                 self._pass_time()
         raise AssertionError("it does not end")
 
     def _see_to_actions(self) -> bool:
-        actions = self.sender.take_actions()
+        actions = self.sender.outbox.take()
         for action in actions:
             if isinstance(action, Publish):
                 self.sent.append(action.frame)

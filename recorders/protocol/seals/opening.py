@@ -33,16 +33,14 @@ class Opening:
         self._refuse = refuse
         self._doubts: dict[str, str] = {}  # what was answered in a consumer's name
 
-    def answer(self, ask: Ask, packet: Packet | None) -> Progress | None:
-        """Return a consumer's answer; None if there is none, or if it is not the consumer's."""
-        if packet is None:
-            return None
-        answer = read_progress(packet)
+    def is_answer(self, ask: Ask, packet: Packet) -> bool:
+        """Whether an answer is the consumer's."""
         if self._seals.is_answer(ask.consumer, ask.packet, packet):
-            return answer
+            return True
         self._refuse(f"{ask.consumer}/{ask.verb}", "an answer that is not sealed by the consumer")
+        answer = read_progress(packet)
         self._doubts[ask.consumer] = (answer and answer.error) or "nothing that can be trusted"
-        return None
+        return False
 
     def acknowledgement(self, consumer: str, packet: Packet) -> Progress | None:
         """Return a consumer's acknowledgement; None if it is not the consumer's."""

@@ -120,7 +120,7 @@ class ConsumerKeys:
     consumer : str
         Name of the consumer.
     instance : bytes
-        Fresh whenever the consumer starts.
+        Fresh whenever the consumer starts; the next ones count up from it.
     """
 
     def __init__(self, shared: bytes, consumer: str, instance: bytes) -> None:
@@ -128,6 +128,11 @@ class ConsumerKeys:
             raise ValueError(f"expected an instance of {INSTANCE_BYTES} bytes, found {len(instance)}")
         self._shared, self._consumer, self._instance = shared, consumer, instance
         self._next_number = count().__next__
+
+    def renew(self) -> None:
+        """Be another instance from now on, which no offer names that was ever made before."""
+        number = (int.from_bytes(self._instance, "big") + 1) % (1 << 8 * INSTANCE_BYTES)
+        self._instance = number.to_bytes(INSTANCE_BYTES, "big")
 
     def seals(self, sender: bytes) -> ReceiverSeals:
         """Return the seals for a sender; one count goes through all of them, so that no number comes twice."""

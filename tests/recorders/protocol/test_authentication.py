@@ -181,11 +181,12 @@ def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:
     other, now_s = receiver(key=bytes(32)), 0.0
     machine.start(now_s)
     while not machine.is_over:
-        for action in machine.take_actions():
+        for action in machine.outbox.take():
             assert isinstance(action, Ask)
             answer = other.on_hello(action.packet)
             assert isinstance(answer, Packet)
             machine.on_answer(action, answer, now_s)
+            machine.on_answer(action, None, now_s)
         now_s = min(machine.deadline_s, 100.0)
         machine.on_time(now_s)
     assert machine.state is SenderState.FAILED

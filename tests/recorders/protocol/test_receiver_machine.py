@@ -7,11 +7,13 @@ from typing import Any
 import pytest
 from sealed import Sealing, receiver
 
+from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
+from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.packets import Packet
-from recorders.protocol.receiver import FAREWELL_WAIT_S, MAX_REASON, ReceiverMachine
+from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
 from recorders.protocol.states import ReceiverState
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress, asking
 from recorders.protocol.stream_digest import StreamDigests
@@ -116,10 +118,13 @@ def test_offers_are_answered_by_what_the_stream_is() -> None:
     machine.abandon("no more")
     assert machine.state is ReceiverState.IDLE
     assert read(hello(machine)) == Progress(run=OFFER.run, next=7, received=7, error="no more")
-    assert isinstance(hello(machine, OTHER), Offered)
     assert take(machine, frame(7)) is None
     assert machine.concerns(sealing(OFFER).frame(frame(7))[1].attachment)
     assert not machine.concerns(sealing(OTHER).frame(frame(7, offer=OTHER))[1].attachment)
+    offered = hello(machine, OTHER)
+    assert isinstance(offered, Offered)
+    machine.waiting(offered)
+    assert machine.concerns(sealing(OTHER).frame(frame(7, offer=OTHER))[1].attachment)
 
 
 def test_an_offer_that_is_repeated_while_the_consumer_decides_is_answered_like_the_first() -> None:
@@ -130,6 +135,43 @@ def test_an_offer_that_is_repeated_while_the_consumer_decides_is_answered_like_t
     assert machine.answer(again) is None
     machine.accept(first, 5, 0.0)
     assert read(machine.answer(again)).next == 5
+
+
+def test_a_sender_that_gives_up_before_the_consumer_has_decided_is_not_awaited() -> None:
+    machine = receiver()
+    offered = hello(machine)
+    assert isinstance(offered, Offered)
+    machine.waiting(offered)
+    abort = frame(0, 0, kind=FrameType.ABORT)._replace(reason="no log")
+    topic, packet = sealing(OFFER).frame(abort)
+    with pytest.raises(MessageError, match="not sealed by its sender"):
+        machine.on_sample(topic, packet._replace(payload=b"forged"), 0.5)
+    assert take(machine, abort, 1.0) is None
+    machine.accept(offered, 0, 2.0)
+    assert machine.deadline_s <= 2.0
+    assert str(machine.on_time(2.0)) == "the sender gave up at message 0: no log"
+    assert machine.state is ReceiverState.LOST
+    machine.abandon()
+    assert isinstance(hello(machine, OTHER), Offered)
+
+
+@pytest.mark.parametrize("under_way", [False, True])
+def test_an_offer_that_was_turned_down_is_not_taken_when_it_is_made_again(under_way: bool) -> None:
+    """By whoever overheard it: it would keep the consumer waiting for a sender that is gone."""
+    machine = receiver()
+    overheard = hello(machine, OTHER)
+    assert isinstance(overheard, Offered)
+    machine.waiting(overheard)
+    if under_way:
+        first = hello(machine)
+        assert isinstance(first, Offered)
+        machine.accept(first, 0, 0.0)
+        assert read(machine.answer(overheard)) == Progress(error="learner is already fed by another replay")
+        machine.abandon()
+    else:
+        assert read(machine.refuse(overheard, "another robot")) == Progress(error="another robot")
+    assert read(machine.on_hello(overheard.question)) == Progress()
+    assert isinstance(hello(machine, OTHER), Offered)
 
 
 def test_an_offer_that_is_repeated_is_answered_by_where_its_stream_began() -> None:

@@ -143,12 +143,12 @@ def test_a_message_that_nobody_receives_is_refused_before_it_is_sent() -> None:
     world.run(stop=lambda: world.sender.state is SenderState.SENDING)
     with pytest.raises(WireError, match=f"expected at most {MAX_PAYLOAD} bytes"):
         world.sender.send((message(0)._replace(data=bytes(MAX_PAYLOAD + 1)),))
-    assert not world.sender.has_actions
+    assert not world.sender.outbox
 
 
 def test_what_anybody_may_publish_as_progress_counts_for_nothing() -> None:
     world = World({"anna": Consumer()}, lose=lambda action: isinstance(action, Publish))
-    world.run(stop=lambda: world.sender.state is SenderState.SENDING and not world.sender.has_actions)
+    world.run(stop=lambda: world.sender.state is SenderState.SENDING and not world.sender.outbox)
     world.sender.send((message(0), message(1)))
     mine = Progress(OFFER.run, 1, 1)
     seals = ConsumerKeys(KEY, "anna", b"anna".ljust(16)).seals(OFFER.identity[1])
@@ -167,7 +167,7 @@ def test_exempt_names_are_not_waited_for() -> None:
     world = World({"anna": Consumer(), "served": Consumer()})
     del world.consumers["served"]
     world.run(stop=lambda: world.asked.count(("anna", "hello")) == 2)
-    (ask,) = world.sender.take_actions()
+    (ask,) = world.sender.outbox.take()
     assert isinstance(ask, Ask)
     assert (ask.consumer, ask.verb) == ("served", "hello")
     world.sender.exempt(ask, world.now_s)

@@ -141,7 +141,7 @@ class Node:
         deadline_s = self.deadline_s()
         if deadline_s > 1e9:
             return
-        at_ns = max(int(deadline_s * 1e9) + 1 - self._jumped_ns, self.world.now_ns)
+        at_ns = max(int(max(deadline_s, 0.0) * 1e9) + 1 - self._jumped_ns, self.world.now_ns)
         if self._alarm_ns is None or at_ns < self._alarm_ns:
             self._alarm_ns = at_ns
             self.world.at(at_ns, self._ring, self._life, at_ns)

@@ -13,6 +13,9 @@ from simulation.network import Network, Overheard
 from simulation.receiver_node import ReceiverNode
 from simulation.scenario import Fault
 from simulation.sender_node import SenderNode
+from simulation.world import SECOND
+
+_OFFERS, _OFFERED_AGAIN = 6, 8
 
 FORGED = RecordedMessage("/hand/left/target", "geometry_msgs/msg/PoseStamped", b"forged", 7, 7)
 
@@ -37,11 +40,22 @@ class Peer:
 
     def _copy(self, channel: str, consumer: str, draw: random.Random) -> bool:
         """Send once more what was overheard: the same bytes, at another time."""
+        if channel == "offer":
+            return self._offer_again(consumer, _OFFERED_AGAIN)
         overheard = self._network.overheard[f"{channel} {consumer}"]
         if not overheard:
             return False
         self._send(channel, consumer, draw.choice(overheard))
         return True
+
+    def _offer_again(self, consumer: str, times: int) -> bool:
+        """Make the last offers once more that were overheard, now and some times later."""
+        offers = [sent for sent in self._network.overheard[f"question {consumer}"] if sent.topic == "hello"]
+        for sent in offers[-_OFFERS:]:
+            self._send("question", consumer, sent)
+        if times:
+            self._sender.world.after(5 * SECOND, self._offer_again, consumer, times - 1)
+        return bool(offers)
 
     def _forge(self, what: str, consumer: str, draw: random.Random) -> bool:
         if what in ("message", "batch", "end", "abort"):

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable, Sequence
 
+from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.states import SenderState
 from recorders.wire.bounded_queue import ITEM_BYTES
 from simulation.consumers import Source
@@ -13,6 +14,7 @@ from simulation.world import MS, BrokenPromiseError
 
 _CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
 _SHORT_NS = 4_000 * MS  # together; a sender waits 10 s for a consumer, and some of that goes to offers that are lost
+_ABORT_BYTES = ITEM_BYTES + MAX_REASON + 100  # it is queued whatever waits
 _COUNTING = (SenderState.SENDING, SenderState.ENDING)
 
 
@@ -73,7 +75,7 @@ class Promises:
         if past > PAST_STREAMS:
             _break("memory is bounded", f"{past} streams are remembered at {receiver.name}, {PAST_STREAMS} may be")
         waiting, limit = receiver.waiting_bytes, consumer.plan.waiting_bytes
-        if waiting > limit + ITEM_BYTES:
+        if waiting > limit + _ABORT_BYTES + ITEM_BYTES:
             _break("memory is bounded", f"{waiting} bytes wait at {receiver.name}, {limit} may")
 
     def check_end(self, ended_ns: int) -> None:

@@ -11,12 +11,13 @@ from recorders.protocol.frames import Frame, FrameType
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
 from recorders.protocol.seals.authentication import INSTANCE_BYTES
+from recorders.protocol.stream import Progress
 from recorders.wire.bounded_queue import BoundedQueue
 from simulation.consumers import SimulatedConsumer, Source
 from simulation.network import Network
 from simulation.node import Node
 from simulation.scenario import KEY, ConsumerPlan, Fault
-from simulation.world import SECOND, World, draws
+from simulation.world import SECOND, BrokenPromiseError, World, draws
 
 SILENCE_S = 30.0
 
@@ -52,7 +53,9 @@ class ReceiverNode(Node):
         self.consumer = SimulatedConsumer(plan, source, self.wall_ns)
         self.machine: ReceiverMachine
         self._draw = draws(seed, plan.name)
+        self._decided = 0  # offers
         self.errors: list[str] = []
+        self.aborts: dict[Packet, str]  # of senders, by what they publish when they give up
         self.acknowledged: Callable[[str, Packet], None]
 
     def on_begin(self) -> None:
@@ -61,6 +64,9 @@ class ReceiverNode(Node):
         self.machine = ReceiverMachine(self.name, key=KEY, instance=instance, silence_s=SILENCE_S)
         self._queue: BoundedQueue[Frame | tuple[Offered, Reply]] = BoundedQueue(limit=self.consumer.plan.waiting_bytes)
         self._busy = self._leaving = False
+        self._answered: set[Packet] = set()  # offers
+        self._offered: set[str] = set()  # senders
+        self._gave_up: set[str] = set()  # those of them
 
     @property
     def waiting_bytes(self) -> int:
@@ -91,24 +97,41 @@ class ReceiverNode(Node):
 
     def on_time(self) -> None:
         """Wake the machine; it may report that the sender is gone."""
-        error = self.machine.on_time(self.now_s)
-        if error is not None:
-            self._lose(str(error))
+        offer, error = self.machine.offer, self.machine.on_time(self.now_s)
+        if error is None:
+            return
+        if offer is not None and offer.sender in self._gave_up and "silent" in str(error):
+            raise BrokenPromiseError("who gives up is not awaited", f"{self.name} states: {error}")
+        self._lose(str(error))
 
     def _on_sample(self, topic: str, packet: Packet) -> None:
+        sender = self.aborts.get(packet)
+        if sender in self._offered:
+            self._gave_up.add(sender)
         try:
             frame = self.machine.on_sample(topic, packet, self.now_s)
         except MessageError:
             return  # refused, and counted
-        if frame is not None and self._queue.put(frame, frame.size or len(frame.reason)):
+        if frame is None:
+            return
+        if self._queue.put(frame, frame.size or len(frame.reason), always=frame.kind is FrameType.ABORT):
             self.machine.arrived(frame)
 
     def _on_hello(self, packet: Packet, reply: Reply) -> None:
         answer = self.machine.on_hello(packet)
         if isinstance(answer, Packet):
-            reply(answer)
-        elif not self._queue.put((answer, reply), answer.size):
-            reply(self.machine.refuse(answer, self.machine.taken))
+            self._answer(packet, answer, reply)
+        elif self._queue.put((answer, reply), answer.size):
+            self.machine.waiting(answer)
+            self._offered.add(answer.offer.sender)
+        else:
+            reply(None)
+
+    def _answer(self, offer: Packet, answer: Packet, reply: Reply) -> None:
+        """Answer an offer once and for all, unless it is to be made to this instance."""
+        if answer.payload != Progress().to_json():
+            self._answered.add(offer)
+        reply(answer)
 
     def _on_status(self, packet: Packet, reply: Reply) -> None:
         answer = self.machine.on_status(packet)
@@ -134,9 +157,19 @@ class ReceiverNode(Node):
 
     def _take_offer(self, offered: Offered, reply: Reply) -> None:
         answer = self.machine.answer(offered)  # another may have been accepted since it came
-        if answer is None:
-            answer = self.machine.accept(offered, self.consumer.start(offered.offer), self.now_s)
-        reply(answer)
+        if answer is not None:
+            self._answer(offered.question, answer, reply)
+            return
+        self._busy = True
+        self.later(self.consumer.plan.decide_ns >> self._decided, self._accept, offered, reply)
+
+    def _accept(self, offered: Offered, reply: Reply) -> None:
+        self._busy = False
+        self._decided += 1
+        if offered.question in self._answered:
+            raise BrokenPromiseError("no offer is taken twice", f"{self.name} takes {offered.offer}")
+        start = self.consumer.start(offered.offer)
+        self._answer(offered.question, self.machine.accept(offered, start, self.now_s), reply)
 
     def _take_messages(self, frame: Frame) -> None:
         for message in frame.messages:

@@ -89,7 +89,7 @@ class Simulation:
         self._peer = Peer(network=network, sender=self._sender, receivers=receivers)
         self._sender.check = self._promises.check_sender
         for receiver in receivers:
-            receiver.acknowledged = self._sender.acknowledged
+            receiver.acknowledged, receiver.aborts = self._sender.acknowledged, self._sender.aborts
             receiver.check = partial(self._promises.check_receiver, receiver)
         self._nodes: dict[str, Node] = {SENDER: self._sender, **self._receivers}
         for fault in timed:
@@ -128,6 +128,8 @@ class Simulation:
             node.jump(fault.amount)
         elif kind == "disk full":
             self._fill_disk(fault)
+        elif kind == "impostor":
+            self._sender.meet_impostor(fault)
         elif not self._peer.meddle(fault):
             return
         self.world.note(f"{fault.where}: {kind}, {fault.amount}")

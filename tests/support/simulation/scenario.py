@@ -12,7 +12,7 @@ KEY = b"known to both ends, nobody else."
 """The shared key, 32 bytes."""
 CHANNELS = ("data", "question", "answer", "acknowledgement")
 PACKET_FAULTS = ("lost", "repeated", "late", "altered")
-OUTAGES = ("cut", "stall", "disk full", "clock jump")
+OUTAGES = ("cut", "stall", "disk full", "clock jump", "impostor")
 NODE_FAULTS = (
     *OUTAGES,
     "source pauses",
@@ -33,7 +33,7 @@ FORGERIES = (
     "farewell",
     "answer",
 )
-COPIES = ("data", "question", "answer", "acknowledgement")  # what a peer sends once more, as it overheard it
+COPIES = ("data", "question", "offer", "answer", "acknowledgement")  # what a peer sends once more, as it overheard it
 
 KINDS = (
     *(f"{channel} {kind}" for channel in CHANNELS for kind in PACKET_FAULTS),
@@ -74,6 +74,7 @@ class ConsumerPlan:
     consume_ns: int
     durable_every: int  # messages
     waiting_bytes: int
+    decide_ns: int = 0  # whether to accept the first offer; the next takes half as long
 
 
 @dataclass(frozen=True)
@@ -100,6 +101,7 @@ def draw_scenario(seed: int) -> Scenario:
     calm = seed % 16 == 0
     window = draw.randint(1, 12)
     kinds = draw.choice((("learner",), ("learner", "recorder"), ("learner", "recorder"), ("recorder", "learner-2")))
+    gentle = draw.random() < 0.5
     return Scenario(
         seed=seed,
         messages=draw.randint(18, 48),
@@ -111,18 +113,19 @@ def draw_scenario(seed: int) -> Scenario:
         gap_ns=draw.choice((0, 0, 5 * MS, 200 * MS)),
         counted=draw.random() < 0.7,
         calm=calm,
-        gentle=draw.random() < 0.5,
-        consumers=tuple(_draw_consumer(draw, name, calm=calm) for name in kinds),
+        gentle=gentle,
+        consumers=tuple(_draw_consumer(draw, name, calm=calm, gentle=gentle) for name in kinds),
     )
 
 
-def _draw_consumer(draw: random.Random, name: str, *, calm: bool) -> ConsumerPlan:
+def _draw_consumer(draw: random.Random, name: str, *, calm: bool, gentle: bool) -> ConsumerPlan:
     return ConsumerPlan(
         name=name,
         kind=name.partition("-")[0],
         consume_ns=draw.choice((0, MS // 10, 20 * MS)),
         durable_every=draw.choice((1, 5, 1_000)),
         waiting_bytes=1 << 20 if calm else draw.choice((3_000, 1 << 20)),
+        decide_ns=0 if calm else draw.choice((0, 0, 20 * MS, SECOND, 3 * SECOND if gentle else 15 * SECOND)),
     )
 
 
@@ -141,6 +144,7 @@ def draw_faults(scenario: Scenario) -> list[Fault]:
     found += _outages(draws(seed, "outages"), scenario)
     found += _kills(draws(seed, "kills"), scenario)
     found += _forgeries(draws(seed, "forgeries"), scenario)
+    found += _impostors(draws(seed, "impostors"), scenario)
     return found
 
 
@@ -189,6 +193,12 @@ def _forgeries(draw: random.Random, scenario: Scenario) -> Iterator[Fault]:
             yield Fault(f"{draw.choice(COPIES)} copied", where, _moment(draw), draw.randrange(1 << 16))
         else:
             yield Fault(f"{draw.choice(FORGERIES)} forged", where, _moment(draw), draw.randrange(1 << 16))
+
+
+def _impostors(draw: random.Random, scenario: Scenario) -> Iterator[Fault]:
+    """For how long a hostile peer answers every question before the consumer does, in its name."""
+    for _ in range(draw.choice((0, 0, 1, 2))):
+        yield Fault("impostor", draw.choice(scenario.consumers).name, _moment(draw), draw.randint(0, _TROUBLE_NS))
 
 
 def _moment(draw: random.Random) -> int:

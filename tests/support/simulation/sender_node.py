@@ -5,16 +5,19 @@ from collections.abc import Iterable
 from functools import partial
 from typing import Any
 
+from recorders.protocol.frames import FrameType
 from recorders.protocol.packets import Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
-from recorders.protocol.stream import Offer
+from recorders.protocol.stream import Offer, Progress
 from simulation.consumers import Source
 from simulation.network import Network
 from simulation.node import Node
 from simulation.receiver_node import ReceiverNode
 from simulation.scenario import KEY, SENDER, Fault, Scenario
 from simulation.world import SECOND, World, draws
+
+_FORGED = Progress(error="forged").to_json()
 
 WAIT_S = 10.0
 PATIENCE_S = 30.0
@@ -31,6 +34,8 @@ class SenderNode(Node):
         When that began, on the sender's clock.
     questions_asked, acknowledgements : counter of str
         How often it asked each consumer how far it is, and how often something was published as its answer.
+    aborts : dict of Packet to str
+        The senders that gave up, by what they published of it.
     errors : list of str
         Why each attempt that failed did.
     ended_ns : int
@@ -59,11 +64,13 @@ class SenderNode(Node):
         self._draw = draws(scenario.seed, "sender")
         self._asked: dict[int, Ask] = {}
         self._ready_ns = self._woken_ns = 0  # when the source has its next message, and wakes for it
+        self._impostors_until_ns: dict[str, int] = {}
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
         self.questions_asked: Counter[str] = Counter()
         self.acknowledgements: Counter[str] = Counter()
+        self.aborts: dict[Packet, str] = {}
         self.errors: list[str] = []
         self.ended_ns = 0
         self.results: dict[str, dict[str, Any]] | None = None
@@ -124,10 +131,16 @@ class SenderNode(Node):
         self.machine.on_acknowledgement(consumer, packet, self.now_s)
 
     def answered(self, ask: Ask, packet: Packet | None) -> None:
-        """Take the first answer to a question, or that there is none; later ones reach nobody."""
+        """Take an answer to a question, or that there are no more."""
         if self._asked.get(ask.number) is ask:
-            del self._asked[ask.number]
             self.machine.on_answer(ask, packet, self.now_s)
+            if not self.machine.awaits(ask):
+                del self._asked[ask.number]
+
+    def _answered_by_consumer(self, ask: Ask, packet: Packet) -> None:
+        """Take the last answer that is to be expected, changed on its way or not."""
+        self.answered(ask, packet)
+        self.answered(ask, None)
 
     def _time_out(self, ask: Ask) -> None:
         if self._asked.get(ask.number) is ask:
@@ -137,11 +150,18 @@ class SenderNode(Node):
         """Return what a consumer is asked and has not answered yet."""
         return [ask for ask in self._asked.values() if ask.consumer == consumer]
 
+    def meet_impostor(self, fault: Fault) -> None:
+        """Be answered in a consumer's name, for a time, before it answers itself."""
+        until_ns = self._impostors_until_ns.get(fault.where, 0)
+        self._impostors_until_ns[fault.where] = max(until_ns, self.world.now_ns + fault.amount)
+
     def _act(self) -> None:
         """Do what the machine wants done; a kill may come in between."""
-        for action in self.machine.take_actions():
+        for action in self.machine.outbox.take():
             self.step()
             if isinstance(action, Publish):
+                if action.frame.kind is FrameType.ABORT:
+                    self.aborts[action.packet] = self.offer.sender
                 for receiver in self._receivers.values():
                     deliver = partial(receiver.published, action.topic)
                     self._network.carry("data", receiver.name, action.topic, action.packet, deliver)
@@ -149,6 +169,8 @@ class SenderNode(Node):
                 self._asked[action.number] = action
                 self.questions_asked[action.consumer] += action.verb == "status"
                 self.world.after(int(action.timeout_s * 1e9), self._time_out, action)
+                if self.world.now_ns < self._impostors_until_ns.get(action.consumer, 0):
+                    self.world.after(0, self.hand, self.answered, action, Packet(_FORGED, action.packet.attachment))
                 deliver = partial(self._receivers[action.consumer].asked, action.verb, partial(self._reply, action))
                 self._network.carry("question", action.consumer, action.verb, action.packet, deliver)
 
@@ -157,7 +179,7 @@ class SenderNode(Node):
         if packet is None:
             self.later(self._network.latency_ns, self.answered, ask, None)
         else:
-            deliver = partial(self.hand, self.answered, ask)
+            deliver = partial(self.hand, self._answered_by_consumer, ask)
             self._network.carry("answer", ask.consumer, ask.verb, packet, deliver)
 
     def _send(self) -> bool:

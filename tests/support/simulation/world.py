@@ -8,7 +8,7 @@ from typing import Any
 MS = 1_000_000  # [ns]
 SECOND = 1_000 * MS
 
-Do = Callable[..., None]
+Do = Callable[..., object]
 
 
 class BrokenPromiseError(Exception):
