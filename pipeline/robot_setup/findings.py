@@ -5,18 +5,19 @@ from pathlib import Path
 
 import numpy as np
 
+from pipeline.arrays import Floats
 from pipeline.robot.config import TOML_FILE, RobotConfig, load_robot, robot_names
-from pipeline.robot.coordinates import centre_rows
+from pipeline.robot.coordinates import POSITION_SIZE, centre_rows, to_rows
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot_setup.box import BoxSearch, reach_bound_m
 from pipeline.robot_setup.moved_hands import idle_joints_text
 from pipeline.robot_setup.statics import Statics
-from pipeline.teacher.teacher import Teacher, approach
+from pipeline.teacher.teacher import Teacher, approach, misses_m
 from recorders.errors import RobotError
 from recorders.text.wording import hand_text, names_text
 
 _LIMIT_MARGIN = 0.02  # of a joint's range: nearer to a limit no joint is at rest
-_BOXES = (0.75, 0.5, 0.25)  # of a box that is too large: the first of these that fits is what to take
+_BOXES = (0.75, 0.5, 0.25, 0.1)  # of a box that is too large: the first of these that fits is what to take
 
 
 def findings(robot: RobotConfig) -> Iterator[str]:
@@ -50,16 +51,21 @@ def _loads(robot: RobotConfig) -> Iterator[str]:
 
 
 def _centres(robot: RobotConfig) -> Iterator[str]:
-    bound_m = reach_bound_m(robot)
-    _, short_m = approach(Teacher(Kinematics(robot)), robot.comfort, centre_rows(robot), bound_m)
-    at_rest = Kinematics(robot).hands(robot.comfort)
-    for hand, short, rest in zip(robot.hands, short_m, at_rest, strict=True):
+    kinematics, centres, bound_m = Kinematics(robot), centre_rows(robot), reach_bound_m(robot)
+    _, short_m = approach(Teacher(kinematics), robot.comfort, centres, bound_m)
+    at_rest = to_rows(robot, kinematics.inputs(robot.comfort))
+    least_m = np.minimum(short_m, misses_m(robot, at_rest, centres))  # what is far may draw the arm away
+    for hand, short, least, centre, rest in zip(robot.hands, short_m, least_m, centres, at_rest, strict=True):
         if short > bound_m:
-            place = ", ".join(f"{value:.2f}" for value in rest)
             yield (
-                f"{hand_text(hand.name)}: expected its centre within reach, found it {100 * short:.1f} cm out of "
-                f"it; in the comfort posture the hand is at ({place}) m"
+                f"{hand_text(hand.name)}: expected its centre within reach, found it at {_place_text(centre)}, to "
+                f"which the hand came no nearer than {100 * least:.1f} cm; in the comfort posture it is at "
+                f"{_place_text(rest)}"
             )
+
+
+def _place_text(row: Floats) -> str:
+    return f"({', '.join(f'{value:.2f}' for value in row[:POSITION_SIZE])}) m"
 
 
 def _boxes(robot: RobotConfig) -> Iterator[str]:
@@ -67,7 +73,9 @@ def _boxes(robot: RobotConfig) -> Iterator[str]:
     if (obstacle := search.obstacle(robot.boxes)) is None:
         return
     fits = next((part for part in _BOXES if search.obstacle(part * robot.boxes) is None), None)
-    advice = "move the centres" if fits is None else f"{100 * fits:g} % of their size would do"
+    advice = (
+        "move the centres, or make them much smaller" if fits is None else f"{100 * fits:g} % of their size would do"
+    )
     yield f"boxes of the hands: expected every corner within reach, found that {obstacle}; {advice}"
 
 
