@@ -15,6 +15,11 @@ def joint_types(robot: RobotConfig) -> dict[str, str]:
     return {name: joints[name].get("type", "") for name in robot.joints if name in joints}
 
 
+def joint_units(robot: RobotConfig) -> dict[str, str]:
+    """Return the unit of each joint's position, by name: m where it slides, rad where it turns."""
+    return {name: "m" if kind == SLIDING else "rad" for name, kind in joint_types(robot).items()}
+
+
 def chain_length_m(robot: RobotConfig) -> float:
     """Return the length of the longest chain of links from the root to a hand, with all that slides drawn out [m]."""
     return max(_length_m(chain) for chain in hand_chains(robot))

@@ -152,7 +152,7 @@ def _times(summary: LogSummary) -> str:
     if summary.times_ns is None:
         return "no messages"
     first_ns, last_ns = summary.times_ns
-    span = f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s"
+    span = f"{seconds_text(first_ns)} s to {seconds_text(last_ns)} s, {(last_ns - first_ns) / _NS:.3f} s in all"
     return span if first_ns < _DATED_NS else f"{_date(first_ns)} to {_date(last_ns)}: {span}"
 
 

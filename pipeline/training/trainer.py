@@ -145,6 +145,12 @@ class Trainer:
         return self._running().learner.config.epochs
 
     @property
+    def cycles(self) -> int:
+        """Cycles of all epochs of the run that was accepted."""
+        schedule = Schedule.from_dict(self._offer.schedule if self._offer else {})
+        return schedule.epochs * schedule.cycles
+
+    @property
     def errors_cm(self) -> list[float]:
         """Eq. (10) of every evaluated cycle so far."""
         return list(self._running().counts.errors_cm)
@@ -199,8 +205,8 @@ class Trainer:
 
     def check_moved(self) -> list[str]:
         """Return lines on what teaches little, as `JointExtent.notes` does; raises LearningError if nothing moved."""
-        run, schedule = self._running(), Schedule.from_dict(self._offer.schedule if self._offer else {})
-        samples = run.counts.steps // (schedule.epochs * schedule.cycles)
+        run = self._running()
+        samples = run.counts.steps // self.cycles
         run.extent.check_moved(samples)
         return run.extent.notes(samples)
 

@@ -18,13 +18,17 @@ from recorders.text.wording import hand_label
 _SIZE_IN = (9.5, 4.4)
 _CM_PER_M = 100.0
 _MOST = 3.0  # deviations
+_LEGEND_COLUMNS = 3
 
 
 class _PlainFormatter(LogFormatter):
-    """Labels of a logarithmic axis as plain numbers, between powers of ten where it spans few of them."""
+    """Labels of a logarithmic axis as plain numbers, between powers of ten where it spans few of them.
+
+    There is no room for a 4 beside a 3.
+    """
 
     def __call__(self, x: float, pos: int | None = None) -> str:
-        return f"{x:g}" if super().__call__(x, pos) else ""
+        return f"{x:g}" if super().__call__(x, pos) and not f"{x:e}".startswith("4") else ""
 
 
 def draw_calibration(path: Path, trial: Trial) -> None:
@@ -38,20 +42,23 @@ def draw_calibration(path: Path, trial: Trial) -> None:
     ConfigError
         If the controller expected no deviations, or the file cannot be written.
     """
+    with matplotlib.style.context(["default", STYLE]):
+        save_figure(calibration_figure(trial), path)
+
+
+def calibration_figure(trial: Trial) -> Figure:
+    """Return the picture of `draw_calibration`; raises ConfigError if the controller expected no deviations."""
     if trial.deviations is None:
         raise ConfigError(
             "--plot: expected a controller that knows how far off its commands may be, of a rule such as "
             "forward-inverse and trained, found one that does not"
         )
-    with matplotlib.style.context(["default", STYLE]):
-        figure = Figure(figsize=_SIZE_IN, layout="constrained")
-        points, shares = figure.subplots(1, 2)
-        _draw_points(points, trial)
-        _draw_shares(shares, trial)
-        figure.suptitle(
-            f"{trial.name}: {trial.summary()['within_deviation']:.0%} of the distances within one deviation"
-        )
-        save_figure(figure, path)
+    figure = Figure(figsize=_SIZE_IN, layout="constrained")
+    points, shares = figure.subplots(1, 2)
+    _draw_points(points, trial)
+    _draw_shares(shares, trial)
+    figure.suptitle(f"{trial.name}: {trial.summary()['within_deviation']:.0%} of the distances within one deviation")
+    return figure
 
 
 def _draw_points(panel: Axes, trial: Trial) -> None:
@@ -67,7 +74,7 @@ def _draw_points(panel: Axes, trial: Trial) -> None:
     for axis in (panel.xaxis, panel.yaxis):
         axis.set_major_formatter(StrMethodFormatter("{x:g}"))
         axis.set_minor_formatter(_PlainFormatter(minor_thresholds=(2.0, 0.5)))
-    panel.legend(frameon=False, loc="upper left")
+    _name_lines(panel)
 
 
 def _draw_shares(panel: Axes, trial: Trial) -> None:
@@ -79,7 +86,12 @@ def _draw_shares(panel: Axes, trial: Trial) -> None:
     panel.plot(grid, _normal_share(grid), color=GREY, lw=1, ls="--", label="normal, in three dimensions")
     panel.axvline(1.0, color=GREY, lw=0.6)
     panel.set(xlabel="deviations", ylabel="share of true distances within", xlim=(0.0, _MOST), ylim=(0.0, 1.02))
-    panel.legend(frameon=False, loc="lower right")
+    _name_lines(panel)
+
+
+def _name_lines(panel: Axes) -> None:
+    """Put the legend above the panel, where no data are."""
+    panel.legend(frameon=False, loc="lower left", bbox_to_anchor=(0.0, 1.0), borderaxespad=0.0, ncols=_LEGEND_COLUMNS)
 
 
 def _normal_share(deviations: Floats) -> Floats:

@@ -12,6 +12,7 @@ from matplotlib.ticker import FuncFormatter, MaxNLocator
 from pipeline.arrays import Floats
 from pipeline.views.figures import BLACK, GREY, HAND_COLOURS, STYLE, WIDTH_IN, save_figure, write_key
 from recorders.errors import ConfigError
+from recorders.recovery.intervals import rate_hz
 from recorders.recovery.log_times import NO_STAMP, TopicTimes
 from recorders.text.wording import escape_control
 
@@ -25,8 +26,8 @@ _NS, _MS_PER_S = 1e9, 1e3
 _LONGEST_NAME = 60
 _FEWEST = 2
 _KEY = (
-    "Left: time from each message to the next; the line is the usual one, marks are what is {gap:g} times as long\n"
-    "or longer. Right: how far the stamps of messages are ahead of the times of their recording."
+    "Rates are means over the whole time. Left: time from each message to the next; the line is the median, marks are\n"
+    "what is {gap:g} times as long or longer. Right: how far stamps are ahead of the times of recording."
 )
 
 
@@ -71,12 +72,7 @@ def _draw_topic(left: Axes, right: Axes, topic: str, times: TopicTimes, begin_ns
     moments = (times.log_times_ns - begin_ns) / _NS
     steps_ms = np.diff(times.log_times_ns) / _NS * _MS_PER_S
     usual = float(np.median(steps_ms))
-    name = escape_control(topic)
-    name = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
-    rate = f"{_MS_PER_S / usual:.4g} Hz" if usual > 0.0 else "no rate"
-    left.set_title(
-        f"{name}: {len(moments)} messages, {rate}".replace("$", r"\$"), loc="left", fontweight="bold", fontsize=9
-    )
+    left.set_title(topic_title(topic, times).replace("$", r"\$"), loc="left", fontweight="bold", fontsize=9)
     _draw_range(left, moments[:-1], steps_ms, _STEPS)
     left.axhline(usual, color=BLACK, linewidth=0.7)
     gaps = np.flatnonzero(steps_ms >= _LONG * usual) if usual > 0.0 else np.zeros(0, np.intp)
@@ -86,6 +82,14 @@ def _draw_topic(left: Axes, right: Axes, topic: str, times: TopicTimes, begin_ns
     left.set_ylim(bottom=min(0.0, float(steps_ms.min())))
     left.yaxis.set_major_locator(MaxNLocator(3))
     _draw_stamps(right, moments, times)
+
+
+def topic_title(topic: str, times: TopicTimes) -> str:
+    """Return a topic's name, number of messages and mean rate, which is that of `info`."""
+    name = escape_control(topic)
+    name = name if len(name) <= _LONGEST_NAME else f"{name[:_LONGEST_NAME]}…"
+    mean_hz = rate_hz(len(times.log_times_ns) - 1, int(np.ptp(times.log_times_ns)))
+    return f"{name}: {len(times.log_times_ns)} messages, {'no rate' if mean_hz is None else f'{mean_hz:.2f} Hz'}"
 
 
 def _draw_stamps(panel: Axes, moments: Floats, times: TopicTimes) -> None:

@@ -11,6 +11,7 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import MOTIONS, Controller, Json, complete_motion
 from pipeline.terminal import console
 from recorders.errors import ConfigError
+from recorders.text.quantities import decimal_text
 from recorders.text.wording import names_text
 
 if TYPE_CHECKING:
@@ -91,6 +92,8 @@ def evaluate(
 
 def _worded(result: dict[str, Any], motion: str) -> dict[str, Any]:
     """Return a result as people read it: with what was not compared, and why; of a foreign recording, no teacher."""
+    if (within := result.get("within_deviation")) is not None:
+        result = result | {"within_deviation": f"{decimal_text(within)} of the distances"}
     worded = result | {name: reason for name, reason in _NOT_COMPARED.items() if name not in result}
     if _is_of_others(motion):
         worded = {name.replace("teacher_", "recorded_"): value for name, value in worded.items()}

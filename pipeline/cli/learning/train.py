@@ -71,6 +71,7 @@ def train(
     """
     from pipeline.learner.controller import check_writable
     from pipeline.robot.config import load_robot
+    from pipeline.terminal.training_lines import training_lines
     from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
 
@@ -95,7 +96,8 @@ def train(
     notes = _notes(trainer, as_json=as_json)
     controller = _saved(trainer, out)
     left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
-    console.show(trainer.result() | {"pairs": controller.pairs, "controller": str(out)} | left | notes, as_json=as_json)
+    result = trainer.result() if as_json else training_lines(trainer.result(), trainer.cycles)
+    console.show(result | {"pairs": controller.pairs, "controller": str(out)} | left | notes, as_json=as_json)
 
 
 def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_recorded: bool, as_live: bool) -> None:
@@ -151,11 +153,14 @@ def _held_out(
 ) -> dict[str, object]:
     """Return the error on what was left aside, as it is shown; nothing if nothing was."""
     from pipeline.evaluation.hold_out import held_out_error
+    from pipeline.evaluation.trials import robot_of
+    from pipeline.robot.size import joint_units
+    from pipeline.terminal.training_lines import held_out_lines
 
     if not aside:
         return {}
     left = held_out_error(controller, aside, robot=robot, pairs=pairing.name, renames=names)
-    return {"held_out": left} if as_json else {f"held_out_{name}": value for name, value in left.items()}
+    return {"held_out": left} if as_json else held_out_lines(left, joint_units(robot_of(controller)))
 
 
 def _trained(learner: "Settings", robot: "RobotConfig | None", pairing: "PairingRule", source: "Source") -> "Trainer":

@@ -79,7 +79,11 @@ def _export_tables(paths: list[Path], out: Path, form: str, topics: list[str], *
     if as_json:
         console.show(result.to_dict(), as_json=True)
     else:
-        console.entries({name: f"{result.rows[name]} rows in {path}" for name, path in result.files.items()})
+        console.entries({name: f"{_rows(result.rows[name])} in {path}" for name, path in result.files.items()})
+
+
+def _rows(count: int) -> str:
+    return "1 row" if count == 1 else f"{count} rows"
 
 
 def _export_dataset(

@@ -117,6 +117,7 @@ def learn(
     from pipeline.learner_node.node import own_topics
     from pipeline.robot.config import load_robot
     from pipeline.terminal.learning_progress import learning_progress
+    from pipeline.terminal.training_lines import training_lines
     from pipeline.training.pairing_choice import pairing_of
     from recorders.nodes.metrics import check_metrics
     from recorders.wire.receiver import ReceiverConfig
@@ -144,6 +145,7 @@ def learn(
     trainer.check_learned()
     controller = trainer.controller()
     controller.save(out)
+    result = result if as_json else training_lines(result, trainer.cycles)
     console.show(result | {"pairs": controller.pairs, "controller": str(out)}, as_json=as_json)
 
 

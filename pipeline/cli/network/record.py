@@ -87,7 +87,10 @@ def record(
     recording = _record(
         out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end, is_bag=bag is not None
     )
-    console.show(recording.to_dict(), as_json=as_json)
+    result = recording.to_dict()
+    if not (as_json or recording.left_out):
+        del result["left_out"]
+    console.show(result, as_json=as_json)
     console.notice(_outcome(recording, node.keys(name).key(EVERY_TOPIC)))
 
 

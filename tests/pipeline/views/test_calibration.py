@@ -8,7 +8,7 @@ from typer.testing import CliRunner
 
 from pipeline.cli.app import app
 from pipeline.evaluation.trials import evaluate_motion
-from pipeline.views.calibration import draw_calibration
+from pipeline.views.calibration import calibration_figure, draw_calibration
 from recorders.errors import ConfigError
 
 PNG = b"\x89PNG\r\n\x1a\n"
@@ -20,6 +20,15 @@ def test_the_same_trial_gives_the_same_picture(tmp_path: Path) -> None:
         draw_calibration(tmp_path / name, trial)
     assert (tmp_path / "a.png").read_bytes()[:8] == PNG
     assert (tmp_path / "a.png").read_bytes() == (tmp_path / "b.png").read_bytes()
+
+
+def test_no_legend_lies_on_data() -> None:
+    figure = calibration_figure(evaluate_motion(taught(), "eight"))
+    figure.draw_without_rendering()
+    for panel in figure.axes:
+        legend = panel.get_legend()
+        assert legend is not None
+        assert legend.get_window_extent().y0 >= panel.get_window_extent().y1
 
 
 def test_evaluate_draws_it(tmp_path: Path) -> None:

@@ -8,11 +8,14 @@ from typer.testing import CliRunner
 
 from pipeline.cli import app as cli
 from recorders.errors import ConfigError
+from recorders.messages.message_types import String
+from recorders.recovery.log_info import summarise
 from recorders.recovery.log_times import read_times
+from recorders.writing.writer import LogWriter
 
 pytest.importorskip("matplotlib")
 
-from pipeline.views.log_times import draw_log_times  # of an extra
+from pipeline.views.log_times import draw_log_times, topic_title  # of an extra
 
 PNG = b"\x89PNG\r\n"
 
@@ -23,6 +26,18 @@ def test_info_draws_the_times_of_a_log(tmp_path: Path) -> None:
     run = CliRunner().invoke(cli.app, ["info", str(log), "--plot", str(tmp_path / "one.png")])
     assert run.exit_code == 0, run.output
     assert (tmp_path / "one.png").read_bytes().startswith(PNG)
+
+
+@pytest.mark.extra
+def test_the_rates_that_are_drawn_are_those_of_info(tmp_path: Path) -> None:
+    """Means, not what is usual between gaps."""
+    log = tmp_path / "log.mcap"
+    with LogWriter(log, manifest={"kind": "test"}) as writer:
+        for tick in [*range(60), *range(120, 181)]:
+            writer.write("/chatter", String("here"), log_time_ns=tick * 10**8)
+    (rate_hz,) = (topic.rate_hz for topic in summarise(log).topics.values())
+    assert rate_hz == pytest.approx(120 / 18.0)
+    assert [topic_title(*each) for each in read_times(log).items()] == [f"/chatter: 121 messages, {rate_hz:.2f} Hz"]
 
 
 @pytest.mark.extra
