@@ -1,5 +1,6 @@
 """A TCP proxy on loopback that cuts what it carries, and restores it."""
 
+import math
 import socket
 import threading
 from contextlib import suppress
@@ -15,10 +16,11 @@ class Proxy:
     def __init__(self, target: str) -> None:
         self.endpoint = free_endpoint()
         self.carried = 0
+        self.is_cut = threading.Event()
+        self._cut_at: float = math.inf  # bytes carried
         self._target = _address(target)
         self._connections: list[socket.socket] = []
         self._lock = threading.Lock()
-        self._is_cut = False
         self._listener = socket.create_server(_address(self.endpoint))
 
     def __enter__(self) -> Self:
@@ -35,13 +37,21 @@ class Proxy:
 
     def cut(self) -> None:
         with self._lock:
-            self._is_cut = True
-            for connection in self._connections:
-                _hang_up(connection)
-            self._connections.clear()
+            self._drop()
+
+    def cut_after(self, count: int) -> None:
+        """Cut once so many bytes more were carried: in the middle of them, whatever else the machine does."""
+        self._cut_at = self.carried + count
 
     def restore(self) -> None:
-        self._is_cut = False
+        self.is_cut.clear()
+
+    def _drop(self) -> None:
+        self._cut_at = math.inf
+        self.is_cut.set()
+        for connection in self._connections:
+            _hang_up(connection)
+        self._connections.clear()
 
     def _accept(self) -> None:
         with suppress(OSError):  # closed
@@ -52,7 +62,7 @@ class Proxy:
     def _join(self, near: socket.socket) -> None:
         with self._lock:
             try:
-                if self._is_cut:
+                if self.is_cut.is_set():
                     raise ConnectionError
                 far = socket.create_connection(self._target)
             except OSError:
@@ -66,7 +76,10 @@ class Proxy:
         with suppress(OSError):
             while data := source.recv(1 << 16):
                 sink.sendall(data)
-                self.carried += len(data)
+                with self._lock:
+                    self.carried += len(data)
+                    if self.carried >= self._cut_at:
+                        self._drop()
         _hang_up(source)
         _hang_up(sink)
 

@@ -24,7 +24,7 @@ CHUNK = b"\x03\0\0\0lz4"
 """How the data of a chunk begin, after its length."""
 
 _RECORD = f"""
-import sys, time
+import signal, sys
 from recorders.messages.message_types import Clock
 from recorders.writing.writer import LogWriter
 with LogWriter(sys.argv[1], manifest={{"robot": "asimo"}}) as log:
@@ -32,7 +32,7 @@ with LogWriter(sys.argv[1], manifest={{"robot": "asimo"}}) as log:
         log.write({CLOCK!r}, Clock(number), log_time_ns=number)
     log.flush()
     print("written", flush=True)
-    time.sleep(60)
+    signal.pause()
 """
 
 

@@ -325,8 +325,8 @@ def test_a_session_whose_connection_stays_cut_ends_at_both_ends_with_what_is_mis
     with robot(endpoint), Proxy(endpoint) as proxy, visitor("learn", connect=(endpoint,), silence_s=5.0) as learner:
         await_ready(learner)
         with open_session(SessionConfig(connect=(proxy.endpoint,))) as opened:
-            session = live(RemoteRobot(opened, patience_s=1.0), short_motion(closed=True))
-            gap = r"'asimo' has not answered for 1 s; what it was sent after its time \d+ ns is unconfirmed"
+            session = live(RemoteRobot(opened, patience_s=3.0), short_motion(closed=True))
+            gap = r"'asimo' has not answered for 3 s; what it was sent after its time \d+ ns is unconfirmed"
             with pytest.raises(WireError, match=gap):
                 explore_with(session, opened, proxy.cut)
         assert re.search(r"the sender fell silent .* before message \d+", refusal(learner))

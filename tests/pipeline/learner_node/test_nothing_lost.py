@@ -35,6 +35,7 @@ EPOCHS = 40
 SAMPLES = 40
 CUT_S = [1.0, *(pytest.param(cut_s, marks=pytest.mark.campaign) for cut_s in (3.0, 15.0))]
 SILENCE_S = 3.0
+MIDDLE = 2_000_000  # bytes, of the 8.5 MB that all epochs are
 
 
 @pytest.fixture(scope="module")
@@ -98,14 +99,13 @@ def test_a_learner_whose_connection_is_cut_loses_nothing(
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))), Proxy(endpoint) as proxy:
         with learning(proxy.endpoint, tmp_path) as learner:
-            assert undergone(log, learner, "learner", endpoint, tmp_path, lambda: cut(proxy, cut_s)) == expected
+            proxy.cut_after(MIDDLE)
+            assert undergone(log, learner, "learner", endpoint, tmp_path, lambda: cut_off(proxy, cut_s)) == expected
 
 
-def cut(proxy: Proxy, seconds: float) -> None:
-    """Cut the connection in the middle of the stream for so long, up to where it carries the stream again."""
-    begun = proxy.carried
-    wait_until(lambda: proxy.carried > begun)
-    proxy.cut()
+def cut_off(proxy: Proxy, seconds: float) -> None:
+    """Leave a connection that is cut in the middle of the stream as it is for so long, and restore it."""
+    assert proxy.is_cut.wait(timeout=120)
     carried = proxy.carried
     time.sleep(seconds)  # no event: this is what befalls it
     proxy.restore()
@@ -119,11 +119,10 @@ def test_a_replay_whose_connection_is_cut_loses_nothing_for_learner_and_recorder
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))), Proxy(endpoint) as proxy:
         with learning(endpoint, tmp_path), recording(endpoint, tmp_path) as recorder:
+            proxy.cut_after(MIDDLE)
             both = (*replaying(log, proxy.endpoint, "learner"), "--await", "recorder")
             with start(*both, cwd=tmp_path) as replay:
-                wait_for_line(recorder, "takes run")
-                cut(proxy, cut_s)
-                assert replay.poll() is None
+                cut_off(proxy, cut_s)
                 replayed, complaints = replay.communicate(timeout=120)
             assert replay.returncode == 0, complaints
             recorded, _ = recorder.communicate(timeout=120)

@@ -23,6 +23,7 @@ from pipeline.terminal.replay_controls import VerifiedSource
 from recorders.errors import CheckFailed
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET
+from recorders.nodes.keys import node_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
@@ -53,8 +54,11 @@ def log(tmp_path_factory: pytest.TempPathFactory) -> Path:
 class Seated:
     """A paced replay on a terminal of its own, and all that is heard of it."""
 
-    def __init__(self, process: subprocess.Popen[bytes], keys: int, terminal: int, heard: list[str]) -> None:
+    def __init__(
+        self, process: subprocess.Popen[bytes], keys: int, terminal: int, session: zenoh.Session, heard: list[str]
+    ) -> None:
         self.process = process
+        self._session = session
         self._keys = keys
         self._terminal = terminal
         self._heard = heard
@@ -70,14 +74,23 @@ class Seated:
         assert done(self.count())
 
     def settled(self) -> int:
-        """Return how many were heard once every key is read and no more come; fails if they never cease."""
+        """Return how many were heard once every key is read and no more come; fails if they never cease.
+
+        That no more come counts only while the replay runs, as its answers show; each comes behind its messages.
+        """
         self.wait_for(lambda count: self._unread() == 0)
         deadline, before = time.monotonic() + DEADLINE_S, -1
         while before != self.count():
             assert time.monotonic() < deadline
+            self._await_answer()
             before = self.count()
             time.sleep(QUIET_S)
+            self._await_answer()
         return before
+
+    def _await_answer(self) -> None:
+        replies = self._session.get(node_key("reenact", "replay", "*", "status"), timeout=DEADLINE_S)
+        assert [reply for reply in replies if reply.ok is not None]
 
     def _unread(self) -> int:
         (count,) = array("i", fcntl.ioctl(self._terminal, termios.FIONREAD, bytes(4)))
@@ -108,7 +121,7 @@ def seated(log: Path, *options: object, launcher: str = FOREGROUND) -> Iterator[
             start_new_session=True,
         ) as process:
             try:
-                yield Seated(process, keys, terminal, heard)
+                yield Seated(process, keys, terminal, session, heard)
                 assert process.poll() is not None
                 assert termios.tcgetattr(terminal) == before
             finally:
