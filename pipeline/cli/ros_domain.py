@@ -1,4 +1,4 @@
-"""The options `--ros` and `--remap`: the topics of a ROS domain in place of a namespace's."""
+"""The options `--ros`, `--remap` and `--use-sim-time`: topics of a ROS domain, not of a namespace, and its time."""
 
 import os
 import re
@@ -34,6 +34,10 @@ Remap = Annotated[
         help="With --ros: another name for a topic, or for the node (__node, __ns); may be repeated.",
         metavar="FROM:=TO",
     ),
+]
+
+UseSimTime = Annotated[
+    bool, typer.Option("--use-sim-time", help="Take the time from /clock, and not from the clock on the wall.")
 ]
 
 _NO_NAME = re.compile(r"[^A-Za-z0-9_]+|_{2,}")

@@ -9,6 +9,8 @@ from rosbags.typesys import Stores, TypesysError, get_types_from_idl, get_types_
 
 from recorders.errors import MessageError
 from recorders.mcap_format.channels import DeclaredChannel
+from recorders.rmw_zenoh.bag_channels import HASH_METADATA
+from recorders.rmw_zenoh.type_hashes import is_type_hash
 
 Definitions: TypeAlias = Mapping[str, Any]
 """Constants and fields of types by ROS 2 name, as rosbags parses them."""
@@ -54,6 +56,20 @@ def channel_definitions(channel: DeclaredChannel) -> Definitions:
         raise MessageError(f"{name:.80}: its definition in the log cannot be read as {encoding or 'ros2msg'}") from None
     times = {key: value for key, value in standard_definitions(2).items() if key.startswith("builtin_interfaces/")}
     return {**times, **found}
+
+
+def definition_hash(channel: DeclaredChannel) -> str:
+    """Return the RIHS01 hash of a channel's type: as it states it, or of its definition; empty if neither is there."""
+    stated = dict(channel.metadata).get(HASH_METADATA, "")
+    if is_type_hash(stated):
+        return stated
+    name = ros_name(channel.type)
+    try:
+        store = get_typestore(Stores.EMPTY)
+        store.register(dict(channel_definitions(channel)))
+        return str(store.hash_rihs01(name))
+    except (MessageError, TypesysError, KeyError, ValueError, RecursionError):
+        return ""
 
 
 def is_standard(channel: DeclaredChannel) -> bool:

@@ -7,6 +7,7 @@ from typing import Any
 
 from recorders.errors import ConfigError
 from recorders.messages.topic_patterns import matches
+from recorders.recording.publisher_counts import PublisherCounts
 
 _MAX_BROKEN = 100  # anyone may offer a stream and break it off
 
@@ -23,12 +24,18 @@ class RecordConfig:
         Begin another file when one has this many bytes of messages.
     split_ns : int, optional
         Begin another file with the first message that comes this long after the first one of a file [ns].
+    for_rosbag2 : bool
+        Whether every channel has a schema, also one of messages of an unknown type: rosbag2 opens no others.
+    use_sim_time : bool
+        Whether log times are those at which messages arrived, by `/clock`, and not those of the clock on the wall.
     """
 
     include: tuple[str, ...] = ()
     exclude: tuple[str, ...] = ()
     split_bytes: int | None = None
     split_ns: int | None = None
+    for_rosbag2: bool = False
+    use_sim_time: bool = False
 
     def __post_init__(self) -> None:
         """Check ranges."""
@@ -60,6 +67,8 @@ class RecordingStats:
         Why the latest of the streams that awaited this and never came to their end did not.
     left_out : int
         How many messages were on topics that are not to be recorded.
+    publishers : PublisherCounts
+        Messages that came, and that did not, of each publisher in a ROS domain.
     """
 
     paths: list[Path] = field(default_factory=list)
@@ -70,6 +79,7 @@ class RecordingStats:
     refused: Counter[str] = field(default_factory=Counter)
     broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
     left_out: int = 0
+    publishers: PublisherCounts = field(default_factory=PublisherCounts)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recording for JSON."""
@@ -82,4 +92,4 @@ class RecordingStats:
             "refused": dict(self.refused),
             "broken": list(self.broken),
             "left_out": self.left_out,
-        }
+        } | self.publishers.to_dict()

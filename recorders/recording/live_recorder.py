@@ -8,21 +8,24 @@ from types import TracebackType
 from typing import Any, Self
 from uuid import uuid4
 
-from recorders.cdr.codec import decode
-from recorders.cdr.rosbags_types import is_known, typestore
 from recorders.errors import MessageError, TakenError, WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import type_of
+from recorders.messages.topics import CLOCK, type_of
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import NO_RUN, Frame, FrameType
 from recorders.reading.parts import PART, part_path
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
+from recorders.recording.message_checks import decodes, is_standard
+from recorders.recording.ros_channels import RosChannels
+from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.bag_channels import has_definition, with_schema
 from recorders.text.once import OnceWarner
 from recorders.wire.queries import ReceivedOffer
 from recorders.wire.receiver import Event, Receiver
+from recorders.wire.sim_time import NO_TIME, SimTime
 from recorders.wire.subscription import LiveMessage
 from recorders.writing.writer import MAX_CHANNELS, LogWriter
 
@@ -30,7 +33,6 @@ logger = logging.getLogger(__name__)
 
 _POLL_S = 0.2
 _TOO_MANY = f"one topic more: a log holds no more than {MAX_CHANNELS} channels"
-_MAX_PUBLISHERS = 10_000  # anyone may name as many as they like
 _STOPPED = "the recorder was stopped"
 _FAREWELL_WAIT_S = 5.0  # a sender that lives fetches a result within milliseconds
 
@@ -53,6 +55,8 @@ class LiveRecorder:
         Called with the recording so far, a few times a second.
     clock : callable
         The clock on the wall [ns]; log time goes by it, but never falls.
+    ros : RosChannels, optional
+        The channels of a ROS domain, for messages of which no sender declares one.
 
     Attributes
     ----------
@@ -75,15 +79,18 @@ class LiveRecorder:
         overwrite: bool = False,
         on_progress: Callable[[RecordingStats], None] = lambda recording: None,
         clock: Callable[[], int] = time.time_ns,
+        ros: RosChannels | None = None,
     ) -> None:
         self._config = config or RecordConfig()
         self._overwrite = overwrite
         self._on_progress = on_progress
-        self._clock = LogClock(clock)
+        self._ros = ros
+        self._sim_time = SimTime() if self._config.use_sim_time else None
+        self._clock = LogClock(clock) if self._sim_time is None else LogClock(self._sim_time.time_ns, name=CLOCK)
         self._warnings = OnceWarner(logger, limit=1)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
-        self._last: dict[tuple[str, bytes], int] = {}  # numbers by topic and publisher, as far as it is named
+        self._last: dict[str, int] = {}  # numbers by topic
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
         self.recording = RecordingStats()
@@ -132,11 +139,17 @@ class LiveRecorder:
                     self._writer.check()
                     self._on_progress(self.recording)
                 self._take_leave(receiver)
+                self._note_publishers()
         finally:
             self._writer.close()
         if stop_at_stream_end and self.recording.broken:
             raise WireError(f"{self.out}: the stream is not all there: {self.recording.broken[-1]}")
         return self.recording
+
+    def _note_publishers(self) -> None:
+        """State in the log what came of each publisher, and what did not."""
+        if counts := self.recording.publishers.to_dict():
+            self._writer.note(counts)
 
     def source(self, name: str) -> NodeSource:
         """Return the fields of this recorder's status."""
@@ -180,8 +193,7 @@ class LiveRecorder:
             self._leave(receiver, str(event))
         elif isinstance(event, LiveMessage):
             declared = _declared(receiver, event.sender, event.record)
-            publisher = b"" if event.origin is None else event.origin.gid
-            self._write(event.record, numbered=event.numbered, declared=declared, publisher=publisher)
+            self._write(event.record, numbered=event.numbered, declared=declared, origin=event.origin)
         elif isinstance(event, ReceivedOffer):
             self._note(event)
             self._streaming, self._ended = True, False
@@ -223,28 +235,44 @@ class LiveRecorder:
         self._writer.note(self._notes)
 
     def _write(
-        self, record: RecordedMessage, *, numbered: bool, declared: DeclaredChannel | None, publisher: bytes = b""
+        self,
+        record: RecordedMessage,
+        *,
+        numbered: bool,
+        declared: DeclaredChannel | None,
+        origin: Attachment | None = None,
     ) -> None:
+        if self._sim_time is not None and record.topic == CLOCK:
+            self._sim_time.take(record.data)
         if not self._config.wants(record.topic):
             self.recording.left_out += 1
             return
+        if self._sim_time is not None and not self._sim_time.is_known:
+            self.recording.refused[f"all topics: {NO_TIME}"] += 1
+            return
+        if self._ros is not None and declared is None and record.type:
+            declared = self._ros.channel(record)
+            if not has_definition(declared):
+                self.recording.opaque[record.topic] += 1
         if numbered:
-            self._count_gap(record, publisher)
+            self._count_gap(record, origin)
         if self._is_full(len(record.data)):
             self._next_file()
         if self._first_ns is None:
             self._first_ns = time.monotonic_ns()
-        sequence = record.sequence if numbered else None
         kind, declared = self._type(record, declared)
+        if self._config.for_rosbag2:
+            declared = with_schema(record.topic, kind, declared)
         try:
             self._writer.write(
                 record.topic,
                 record.data,
                 log_time_ns=self._clock.now_ns(),
-                sequence=sequence,
+                sequence=record.sequence if numbered else None,
                 type_name=kind,
                 opaque=not kind,
                 declared=declared,
+                publish_time_ns=None if origin is None else origin.source_time_ns,
             )
         except MessageError:  # everything else has been looked at
             self._refuse_topic()
@@ -263,26 +291,34 @@ class LiveRecorder:
         Messages on our topics are of the topics' types if they decode so, whatever a sender declares.
         """
         expected = type_of(record.topic)
-        if expected and _decodes(expected, record.data):
+        if expected and decodes(expected, record.data):
             same = declared is not None and (declared.encoding, declared.type) == ("cdr", expected)
             return expected, declared if same else None
         if declared is not None and declared.type not in ("", expected):
             return declared.type, declared
-        if not expected and _is_standard(record.type, record.data):
+        if not expected and is_standard(record.type, record.data):
             return record.type, None
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: RecordedMessage, publisher: bytes) -> None:
-        last = self._last.get((record.topic, publisher))
+    def _count_gap(self, record: RecordedMessage, origin: Attachment | None) -> None:
+        """Count what is missing before a message: of its publisher's, if that is named, else of its topic's."""
+        if origin is not None:
+            missing = self.recording.publishers.note(
+                record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(record, origin)
+            )
+            if missing:
+                self.recording.gaps[record.topic] += missing
+            return
+        last = self._last.get(record.topic)
         if last is not None and record.sequence > last + 1:
             self.recording.gaps[record.topic] += record.sequence - last - 1
         late = last is not None and 0 < record.sequence < last  # 0 is that of a producer that begins anew
         if not late:
-            self._last.pop((record.topic, publisher), None)  # to the end: the oldest is forgotten first
-            self._last[record.topic, publisher] = record.sequence
-            if len(self._last) > _MAX_PUBLISHERS:
-                del self._last[next(iter(self._last))]
+            self._last[record.topic] = record.sequence
+
+    def _node_of(self, record: RecordedMessage, origin: Attachment) -> str:
+        return "" if self._ros is None else self._ros.node_of(record, origin.gid)
 
     def _is_full(self, more: int) -> bool:
         """Whether a message of so many bytes belongs into another file; there is none without a message."""
@@ -341,23 +377,3 @@ def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError |
 def _declared(receiver: Receiver, sender: bytes, record: RecordedMessage) -> DeclaredChannel | None:
     """Return the channel of a message as the sender of a replay declared it; live messages are of no sender."""
     return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
-
-
-def _decodes(type_name: str, data: bytes) -> bool:
-    """Whether bytes are a message of a type of the table of topics."""
-    try:
-        decode(type_name, data)
-    except MessageError:
-        return False
-    return True
-
-
-def _is_standard(type_name: str, data: bytes) -> bool:
-    """Whether bytes are a message of a standard ROS 2 type, as far as rosbags can decide."""
-    if not is_known(type_name):
-        return False
-    try:
-        typestore().deserialize_cdr(data, type_name)
-    except Exception:  # of any kind: rosbags checks nothing beforehand
-        return False
-    return True

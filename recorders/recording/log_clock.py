@@ -14,11 +14,14 @@ class LogClock:
     Parameters
     ----------
     clock : callable
-        The clock on the wall [ns].
+        The clock [ns].
+    name : str
+        What it is called in a line.
     """
 
-    def __init__(self, clock: Callable[[], int]) -> None:
+    def __init__(self, clock: Callable[[], int], *, name: str = "the clock on the wall") -> None:
         self._clock = clock
+        self._name = name
         self._last_ns = 0
         self._waits = False
 
@@ -27,9 +30,7 @@ class LogClock:
         now_ns = self._clock()
         behind_ns = self._last_ns - now_ns
         if behind_ns > 0 and not self._waits:
-            logger.warning(
-                f"the clock on the wall stepped back by {behind_ns / 1e9:g} s: log time waits until it has caught up"
-            )
+            logger.warning(f"{self._name} stepped back by {behind_ns / 1e9:g} s: log time waits until it has caught up")
         self._waits = behind_ns > 0
         self._last_ns = max(self._last_ns, now_ns)
         return self._last_ns

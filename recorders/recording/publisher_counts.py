@@ -1,7 +1,8 @@
 """Publishers of a recording in a ROS domain: how many messages came of each, and how many did not, by their numbers."""
 
 from collections import OrderedDict
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import asdict, dataclass
 from typing import Any
 
 MAX_PUBLISHERS = 1000
@@ -14,6 +15,8 @@ class PublisherCount:
 
     Attributes
     ----------
+    node : str
+        Full name of its node; empty if the graph names none.
     first, last : int
         The lowest and the highest number that came.
     messages : int
@@ -24,6 +27,7 @@ class PublisherCount:
         How many messages came after others of a higher number, or twice.
     """
 
+    node: str
     first: int
     last: int
     messages: int = 1
@@ -44,7 +48,7 @@ class PublisherCounts:
         self._known: OrderedDict[tuple[str, bytes], PublisherCount] = OrderedDict()
         self.forgotten = 0
 
-    def note(self, topic: str, gid: bytes, number: int) -> int:
+    def note(self, topic: str, gid: bytes, number: int, *, node_of: Callable[[], str] = str) -> int:
         """Note a message, and return how many before it did not come.
 
         Parameters
@@ -55,10 +59,12 @@ class PublisherCounts:
             The publisher.
         number : int
             The publisher's own number.
+        node_of : callable
+            Returns the name of its node; called for the first message of a publisher.
         """
         known = self._known.get((topic, gid))
         if known is None:
-            self._known[topic, gid] = PublisherCount(number, number)
+            self._known[topic, gid] = PublisherCount(node_of(), number, number)
             if len(self._known) > MAX_PUBLISHERS:
                 self._known.popitem(last=False)
                 self.forgotten += 1
@@ -75,15 +81,10 @@ class PublisherCounts:
 
     def rows(self) -> list[dict[str, Any]]:
         """Return the counts as JSON values, in order of topics and publishers."""
-        return [
-            {
-                "topic": topic,
-                "publisher": gid.hex(),
-                "messages": count.messages,
-                "first": count.first,
-                "last": count.last,
-                "missing": count.missing,
-                "repeated": count.repeated,
-            }
-            for (topic, gid), count in sorted(self._known.items(), key=lambda item: item[0])
-        ]
+        ordered = sorted(self._known.items(), key=lambda item: item[0])
+        return [{"topic": topic, "publisher": gid.hex(), **asdict(count)} for (topic, gid), count in ordered]
+
+    def to_dict(self) -> dict[str, Any]:
+        """Return the counts as entries of a result and of a manifest; none where there are no such publishers."""
+        found: dict[str, Any] = {"publishers": self.rows()} if self._known else {}
+        return found | ({"publishers_forgotten": self.forgotten} if self.forgotten else {})

@@ -1,17 +1,21 @@
 """Channels of what is recorded in a ROS domain: type, hash and quality of service, as the graph states them."""
 
 import logging
-from collections.abc import Callable, Collection
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 
 from recorders.errors import WireError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.rmw_zenoh.bag_channels import bag_channel
-from recorders.rmw_zenoh.liveliness import Endpoint, EntityType
+from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token
 from recorders.rmw_zenoh.qos import Qos
 from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
-from recorders.wire.keys.ros_graph import GraphView
+from recorders.wire.keys.ros_graph import GraphView, RosGraph
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import TopicKeys
+from recorders.wire.session import Session
 from recorders.writing.writer import MAX_CHANNELS
 
 logger = logging.getLogger(__name__)
@@ -47,18 +51,23 @@ class RosChannels:
                 self._channels[key] = found
         return found
 
-    def check(self) -> None:
-        """Report topics on which another quality of service is offered by now than their channels state."""
-        view = self._view()
-        for (topic, kind), stated in self._offered.items():
-            if {end.qos for end in self._publishers(view, topic, kind)} - stated:
-                self._warnings.warn(
-                    f"{escape_control(topic)}: a publisher that came later offers another quality of service; the "
-                    "recording states that of those which were there first"
-                )
+    def node_of(self, record: RecordedMessage, gid: bytes) -> str:
+        """Return the name of the node that published a message, the first of its publisher; empty if none is known.
+
+        It is reported if by now another quality of service is offered on the topic than its channel states.
+        """
+        publishers = self._publishers(record.topic, record.type)
+        stated = self._offered.get((record.topic, record.type))
+        others = [token for token, end in publishers if stated is not None and end.qos not in stated]
+        if others:
+            self._warnings.warn(
+                f"{escape_control(record.topic)}: {escape_control(others[0].node.full_name)} came later and offers "
+                "another quality of service; the recording states that of the publishers which were there first"
+            )
+        return next((token.node.full_name for token, _ in publishers if token.gid == gid), "")
 
     def _declared(self, topic: str, kind: str) -> DeclaredChannel:
-        publishers = self._publishers(self._view(), topic, kind)
+        publishers = [end for _, end in self._publishers(topic, kind)]
         profiles = [end.qos for end in publishers]
         if len(self._offered) < MAX_CHANNELS:
             self._offered[topic, kind] = frozenset(profiles)
@@ -70,10 +79,21 @@ class RosChannels:
             )
         return bag_channel(topic, kind, next(iter(hashes), ""), profiles)
 
-    def _publishers(self, view: GraphView, topic: str, kind: str) -> Collection[Endpoint]:
+    def _publishers(self, topic: str, kind: str) -> list[tuple[Token, Endpoint]]:
         try:
             name = self._graph_name(topic)
         except WireError:
-            return ()
-        tokens = view.endpoints(name, EntityType.PUBLISHER)
-        return [token.endpoint for token in tokens if token.endpoint is not None and token.endpoint.type == kind]
+            return []
+        tokens = self._view().endpoints(name, EntityType.PUBLISHER)
+        ends = [(token, token.endpoint) for token in tokens]
+        return [(token, end) for token, end in ends if end is not None and end.type == kind]
+
+
+@contextmanager
+def domain_channels(session: Session, keys: TopicKeys) -> Iterator[RosChannels | None]:
+    """Yield the channels of a ROS domain while the block runs; None where topics are those of a namespace."""
+    if not isinstance(keys, RosKeys):
+        yield None
+        return
+    with RosGraph(session, keys.domain) as graph:
+        yield RosChannels(lambda: graph.view, keys.graph_name)

@@ -1,11 +1,11 @@
 """Channels of a ROS graph as rosbag2 writes them into MCAP, and the quality of service that they state."""
 
 from collections.abc import Iterable, Sequence
+from dataclasses import replace
 
 from recorders.cdr.rosbags_types import is_known, schema_text
 from recorders.mcap_format.channels import DeclaredChannel
-from recorders.messages.topics import ROBOT_TEXTS
-from recorders.rmw_zenoh.qos import LATCHED, Qos, qos_text, read_qos_text, strictest
+from recorders.rmw_zenoh.qos import Qos, qos_text, read_qos_text, strictest, usual_qos
 from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, type_hash
 
 QOS_METADATA = "offered_qos_profiles"
@@ -14,7 +14,7 @@ QOS_METADATA = "offered_qos_profiles"
 HASH_METADATA = "topic_type_hash"
 """Metadata of a channel in which rosbag2 states the RIHS01 hash of its type."""
 
-_LATCHED_TOPICS = frozenset({*ROBOT_TEXTS.values(), "/tf_static"})
+_NO_SCHEMA = ("unknown", "", b"")
 
 
 def bag_channel(topic: str, type_name: str, hash_text: str, profiles: Sequence[Qos]) -> DeclaredChannel:
@@ -48,6 +48,30 @@ def schema_of_type(type_name: str, hash_text: str) -> tuple[str, str, bytes]:
     return type_name, "ros2msg", schema_text(type_name).encode()
 
 
+def has_definition(channel: DeclaredChannel) -> bool:
+    """Whether a channel has the text of its type's definition."""
+    return channel.schema is not None and bool(channel.schema[2])
+
+
+def with_schema(topic: str, type_name: str, declared: DeclaredChannel | None) -> DeclaredChannel | None:
+    """Return the channel of a message with a schema of no text if it would have none: rosbag2 opens no such file.
+
+    Parameters
+    ----------
+    topic : str
+        Its topic.
+    type_name : str
+        Its type; an empty string if that is unknown.
+    declared : DeclaredChannel, optional
+        Its channel in another log, or in a graph.
+    """
+    if declared is not None and declared.schema is None:
+        return replace(declared, schema=_NO_SCHEMA)
+    if declared is None and not type_name:
+        return DeclaredChannel(topic, "application/octet-stream", schema=_NO_SCHEMA)
+    return declared
+
+
 def stated_qos(channels: Iterable[DeclaredChannel], topic: str) -> Qos:
     """Return what a publisher offers in place of those whose messages were recorded on a topic.
 
@@ -63,4 +87,4 @@ def stated_qos(channels: Iterable[DeclaredChannel], topic: str) -> Qos:
     texts = dict.fromkeys(dict(channel.metadata).get(QOS_METADATA, "") for channel in of_topic)
     if profiles := [profile for text in texts for profile in read_qos_text(text)]:
         return strictest(profiles)
-    return LATCHED if topic in _LATCHED_TOPICS else Qos()
+    return usual_qos(topic)

@@ -6,6 +6,7 @@ from enum import IntEnum
 from typing import Any, Self, TypeVar
 
 from recorders.errors import WireError
+from recorders.messages.topics import ROBOT_TEXTS, TF_STATIC
 from recorders.text.plain_yaml import from_yaml, to_yaml
 
 
@@ -168,6 +169,8 @@ class Qos:
 LATCHED = Qos(durability=Durability.TRANSIENT_LOCAL, depth=1)
 """Of a topic whose last message late joiners get, such as /robot_description."""
 
+_LATCHED_TOPICS = frozenset((*ROBOT_TEXTS.values(), TF_STATIC))
+
 
 def qos_text(profiles: Iterable[Qos]) -> str:
     """Return the profiles that the publishers of a topic offer as rosbag2 has them: a list, in YAML."""
@@ -230,6 +233,11 @@ def _count(value: Any) -> int:
 def _rosbag2_time(value: Any) -> tuple[int, int]:
     time = _count(value["sec"]), _count(value["nsec"])
     return _INFINITE if time in _INFINITE_OF_FOXY else time
+
+
+def usual_qos(topic: str) -> Qos:
+    """Return the quality of service with which ROS 2's own nodes offer a topic, and ours."""
+    return LATCHED if topic in _LATCHED_TOPICS else Qos()
 
 
 def _pair(time: tuple[int, int]) -> str:

@@ -63,6 +63,8 @@ class ReceiverConfig:
         Topics of which the last message from before this came is handed over too, if its publisher keeps it.
     key_file : Path, optional
         File with the key that it shares with senders; if left out, the user's own.
+    use_sim_time : bool
+        Whether live messages arrive at the time of `/clock`.
     """
 
     name: str = "learner"
@@ -74,6 +76,7 @@ class ReceiverConfig:
     topics: Mapping[str, str] | None = None
     latched_topics: frozenset[str] = frozenset()
     key_file: Path | None = None
+    use_sim_time: bool = False
 
     def __post_init__(self) -> None:
         """Check the name."""
@@ -131,6 +134,7 @@ class Receiver:
             latched_topics=self._config.latched_topics,
             live=self._config.live,
             take_stream=self._on_stream,
+            use_sim_time=self._config.use_sim_time,
         )
         self._queries = ConsumerQueries(
             session, self._config.namespace, self._config.name, on_hello=self._on_hello, on_status=self._on_status

@@ -2,8 +2,9 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import ExitStack, suppress
+from types import MappingProxyType
 from typing import Any, Self, TypeAlias
 
 import zenoh
@@ -13,12 +14,14 @@ from recorders.protocol.frames import FrameType
 from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
+from recorders.rmw_zenoh.qos import Qos
 from recorders.wire.keys.namespace import control_key
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher, TopicKeys
 from recorders.wire.session import has_subscribers
 
 Batches: TypeAlias = Iterator[tuple[RecordedMessage, ...]]
 
+_NO_QOS: Mapping[str, Qos] = MappingProxyType({})
 _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
 _LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
@@ -52,6 +55,8 @@ class StreamSender:
         Whose acknowledgements are taken.
     encoding : callable
         Returns the encoding of a message that travels alone.
+    qos : mapping of str to Qos
+        What is offered on topics of a ROS domain, where it is not what their own nodes offer.
     """
 
     def __init__(
@@ -62,12 +67,14 @@ class StreamSender:
         consumers: tuple[str, ...],
         *,
         encoding: Callable[[RecordedMessage], str],
+        qos: Mapping[str, Qos] = _NO_QOS,
     ) -> None:
         self._session = session
         self._keys = keys
         self._machine = machine
         self._consumers = consumers
         self._encoding = encoding
+        self._qos = qos
         self._lock = threading.Lock()  # held for each step of the machine
         self._changed = threading.Condition(self._lock)  # the stream may go on, or is over
         self._due = threading.Condition(self._lock)  # there is something to ask or to send again
@@ -100,7 +107,9 @@ class StreamSender:
             if (topic, type_name) not in self._publishers:
                 # The default, DROP, loses a third of a burst.
                 blocking = zenoh.CongestionControl.BLOCK
-                publisher = self._keys.publishing(self._session, topic, type_name, congestion_control=blocking)
+                publisher = self._keys.publishing(
+                    self._session, topic, type_name, qos=self._qos.get(topic), congestion_control=blocking
+                )
                 self._publishers[topic, type_name] = self._stack.enter_context(publisher)
             return self._publishers[topic, type_name]
 

@@ -9,13 +9,15 @@ from typing import NamedTuple, Self, TypeAlias
 import zenoh
 
 from recorders.errors import MessageError
+from recorders.messages.message_types import Clock
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import type_of
+from recorders.messages.topics import CLOCK, type_of
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, batch_topic, unpack
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.wire.history import HistorySubscriber
 from recorders.wire.keys.topic_keys import KeyedTopic, TopicKeys
 from recorders.wire.queries import MAX_CONTROL
+from recorders.wire.sim_time import NO_TIME, SimTime
 
 _ENCODINGS = frozenset(map(str, (zenoh.Encoding.APPLICATION_CDR, zenoh.Encoding.APPLICATION_OCTET_STREAM)))
 _ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within milliseconds
@@ -41,6 +43,7 @@ class Received(NamedTuple):
     sample: zenoh.Sample
     frame: Frame | None
     origin: Attachment | None = None
+    time_ns: int = 0  # when it arrived
 
     @property
     def type(self) -> str:
@@ -76,6 +79,9 @@ class Subscription:
         Whether attachments of others are passed over: they may attach to live messages what they like.
     take_stream : callable
         Takes what is of a stream, before anything else looks at it; raises MessageError to refuse it.
+    use_sim_time : bool
+        Whether messages arrive at the time of `/clock`, and not of the clock on the wall; what comes before the first
+        message there is refused.
     """
 
     def __init__(
@@ -89,6 +95,7 @@ class Subscription:
         latched_topics: Iterable[str] = (),
         live: bool = False,
         take_stream: TakeStream = lambda topic, sample, attachment: False,
+        use_sim_time: bool = False,
     ) -> None:
         self._session = session
         self._keys = keys
@@ -96,6 +103,9 @@ class Subscription:
         self._refuse = refuse
         self._live = live
         self._take_stream = take_stream
+        self._sim_time = SimTime() if use_sim_time else None
+        if topics is not None and use_sim_time:
+            topics = {**topics, CLOCK: Clock.TYPE}
         self._topics = topics or {}
         self._selected = keys.everything if topics is None else keys.selection(topics)
         latched = (keys.key(topic, self._topics.get(topic, "")) for topic in latched_topics)
@@ -149,11 +159,20 @@ class Subscription:
             raise MessageError(f"{topic.topic}: an attachment of {len(attachment)} bytes")
         data = None if attachment is None else attachment.to_bytes()
         ours, origin = self._keys.read_attachment(topic.topic, data)
-        if ours is None:
-            self._hand_over(Received(topic, sample, None, origin))
-        elif not self._take_stream(topic, sample, ours):
-            received = Received(topic, sample, None, origin)
-            self._hand_over(received._replace(frame=self._framed(received, ours)))
+        if ours is not None and self._take_stream(topic, sample, ours):
+            return
+        received = Received(topic, sample, None, origin, self._arrival_ns(topic.topic, sample))
+        self._hand_over(received if ours is None else received._replace(frame=self._framed(received, ours)))
+
+    def _arrival_ns(self, topic: str, sample: zenoh.Sample) -> int:
+        """Return the time [ns]; raises MessageError if there is none yet."""
+        if self._sim_time is None:
+            return time.time_ns()
+        if topic == CLOCK:
+            self._sim_time.take(sample.payload.to_bytes())
+        if not self._sim_time.is_known:
+            raise MessageError(NO_TIME)
+        return self._sim_time.time_ns()
 
     def _framed(self, received: Received, attachment: bytes) -> Frame | None:
         """Return the frame that a sample is, None if its attachment is not ours.
@@ -171,11 +190,11 @@ class Subscription:
 
 def live_messages(received: Received) -> Iterator[LiveMessage]:
     """Yield what a sample is when it is of no stream."""
-    (topic, stated, _), sample, frame, origin = received
+    (topic, stated, _), sample, frame, origin, time_ns = received
     kind = received.type
     if frame is None:
         number = 0 if origin is None else origin.short_sequence
-        record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time.time_ns())
+        record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time_ns)
         yield LiveMessage(record, numbered=origin is not None, origin=origin)
         return
     for record in frame.messages:

@@ -212,7 +212,7 @@ class Playback:
                     raise LogError(
                         f"{reader.path}: {record.topic} #{record.sequence}: expected a log time that {CLOCK} can hold, "
                         f"up to {seconds_text(MAX_STAMP_NS)} s, found {seconds_text(record.log_time_ns)} s; play it "
-                        "without --clock"
+                        "without --clock-rate"
                     )
                 if record.topic in self._played:
                     check_size(record, reader.path, hint="; choose the topics that are to be played with --topic")

@@ -1,11 +1,14 @@
 """Whom a stream is sent to over Zenoh, and how."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 
 from recorders.errors import ConfigError
+from recorders.rmw_zenoh.qos import Qos
 from recorders.text.wording import names_text
 from recorders.wire.keys.namespace import check_name
+from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 
 _LONGEST_WAIT_S = 86_400.0
@@ -33,6 +36,10 @@ class SenderConfig:
         How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
     key_file : Path, optional
         File with the key that this shares with the consumers; if left out, the user's own.
+    qos : mapping of str to Qos
+        What is offered on topics of a ROS domain; of others, what their nodes offer.
+    wait_for : mapping of str to int
+        How many subscriptions of topics of a ROS domain are awaited, for as long as a consumer is.
 
     Raises
     ------
@@ -47,6 +54,8 @@ class SenderConfig:
     wait_s: float = 10.0
     patience_s: float = 30.0
     key_file: Path | None = None
+    qos: Mapping[str, Qos] = field(default_factory=dict)
+    wait_for: Mapping[str, int] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Check names and ranges."""
@@ -63,6 +72,11 @@ class SenderConfig:
             raise ConfigError(
                 f"expected 1 <= batch size <= window, found batch size {self.batch_size} and window {self.window}"
             )
+        if self.wait_for and not isinstance(self.keys, RosKeys):
+            raise ConfigError("--wait-for: expected --ros beside it: subscriptions are counted in a ROS domain")
+        for topic, number in self.wait_for.items():
+            if number < 1:
+                raise ConfigError(f"--wait-for {topic}: expected 1 subscription or more, found {number}")
         for name, seconds in (("wait", self.wait_s), ("patience", self.patience_s)):
             if not 0.0 <= seconds <= _LONGEST_WAIT_S:
                 raise ConfigError(f"{name}: expected 0 to {_LONGEST_WAIT_S:g} s, found {seconds:g}")

@@ -14,12 +14,15 @@ from recorders.protocol.seals.authentication import KEY_BYTES
 from recorders.protocol.seals.opening import UnansweredError
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.stream import Offer
+from recorders.rmw_zenoh.qos import usual_qos
 from recorders.wire.channel_table import published_channels
+from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.refusals import Refusals
 from recorders.wire.sender import StreamSender, find_listener
 from recorders.wire.session import Session
 from recorders.wire.shared_key import shared_key
 from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status
+from replay.transports.awaited_subscriptions import await_subscriptions
 from replay.transports.batches import batches
 from replay.transports.sender_config import SenderConfig
 from replay.transports.transport import StreamFrom
@@ -77,7 +80,8 @@ class ZenohTransport:
     def deliver(self, offer: Offer, stream_from: StreamFrom) -> dict[str, dict[str, Any]]:
         """Deliver the stream; see `Transport.deliver`."""
         namespace = self._config.namespace
-        if not self._config.consumers and not find_listener(self._session, self._config.keys):
+        awaited = self._config.consumers or self._config.wait_for
+        if not awaited and not find_listener(self._session, self._config.keys):
             logger.warning(f"nobody listens in {self._config.keys.words} yet; the stream begins all the same")
         offer = replace(offer, sender=secrets.token_hex(16), window=self._config.window)
         with (
@@ -86,6 +90,7 @@ class ZenohTransport:
             self._sender(offer) as sender,
         ):
             try:
+                self._join_domain(sender)
                 results = sender.deliver(
                     lambda start: map(tuple, batches(stream_from(start), self._config.batch_size)),
                     before_each=controllers.check,
@@ -99,6 +104,23 @@ class ZenohTransport:
                 sender.abort(_why(error))
                 raise
             return results | controllers.results()
+
+    def _join_domain(self, sender: StreamSender) -> None:
+        """Have all topics in the graph of a ROS domain before the first message, and wait for who is awaited there."""
+        keys, config = self._config.keys, self._config
+        if isinstance(keys, RosKeys):
+            publishers = {
+                channel.topic: (channel.type, sender.publisher(channel.topic, channel.type))
+                for channel in self._channels
+            }
+            await_subscriptions(
+                self._session,
+                keys,
+                config.wait_for,
+                publishers,
+                is_latched=lambda topic: (config.qos.get(topic) or usual_qos(topic)).is_latched,
+                wait_s=config.wait_s,
+            )
 
     def _sender(self, offer: Offer) -> StreamSender:
         config = self._config
@@ -118,7 +140,7 @@ class ZenohTransport:
             kind = "octet-stream" if (message.topic, message.type) in no_cdr else "cdr"
             return f"application/{kind};{message.type}"
 
-        return StreamSender(self._session, config.keys, machine, config.consumers, encoding=encoding)
+        return StreamSender(self._session, config.keys, machine, config.consumers, encoding=encoding, qos=config.qos)
 
     def _is_controller(self, name: str, controllers: AwaitedControllers, sender: StreamSender) -> bool:
         """Whether a served controller of that name is there, which from now on is awaited."""

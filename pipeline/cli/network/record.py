@@ -1,6 +1,6 @@
 """The verb record."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
 from pathlib import Path
@@ -10,6 +10,7 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json, Overwrite
+from pipeline.cli.ros_domain import UseSimTime
 from pipeline.cli.sessions import ConnectingNode
 from pipeline.terminal import console
 from recorders.errors import ConfigError, LogError
@@ -67,6 +68,7 @@ def record(
         str, typer.Option(help="Name by which a stream awaits this recorder.", metavar="NAME")
     ] = "recorder",
     overwrite: Overwrite = False,
+    use_sim_time: UseSimTime = False,
     node: ConnectingNode,
     as_json: Json = False,
 ) -> None:
@@ -77,19 +79,19 @@ def record(
     from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
-    config = topics.config()
+    config = replace(topics.config(), for_rosbag2=bag is not None, use_sim_time=use_sim_time)
     if bag is not None:
         if out is not None or overwrite:
             raise ConfigError("--bag: expected a new folder and neither --out nor --overwrite")
         out = new_bag_folder(bag)
     if out is not None and config.split_bytes is None and config.split_ns is None:
         check_place(out, overwrite=overwrite)  # before anybody is waited for
-    recording = _record(
-        out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end, is_bag=bag is not None
-    )
+    recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
     result = recording.to_dict()
     if not (as_json or recording.left_out):
         del result["left_out"]
+    if not as_json:
+        result.pop("publishers", None)  # one by one; what is missing of them is among the gaps
     console.show(result, as_json=as_json)
     console.notice(_outcome(recording, node.keys(name).key(EVERY_TOPIC)))
 
@@ -102,13 +104,13 @@ def _record(
     *,
     overwrite: bool,
     stop_at_stream_end: bool,
-    is_bag: bool,
 ) -> "RecordingStats":
     """Record until it is over, and return what there is of it."""
     from pipeline.terminal.signals import until_stopped
     from recorders.nodes.node import running_node
     from recorders.recording.bag_folder import write_bag_metadata
     from recorders.recording.live_recorder import LiveRecorder
+    from recorders.recording.ros_channels import domain_channels
     from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
@@ -121,12 +123,14 @@ def _record(
         console.counter("record") as show,
         open_session(session, on_wait=partial(console.notice, f"{name} waits for {where}, to record {key}")) as opened,
         receiving.keys.joined(opened),
+        domain_channels(opened, receiving.keys) as channels,
         Receiver(opened, config=receiving) as receiver,
         LiveRecorder(  # last, as it sets aside what a crash left: only a recording that begins may do that
             out,
             config=config,
             overwrite=overwrite,
             on_progress=lambda so_far: show(so_far.messages, so_far.size),
+            ros=channels,
         ) as recorder,
         running_node(
             opened,
@@ -141,7 +145,7 @@ def _record(
         try:
             recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
         finally:
-            if is_bag and all(path.is_file() for path in recorder.recording.paths):
+            if config.for_rosbag2 and all(path.is_file() for path in recorder.recording.paths):
                 write_bag_metadata(recorder.recording.paths)
     return recorder.recording
 

@@ -1,7 +1,7 @@
 """The verb replay."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,6 +9,7 @@ import typer
 
 from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
+from pipeline.cli.network.ros_playing import RosPlayOptions, note_hashes
 from pipeline.cli.options import AsRecorded, Json, Logs, StreamsRobot
 from pipeline.cli.project_settings import of_settings
 from pipeline.cli.sessions import ConnectingNode, Wait
@@ -94,11 +95,13 @@ class SendOptions:
         int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
     ] = None
 
-    def config(self, consumers: tuple[str, ...], node: ConnectingNode, *, paced: bool, wait_s: float) -> "SenderConfig":
+    def config(
+        self, consumers: tuple[str, ...], node: ConnectingNode, *, singly: bool, wait_s: float
+    ) -> "SenderConfig":
         """Return the settings of the sender."""
         from replay.transports.sender_config import SenderConfig
 
-        batch_size = self.batch_size or min(64 if consumers and not paced else 1, self.window)
+        batch_size = self.batch_size or min(64 if consumers and not singly else 1, self.window)
         return SenderConfig(
             consumers,
             keys=node.keys("replay"),
@@ -119,6 +122,7 @@ def replay(
         float | None, typer.Option(help="Pace: 1 is real time; from 0.1 to 1000.", metavar="FACTOR")
     ] = None,
     playing: PlayOptions,
+    in_domain: RosPlayOptions,
     robot: StreamsRobot = None,
     alignment: AlignmentOptions,
     compare_with: Annotated[
@@ -142,16 +146,22 @@ def replay(
     from replay.transports.clock import Paced, Pausable, Unpaced
 
     check_metrics(node.prometheus)
+    period_ns = in_domain.clock_period_ns(plays=playing.play, paced=rate is not None)
     source = (
-        _played(logs, schedule, playing, alignment)
+        _played(logs, schedule, playing, alignment, latched_first=node.ros is not None, clock_period_ns=period_ns)
         if playing.play
         else _presented(logs, schedule, playing, robot, alignment)
     )
+    consumers = tuple(awaited or (() if playing.play else ("learner",)))
+    singly = rate is not None or (playing.play and node.ros is not None)  # nodes of ROS know no batches
+    sender = sending.config(consumers, node, singly=singly, wait_s=wait)
+    sender = replace(sender, wait_for=in_domain.subscriptions())
     channels = source.channels if isinstance(source, Playback) else ()
+    if isinstance(source, Playback) and node.ros is not None:
+        note_hashes(sender.keys, channels)
+        sender = replace(sender, qos=source.qos)
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
-    consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    sender = sending.config(consumers, node, paced=rate is not None, wait_s=wait)
     pace = Unpaced() if rate is None else Paced(rate)
     if not consumers:
         console.notice(_SPECTATORS)
@@ -172,7 +182,13 @@ def replay(
 
 
 def _played(
-    logs: list[Path], schedule: ScheduleOptions, playing: PlayOptions, alignment: AlignmentOptions
+    logs: list[Path],
+    schedule: ScheduleOptions,
+    playing: PlayOptions,
+    alignment: AlignmentOptions,
+    *,
+    latched_first: bool,
+    clock_period_ns: int | None,
 ) -> "Playback":
     from recorders.reading.parts import recordings
     from recorders.text.quantities import parse_seconds
@@ -194,6 +210,8 @@ def _played(
         start_ns=0 if playing.start is None else parse_seconds(playing.start, "--start"),
         end_ns=None if playing.end is None else parse_seconds(playing.end, "--end"),
         loops=playing.loop,
+        latched_first=latched_first,
+        clock_period_ns=clock_period_ns,
     )
     return Playback(found, config)
 

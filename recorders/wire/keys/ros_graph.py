@@ -102,6 +102,7 @@ class RosGraph:
         self._domain = domain
         self._changed = threading.Condition()
         self._tokens: dict[str, Token] = {}
+        self._view: GraphView | None = None  # of these tokens, once it is asked for
         self._stack = ExitStack()
         self.refused = 0
 
@@ -117,7 +118,9 @@ class RosGraph:
     def view(self) -> GraphView:
         """The graph as it is now."""
         with self._changed:
-            return GraphView(tuple(self._tokens[key] for key in sorted(self._tokens)))
+            if self._view is None:
+                self._view = GraphView(tuple(self._tokens[key] for key in sorted(self._tokens)))
+            return self._view
 
     def wait_for(self, topic: str, number: int, *, timeout_s: float, type_name: str = "") -> None:
         """Wait until a topic has so many subscriptions, of one type if it is given.
@@ -137,7 +140,7 @@ class RosGraph:
             self._changed.wait_for(lambda: found() >= number, timeout_s)
         if (there := found()) < number:
             kind = f" to {type_name}" if type_name else ""
-            raise WireError(f"{topic}: expected {number} subscriptions{kind} within {timeout_s:g} s, found {there}")
+            raise WireError(f"{topic}: expected {number} subscriptions{kind} within {timeout_s:.3g} s, found {there}")
 
     # From here on: Zenoh's threads.
 
@@ -149,6 +152,7 @@ class RosGraph:
                 self.refused += 1
             else:
                 self._add(key)
+            self._view = None
             self._changed.notify_all()
 
     def _add(self, key: str) -> None:

@@ -9,13 +9,13 @@ from typing import Any
 import zenoh
 
 from recorders.errors import WireError
-from recorders.messages.topics import CLOCK, ROBOT_TEXTS, TF, TF_STATIC, type_of
+from recorders.messages.topics import CLOCK, TF, TF_STATIC, type_of
 from recorders.protocol.frames import batch_topic
 from recorders.rmw_zenoh.attachment import attaching, unpack
 from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
-from recorders.rmw_zenoh.qos import LATCHED, Qos
+from recorders.rmw_zenoh.qos import Qos, usual_qos
 from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.wire.history import publishing_latched, subscribing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
@@ -24,12 +24,6 @@ from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, Me
 from recorders.wire.session import publishing
 
 _GLOBAL = frozenset((TF, TF_STATIC, CLOCK))  # of a whole system, whatever the namespace of a node
-_LATCHED = frozenset((*ROBOT_TEXTS.values(), TF_STATIC))
-
-
-def usual_qos(topic: str) -> Qos:
-    """Return the quality of service with which ROS 2's own nodes offer a topic, and ours."""
-    return LATCHED if topic in _LATCHED else Qos()
 
 
 class RosKeys:

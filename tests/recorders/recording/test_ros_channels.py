@@ -63,18 +63,23 @@ def test_a_type_of_ones_own_has_its_name_and_hash() -> None:
 
 
 def test_a_channel_stays_as_it_began_and_a_newcomer_is_reported_once(caplog: pytest.LogCaptureFixture) -> None:
-    graph = Graph(publisher("/chatter", String.TYPE, Qos()))
+    first, same, other = (
+        publisher("/chatter", String.TYPE, qos, number=number) for number, qos in enumerate((Qos(), Qos(), LATCHED))
+    )
+    graph = Graph(first)
     channels = graph.channels()
-    first = channels.channel(record("/chatter"))
+    channel = channels.channel(record("/chatter"))
     with caplog.at_level(logging.WARNING):
-        channels.check()
+        graph.tokens = (first, same)
+        assert [channels.node_of(record("/chatter"), each.gid) for each in (first, same)] == ["/talker", "/talker"]
+        assert channels.node_of(record("/chatter"), bytes(16)) == ""
         assert not caplog.records
-        graph.tokens = (*graph.tokens, publisher("/chatter", String.TYPE, LATCHED, number=2))
-        channels.check()
-        channels.check()
+        graph.tokens = (first, same, other)
+        assert channels.node_of(record("/chatter"), other.gid) == "/talker"
+        channels.node_of(record("/chatter"), other.gid)
     (line,) = caplog.messages
-    assert line.startswith("/chatter: a publisher that came later offers another quality of service")
-    assert channels.channel(record("/chatter")) is first
+    assert line.startswith("/chatter: /talker came later and offers another quality of service")
+    assert channels.channel(record("/chatter")) is channel
 
 
 def test_definitions_that_differ_are_reported(caplog: pytest.LogCaptureFixture) -> None:

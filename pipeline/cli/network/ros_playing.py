@@ -1,0 +1,89 @@
+"""Options of replay that mean something in a ROS domain: whom it waits for there, and the time that it publishes."""
+
+from collections.abc import Iterable
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated
+
+import typer
+
+from recorders.errors import ConfigError
+from recorders.text.wording import names_text
+
+if TYPE_CHECKING:
+    from recorders.mcap_format.channels import DeclaredChannel
+    from recorders.wire.keys.topic_keys import TopicKeys
+
+_NS_PER_S = 10**9
+_MAX_RATE_HZ = 10_000.0
+
+
+@dataclass(frozen=True)
+class RosPlayOptions:
+    """Subscriptions that are waited for, and the rate of `/clock`."""
+
+    wait_for: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="With --ros: begin when a topic has so many subscriptions; within --wait. May be repeated.",
+            metavar="TOPIC=N",
+        ),
+    ] = None
+    clock_rate: Annotated[
+        float | None,
+        typer.Option(
+            help="With --play and --rate: publish the log time on /clock, so often in each second of it.",
+            metavar="HZ",
+        ),
+    ] = None
+
+    def subscriptions(self) -> dict[str, int]:
+        """Return how many subscriptions are awaited, by topic; raises ConfigError if that is no number."""
+        found = {}
+        for text in self.wait_for or ():
+            topic, separator, number = text.rpartition("=")
+            if not separator or not topic or not (number.isascii() and number.isdigit() and len(number) <= 4):
+                raise ConfigError(f"--wait-for: expected TOPIC=N, such as /joint_states=1, found {text[:100]!r}")
+            found[topic] = int(number)
+        return found
+
+    def clock_period_ns(self, *, plays: bool, paced: bool) -> int | None:
+        """Return the period of `/clock` [ns]; None if it is not published.
+
+        Raises
+        ------
+        ConfigError
+            If the rate is out of range, or nothing is played at a pace.
+        """
+        if self.clock_rate is None:
+            return None
+        if not (plays and paced):
+            raise ConfigError("--clock-rate: expected --play and --rate beside it: time passes with what is played")
+        if not 0.001 <= self.clock_rate <= _MAX_RATE_HZ:
+            raise ConfigError(f"--clock-rate: expected 0.001 to {_MAX_RATE_HZ:g} Hz, found {self.clock_rate:g}")
+        return round(_NS_PER_S / self.clock_rate)
+
+
+def note_hashes(keys: "TopicKeys", channels: Iterable["DeclaredChannel"]) -> None:
+    """Have the keys of a ROS domain take over the hashes of types that the recordings define.
+
+    Raises
+    ------
+    ConfigError
+        If the hash of a type is not known: it is a part of the key.
+    """
+    from recorders.containers.definitions import definition_hash
+    from recorders.wire.keys.ros_keys import RosKeys
+
+    if not isinstance(keys, RosKeys):
+        return
+    unknown = []
+    for channel in channels:
+        if found := definition_hash(channel):
+            keys.hashes[channel.type] = found
+        else:
+            unknown.append(channel.topic)
+    if unknown:
+        raise ConfigError(
+            f"--ros: {names_text(sorted(unknown))}: expected a type with its definition, found none in the recording; "
+            "choose the other topics with --topic"
+        )

@@ -1,0 +1,155 @@
+"""A recording of a ROS domain is a bag: types, hashes, quality of service, numbers and times as they were sent.
+
+The client is ROBOTIS', in a process of its own; what it publishes is read back by rosbags.
+"""
+
+import threading
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+import zenoh
+from ros_peer import RosPeer, ros_peer
+from rosbags.highlevel import AnyReader
+from waiting import wait_until
+
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import Clock, JointState, String
+from recorders.messages.record import publish_time_ns
+from recorders.messages.topics import CLOCK, JOINT_STATES
+from recorders.reading.reader import LogReader
+from recorders.recording.bag_folder import new_bag_folder, write_bag_metadata
+from recorders.recording.config import RecordConfig, RecordingStats
+from recorders.recording.live_recorder import LiveRecorder
+from recorders.recording.ros_channels import domain_channels
+from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import EVERY_TOPIC
+from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import Receiver, ReceiverConfig
+from recorders.wire.session import SessionConfig, open_session
+
+pytest.importorskip("zenoh_ros2_sdk")
+
+DOMAIN = 5
+CONFIG = RecordConfig(for_rosbag2=True)
+Beside = tuple[zenoh.Session, RosPeer, zenoh.Session]
+
+
+@pytest.fixture(scope="module")
+def beside() -> Iterator[Beside]:
+    """A session of ours, the client beside it, and another session of ours."""
+    endpoint = free_endpoint()
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        ros_peer(endpoint, domain=DOMAIN) as peer,
+        open_session(SessionConfig(connect=(endpoint,))) as other,
+    ):
+        yield session, peer, other
+
+
+@contextmanager
+def recording(session: zenoh.Session, out: Path, config: RecordConfig = CONFIG) -> Iterator[RecordingStats]:
+    """Record the domain to a file while the block runs."""
+    keys = RosKeys(DOMAIN, NodeName("recorder"))
+    receiving = ReceiverConfig(name="recorder", keys=keys, live=True, latched_topics=frozenset({EVERY_TOPIC}))
+    over = threading.Event()
+    with (
+        keys.joined(session),
+        domain_channels(session, keys) as channels,
+        Receiver(session, config=receiving) as receiver,
+        LiveRecorder(out, config=config, ros=channels) as recorder,
+    ):
+        thread = threading.Thread(target=recorder.run, args=(receiver,), kwargs={"stopped": over.is_set})
+        thread.start()
+        try:
+            yield recorder.recording
+        finally:
+            over.set()
+            thread.join()
+
+
+def came(stats: RecordingStats, number: int) -> Callable[[], bool]:
+    return lambda: stats.messages == number
+
+
+def test_a_bag_has_what_a_client_of_others_published(beside: Beside, tmp_path: Path) -> None:
+    session, peer, _ = beside
+    path = new_bag_folder(tmp_path / "bag")
+    states = [encode(JointState(number, ("a",), [0.1 * number])).hex() for number in range(5)]
+    peer.ask("publisher", topic="/map", type_name=String.TYPE, name="mapper", latched=True)
+    with recording(session, path) as stats:
+        peer.ask("publish", topic="/map", fields={"data": "latched"})
+        peer.ask("publisher", topic=JOINT_STATES, type_name=JointState.TYPE, name="arm")
+        for state in states:
+            peer.ask("publish_cdr", topic=JOINT_STATES, payload=state)
+        wait_until(came(stats, 6))
+    write_bag_metadata(stats.paths)
+    with AnyReader([tmp_path / "bag"]) as reader:
+        found = {connection.topic: connection for connection in reader.connections}
+        messages = [(connection.topic, bytes(data).hex()) for connection, _, data in reader.messages()]
+    assert messages == [("/map", encode(String("latched")).hex()), *((JOINT_STATES, state) for state in states)]
+    for topic, kind, durability in (("/map", String.TYPE, 1), (JOINT_STATES, JointState.TYPE, 2)):
+        (profile,) = found[topic].ext.offered_qos_profiles
+        assert (found[topic].msgtype, found[topic].digest) == (kind, type_hash(kind))
+        assert (profile.durability.value, profile.reliability.value) == (durability, 1)
+    log = LogReader(path)
+    numbers = [record.sequence for record in log.records(topics=(JOINT_STATES,))]
+    assert numbers == list(range(numbers[0], numbers[0] + 5))
+    for record in log.records(publish_times=True):
+        assert publish_time_ns(record) < record.log_time_ns
+    rows = {row["topic"]: row for row in log.manifest["publishers"]}
+    assert stats.to_dict()["publishers"] == log.manifest["publishers"]
+    assert (rows[JOINT_STATES]["messages"], rows[JOINT_STATES]["missing"], stats.gaps) == (5, 0, {})
+
+
+def put(session: zenoh.Session, keys: RosKeys, topic: str, message: String | Clock, origin: Attachment) -> None:
+    session.put(keys.key(topic, message.TYPE), encode(message), attachment=origin.pack())
+
+
+def test_what_does_not_come_of_one_of_two_publishers_is_counted(beside: Beside, tmp_path: Path) -> None:
+    """And a message of a type that is not known keeps its name; the log's own number wraps where MCAP's ends."""
+    session, _, other = beside
+    keys = RosKeys(DOMAIN, NodeName("talker"), hashes={"lab/msg/Grip": "RIHS01_" + 64 * "5"})
+    gids = bytes(15) + b"a", bytes(15) + b"b"
+    with recording(session, tmp_path / "log.mcap") as stats:
+        for number, gid in ((1, 0), (2**32 - 1, 1), (2, 0), (2**32, 1), (6, 0), (2**32 + 1, 1)):
+            put(other, keys, "/chatter", String(str(number)), Attachment(number, number, gids[gid]))
+        other.put(keys.key("/grip", "lab/msg/Grip"), b"?", attachment=Attachment(1, 7, gids[0]).pack())
+        wait_until(came(stats, 7))
+    log = LogReader(tmp_path / "log.mcap")
+    assert [record.sequence for record in log.records(topics=("/chatter",))] == [1, 2**32 - 1, 2, 0, 6, 1]
+    assert stats.gaps == {"/chatter": 3}
+    kept = ("topic", "publisher", "first", "last", "missing")
+    assert [tuple(row[name] for name in kept) for row in stats.publishers.rows()] == [
+        ("/chatter", gids[0].hex(), 1, 6, 3),
+        ("/chatter", gids[1].hex(), 2**32 - 1, 2**32 + 1, 0),
+        ("/grip", gids[0].hex(), 1, 1, 0),
+    ]
+    assert (log.topics["/grip"], stats.opaque) == ("lab/msg/Grip", {"/grip": 1})
+
+
+def test_log_times_are_those_of_the_domain_where_asked(beside: Beside, tmp_path: Path) -> None:
+    session, _, other = beside
+    keys = RosKeys(DOMAIN, NodeName("player"))
+    sent = [String("early"), Clock(1000), String("a"), String("b"), Clock(2000), String("c"), Clock(1500), String("d")]
+    with recording(session, tmp_path / "log.mcap", replace(CONFIG, use_sim_time=True)) as stats:
+        for number, message in enumerate(sent):
+            topic = CLOCK if isinstance(message, Clock) else "/chatter"
+            put(other, keys, topic, message, Attachment(number, 77, bytes(16)))
+            wait_until(lambda taken=number + 1: stats.messages + stats.refused.total() == taken)  # type: ignore[misc]
+    found = [(record.topic, record.log_time_ns) for record in LogReader(tmp_path / "log.mcap")]
+    assert found == [
+        (CLOCK, 1000),
+        ("/chatter", 1000),
+        ("/chatter", 1000),
+        (CLOCK, 2000),
+        ("/chatter", 2000),
+        (CLOCK, 2000),  # which stepped back: log time waits
+        ("/chatter", 2000),
+    ]
+    assert stats.refused == {"all topics: before the first message of /clock": 1}
