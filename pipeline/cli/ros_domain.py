@@ -31,8 +31,8 @@ RosDomain = Annotated[
 Remap = Annotated[
     list[str] | None,
     typer.Option(
-        help="With --ros: another name for a topic, or for the node (__node, __ns); may be repeated.",
-        metavar="FROM:=TO",
+        help="With --ros: FROM:=TO, another name for a topic, or for the node (__node, __ns); may be repeated.",
+        metavar="RULE",
     ),
 ]
 
