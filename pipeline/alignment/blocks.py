@@ -183,7 +183,7 @@ class BlockReader:
     def _read_alike(self, payloads: Sequence[bytes], size: int, indices: NDArray[np.intp], block: Block) -> None:
         """Read messages of one size; those that are not of the layout known for it one by one."""
         layout = self._layouts.get(size) or self._learn(payloads[indices[0]])
-        if layout is not None and size >= _STAMP.stop:
+        if layout is not None:
             chosen = payloads if len(indices) == len(payloads) else [payloads[index] for index in indices.tolist()]
             rows = np.frombuffer(b"".join(chosen), np.uint8).reshape(len(indices), size)
             alike = np.ones(len(indices), np.bool_)
