@@ -164,6 +164,10 @@ def test_messages_of_a_known_layout_are_read_together(monkeypatch: pytest.Monkey
     assert decoded == [alike[0], other]
     reader.read(alike)
     assert len(decoded) == 2
+    longer = encode(PoseStamped(9, np.zeros(3), frame_id="a camera far away"))
+    for _ in range(3):
+        reader.read([longer, alike[0]])
+    assert decoded[2:] == [longer]
 
 
 def test_every_reason_has_a_number_and_words_of_its_own() -> None:
