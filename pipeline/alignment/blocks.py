@@ -228,11 +228,12 @@ class BlockReader:
         fine = block.dropped == Dropped.NOT
         block.dropped[fine & ~np.isfinite(block.values).all(axis=1)] = Dropped.NOT_FINITE
         if self._kind.message is PoseStamped:
-            fine = block.dropped == Dropped.NOT
-            block.values[~fine, 3:] = (0.0, 0.0, 0.0, 1.0)
-            lengths = length(block.values[:, 3:])
-            block.dropped[fine & ~((lengths >= SHORTEST) & np.isfinite(lengths))] = Dropped.NO_LENGTH
-            block.values[:, 3:] /= np.where(block.dropped == Dropped.NOT, lengths, 1.0)[:, None]
+            fine, turns = block.dropped == Dropped.NOT, block.values[:, 3:]
+            with np.errstate(over="ignore", invalid="ignore"):  # what is too large or no number is noted
+                lengths = length(turns)
+            turned = fine & (lengths >= SHORTEST) & np.isfinite(lengths)
+            block.dropped[fine & ~turned] = Dropped.NO_LENGTH
+            turns[turned] /= lengths[turned, None]
 
 
 def _fill(block: Block, indices: NDArray[np.intp], rows: Bytes, layout: _Layout) -> None:

@@ -113,7 +113,7 @@ class Aligner:
         Tolerance, latencies, clock, frames and offsets.
     period_ns : int, optional
         Ticks at multiples of this [ns].
-    pivot : int, optional
+    pivot : int
         Place of the source whose stamps are the ticks, without a period.
     frames : StaticFrames
         Frames that are known.
@@ -135,8 +135,8 @@ class Aligner:
         sources: Sequence[Source],
         config: AlignmentConfig,
         *,
-        period_ns: int | None = None,
-        pivot: int = 0,
+        period_ns: int | None,
+        pivot: int,
         frames: StaticFrames,
     ) -> None:
         self.sources, self._config = tuple(sources), config

@@ -67,9 +67,8 @@ def aligned_poses() -> str:
 
     frame, period_ns = (0.5, -0.25, 1.0, 0.5, 0.1, -0.25, 1.0), 7_000_001
     sources = (Source("/tracker", LEFT_MEASURED, pose_kind()),)
-    aligner = Aligner(
-        sources, AlignmentConfig(frames={"/tracker": frame}), period_ns=period_ns, frames=StaticFrames(["", "world"])
-    )
+    config, frames = AlignmentConfig(frames={"/tracker": frame}), StaticFrames(["", "world"])
+    aligner = Aligner(sources, config, period_ns=period_ns, pivot=0, frames=frames)
     records = []
     for index, numbers in enumerate(np.random.default_rng(3).random((500, 7)) - 0.5):
         stamp = 10**9 + index * 33_333_333

@@ -23,7 +23,7 @@ def test_frames_turn_poses_into_the_world():
     quarter_about_z = (1.0, 2.0, 3.0, 0.0, 0.0, half, half)
     _, found = aligned(steady(frame="camera"), own=["camera"])
     options = AlignmentConfig(frames={"/tracker": quarter_about_z})
-    aligner = Aligner(SOURCES, options, frames=StaticFrames(["world"]))
+    aligner = Aligner(SOURCES, options, period_ns=None, pivot=0, frames=StaticFrames(["world"]))
     rows = RowFormat(SOURCES, JOINTS)
     turned = [r for ticks in aligner.feed(steady(frame="camera")) for r in rows.records(rows.rows(ticks))]
     for here, there in zip(found[::2], turned[::2], strict=True):

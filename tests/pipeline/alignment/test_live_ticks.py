@@ -81,6 +81,22 @@ def test_a_tick_comes_in_time_after_the_clock_began_anew_too(robot: Path, period
     assert [live.feed(record) for record in records] == one_by_one(robot, config, records)
 
 
+def test_a_tick_comes_in_time_after_a_repetition_before_the_first(robot: Path) -> None:
+    """What is looked at before there can be a tick holds up none."""
+    names = load_robot(robot).joints
+    joints, (pose, *_) = [], (record for record in recording(robot) if record.topic == "/tracker")
+    for stamp in (START, START, START + 30 * MS):
+        state = JointState(stamp, names, np.full(len(names), stamp * 1e-9 - START * 1e-9))
+        joints.append(RecordedMessage("/joint_states", state.TYPE, encode(state), 0, stamp))
+    hand = PoseStamped(START + 10 * MS, np.array([0.5, 0.0, 0.75]))
+    records = [*joints, pose._replace(data=encode(hand))]
+    config = AlignmentConfig(period_ns=10 * MS)
+    live = aligner_of(robot, config)
+    made = [live.feed(record) for record in records]
+    assert made == one_by_one(robot, config, records)
+    assert [len(messages) for messages in made] == [0, 0, 0, 2]
+
+
 @pytest.mark.parametrize(
     ("config", "ticks"), [({"period_ns": 100 * MS}, 20), ({}, 60), ({"ticks_of": SAMPLE_JOINTS}, 200)]
 )
@@ -223,3 +239,16 @@ def test_a_stream_numbers_what_nobody_did(robot: Path) -> None:
         ):
             stream.feed(RecordedMessage(topic, message.TYPE, encode(message), 7, stamp), numbered=False)
     assert (stream.ticks, stream.steps, stream.gaps) == (5, 4, 0)
+
+
+def test_a_stream_takes_messages_to_be_numbered(robot: Path) -> None:
+    """Unless it is told otherwise: a number that is missing is a gap."""
+    names = load_robot(robot).joints
+    stream = AlignedStream(LiveInputs(load_robot(robot), None, renames={}, tick=TICK), tick=TICK)
+    for stamp in (1, 2, 5, 6):
+        for topic, message in (
+            (HAND, PoseStamped(stamp, np.zeros(3))),
+            (SAMPLE_JOINTS, JointState(stamp, names, np.zeros(len(names)))),
+        ):
+            stream.feed(RecordedMessage(topic, message.TYPE, encode(message), stamp, stamp))
+    assert (stream.ticks, stream.steps, stream.gaps) == (4, 2, 1)
