@@ -122,8 +122,7 @@ class Trainer:
 
     def settle(self, *, keep: bool) -> None:
         """Take the steps that are complete, as nothing more comes at present, and with `keep` keep a checkpoint."""
-        run = self._run
-        if run is None:
+        if (run := self._run) is None:
             return
         run.settle()
         self._report_progress(run)
@@ -272,8 +271,7 @@ class Trainer:
         ControllerError
             If the file cannot be written.
         """
-        run = self._run
-        if run is None or self._checkpoint is None or self._busy:
+        if (run := self._run) is None or self._checkpoint is None or self._busy:
             return
         if run.counts.ticks == self._whole.ticks > 0:
             checkpoint = run.controller(

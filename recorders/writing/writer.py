@@ -157,17 +157,11 @@ class LogWriter:
         LogError
             If the file cannot be written.
         """
-        if isinstance(message, bytes):
-            data, kind = message, type_name
-        else:
-            data, kind = encode(message), message.TYPE
+        data, kind = (message, type_name) if isinstance(message, bytes) else (encode(message), message.TYPE)
         number = self._numbered[topic] if sequence is None else sequence
         published_ns = log_time_ns if publish_time_ns is None else publish_time_ns
         if number >> _SEQUENCE_BITS or log_time_ns >> _TIME_BITS or published_ns >> _TIME_BITS:  # large, or negative
-            raise MessageError(
-                f"{topic}: sequence {number}, log time {log_time_ns} ns or publish time {published_ns} ns is out of "
-                "range"
-            )
+            raise _out_of_range(topic, number, log_time_ns, published_ns)
         asked = (topic, kind, sequence is not None, opaque, declared)
         try:
             channel = self._asked[asked]
@@ -288,3 +282,9 @@ def _with_environment(manifest: Mapping[str, Any]) -> dict[str, Any]:
     complete = {**manifest, "format_version": FORMAT_VERSION, "environment": environment()}
     to_metadata(complete)  # refuse what is not JSON now, not after the recording
     return complete
+
+
+def _out_of_range(topic: str, number: int, log_time_ns: int, published_ns: int) -> MessageError:
+    return MessageError(
+        f"{topic}: sequence {number}, log time {log_time_ns} ns or publish time {published_ns} ns is out of range"
+    )

@@ -71,7 +71,6 @@ def train(
     """
     from pipeline.learner.controller import check_writable
     from pipeline.robot.config import load_robot
-    from pipeline.terminal.training_lines import training_lines
     from pipeline.training.pairing_choice import pairing_for, pairing_of
     from recorders.reading.parts import one_session, recordings
 
@@ -96,8 +95,15 @@ def train(
     notes = _notes(trainer, as_json=as_json)
     controller = _saved(trainer, out)
     left = _held_out(controller, aside, config, pairing, names, as_json=as_json)
+    _show(trainer, {"pairs": controller.pairs, "controller": str(out)} | left | notes, as_json=as_json)
+
+
+def _show(trainer: "Trainer", others: dict[str, object], *, as_json: bool) -> None:
+    """Print the result of a training, with what else there is of it."""
+    from pipeline.terminal.training_lines import training_lines
+
     result = trainer.result() if as_json else training_lines(trainer.result(), trainer.cycles)
-    console.show(result | {"pairs": controller.pairs, "controller": str(out)} | left | notes, as_json=as_json)
+    console.show(result | others, as_json=as_json)
 
 
 def _check_ways(alignment: AlignmentOptions, hold_out: list[str] | None, *, as_recorded: bool, as_live: bool) -> None:
