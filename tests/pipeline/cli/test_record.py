@@ -592,8 +592,12 @@ def test_a_recorder_says_where_it_is(tmp_path: Path) -> None:
     with start("record", "--out", "log.mcap", "--listen", endpoint, cwd=tmp_path) as process:
         line = wait_for_line(process, "records")
         process.send_signal(signal.SIGINT)
-        process.communicate(timeout=120)
+        printed, _ = process.communicate(timeout=120)
     assert line == f"recorder records reenact/** at {endpoint} to log.mcap; Ctrl-C ends it\n"
+    assert [row.split() for row in printed.splitlines()] == [
+        ["messages", "0"],
+        ["bytes", "0"],
+    ]  # nothing of what is not
 
 
 def test_a_recorder_that_connects_says_what_it_waits_for_before_it_waits(tmp_path: Path) -> None:
