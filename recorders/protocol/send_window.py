@@ -68,16 +68,12 @@ class SendWindow:
         self._bytes += frame.size
         self.sent = frame.end
         self._furthest = max(self._furthest, self.sent)
+        self.discard_consumed()  # where nobody is awaited, this very frame
 
     def has_room(self, count: int, size: int) -> bool:
         """Whether so many more messages, of so many bytes together, may be under way."""
-        consumed = self.consumed
-        if self.sent + count - consumed > max(self._window, count):
-            return False
-        if self._bytes + size <= WINDOW_BYTES:  # what was consumed just now is among them
-            return True
-        under_way = sum(frame.size for frame in self._frames if frame.end > consumed)
-        return under_way + size <= max(WINDOW_BYTES, size)
+        fits = self.sent + count - self.consumed <= max(self._window, count)
+        return fits and self._bytes + size <= max(WINDOW_BYTES, size)
 
     def discard_consumed(self) -> int:
         """Forget what every consumer has consumed, and return the index up to which that is."""

@@ -17,8 +17,8 @@ HANDFUL = (
     ),
     (
         "send_window.SendWindow.has_room",
-        "if self.sent + count - consumed > max(self._window, count):",
-        "self.sent + count - consumed -> self.sent + count + consumed",
+        "fits = self.sent + count - self.consumed <= max(self._window, count)",
+        "self.sent + count - self.consumed -> self.sent + count + self.consumed",
     ),
     ("seals.sealing.SenderSeals.is_answer", "return False", "False -> True"),
 )

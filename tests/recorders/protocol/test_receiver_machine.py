@@ -1,11 +1,12 @@
 """The receiving machine: whatever is lost, repeated or late on the way, a stream comes out whole and in order."""
 
+import math
 import random
 from dataclasses import replace
 from typing import Any
 
 import pytest
-from sealed import Sealing, receiver
+from sealed import INSTANCE, KEY, Sealing, receiver
 
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
@@ -109,6 +110,100 @@ def test_half_a_window_or_a_quarter_of_the_bytes_is_acknowledged() -> None:
     large = frame(110)._replace(messages=(message(110)._replace(data=bytes(WINDOW_BYTES // 4)),))
     machine.arrived(large)
     assert read(machine.consume(large)).next == 111
+
+
+@pytest.mark.parametrize(("window", "every"), [(1, 1), (2, 1), (3, 1), (4, 2), (9, 4)])
+def test_every_half_of_a_window_is_acknowledged(window: int, every: int) -> None:
+    machine = accepted(offer=replace(OFFER, sender=f"{window:032x}", window=window))
+    for index in range(9):
+        machine.arrived(frame(index))
+        assert (machine.consume(frame(index)) is not None) == ((index + 1) % every == 0)
+
+
+def test_every_quarter_of_the_bytes_is_acknowledged() -> None:
+    machine = accepted(offer=replace(OFFER, sender="9" * 32, window=1000))
+    sizes = [WINDOW_BYTES // 4 - 1, 1, WINDOW_BYTES // 4 - 1, 0, 1, WINDOW_BYTES // 4]
+    data = bytes(WINDOW_BYTES // 4)
+    due = []
+    for index, size in enumerate(sizes):
+        large = frame(index)._replace(messages=(message(index)._replace(data=data[:size]),))
+        machine.arrived(large)
+        due.append(machine.consume(large) is not None)
+    assert due == [False, True, False, False, True, True]
+
+
+def test_what_was_looked_at_is_digested_only_if_it_is_queued() -> None:
+    machine = accepted()
+    first, longer = take(machine, frame(0, 2)), take(machine, frame(0, 3))
+    assert first is not None
+    assert longer is not None
+    machine.arrived(first)  # and the other one found the queue full
+    again = take(machine, frame(0, 3))
+    assert again is not None
+    assert again.messages == (message(2),)
+    machine.arrived(again)
+    machine.finish({}, 0.0)
+    digests = StreamDigests()
+    digests.begin("learner", 0)
+    digests.add(frame(0, 3))
+    assert machine.progress.digest == digests.digest("learner")
+
+
+def test_a_machine_without_a_stream_knows_nothing_and_waits_for_nobody() -> None:
+    machine = receiver()
+    assert (machine.progress, machine.offer, machine.released) == (Progress(), None, True)
+    assert machine.deadline_s == math.inf
+    assert machine.on_time(1e9) is None
+    offered = hello(machine)
+    assert isinstance(offered, Offered)
+    assert offered.size == len(OFFER.to_json())
+    machine.accept(offered, 0, 50.0)
+    assert machine.offer == OFFER
+    assert machine.deadline_s == 80.0
+
+
+def test_a_stream_that_is_through_is_not_begun_again_and_acknowledges_nothing() -> None:
+    for conclude in ("finish", "fail"):
+        machine = accepted()
+        machine.arrived(frame(0, 8))
+        machine.finish({"count": 8}, 0.0) if conclude == "finish" else machine.fail("full", 0.0)
+        assert machine.consume(frame(0, 8)) is None
+        answer = read(hello(machine))
+        assert (answer.result, answer.error) == (({"count": 8}, None) if conclude == "finish" else (None, "full"))
+
+
+def test_the_ends_of_a_hundred_streams_are_known() -> None:
+    machine = receiver()
+    offers = [replace(OFFER, sender=f"{number:032x}") for number in range(1000, 1101)]
+    for offer in offers:
+        offered = hello(machine, offer)
+        assert isinstance(offered, Offered)
+        machine.accept(offered, 0, 0.0)
+        attachment = sealing(offer).frame(frame(0, offer=offer))[1].attachment
+        assert machine.concerns(attachment)
+        assert not machine.concerns(sealing(OFFER).frame(frame(0))[1].attachment)
+        machine.abandon(offer.sender)
+        assert machine.concerns(attachment)
+    assert isinstance(hello(machine, offers[0]), Offered)
+    for offer in offers[1:]:
+        assert read(hello(machine, offer)).error == offer.sender
+
+
+def test_what_is_not_authentic_is_refused_and_named() -> None:
+    refused: list[tuple[str, str]] = []
+    machine = ReceiverMachine(
+        "learner", key=KEY, instance=INSTANCE, silence_s=30.0, refuse=lambda what, why: refused.append((what, why))
+    )
+    why = "not sealed with the key of this consumer: start both ends with the same --key FILE"
+    plain = machine.on_hello(Packet(OFFER.to_json()))
+    assert read(plain) == Progress(error=f"the offer is {why}")
+    assert refused == [("hello", f"an offer that is {why}")]
+    machine.on_hello(Packet(b"no offer"))
+    machine.on_status(Packet(b""))  # anybody may ask
+    assert len(refused) == 1
+    for asked in (asking(OFFER), b"anything"):
+        machine.on_status(Packet(asked))
+    assert refused[1:] == [("status", f"a question that is {why}")] * 2
 
 
 def test_offers_are_answered_by_what_the_stream_is() -> None:

@@ -142,3 +142,62 @@ def test_no_more_than_so_many_bytes_are_under_way(size: int, room: bool) -> None
     assert window.has_room(1, size) == room
     window.note("anna", Progress(OFFER.run, next=1, received=1))
     assert window.has_room(1, size)
+
+
+def test_a_window_that_is_new_has_sent_nothing() -> None:
+    window = SendWindow(OFFER.run, 8)
+    assert (window.sent, window.consumed, window.start()) == (0, 0, 0)
+    assert window.can_be(Progress(OFFER.run))
+    assert not window.can_be(Progress(OFFER.run, received=1))
+    assert not window.lacks(Progress(OFFER.run))
+
+
+def test_so_many_messages_are_under_way_and_no_more() -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    for index in range(6):
+        window.add(frame(index))
+    assert window.has_room(2, 0)
+    assert not window.has_room(3, 0)
+    window.note("anna", Progress(OFFER.run, next=1, received=6))
+    assert window.has_room(3, 0)
+    window.note("anna", Progress(OFFER.run, next=6, received=6))
+    assert window.has_room(100, 0)  # together, if nothing else is
+
+
+def test_what_nobody_awaits_is_not_kept() -> None:
+    window = SendWindow(OFFER.run, 8)
+    for index in range(8):
+        assert window.has_room(1, WINDOW_BYTES // 2)
+        window.add(frame(index, WINDOW_BYTES // 2))
+    assert window.missing("anna", Progress(OFFER.run)) == []
+    assert window.consumed == 8
+
+
+def test_a_stream_that_begins_again_has_nothing_under_way() -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    for index in range(3):
+        window.add(frame(index, WINDOW_BYTES // 4))
+    window.begin(1)
+    assert window.sent == 1
+    assert window.can_be(Progress(OFFER.run, received=3))  # as much was sent once
+    assert window.missing("anna", Progress(OFFER.run)) == []
+    window.add(frame(1, WINDOW_BYTES // 2))
+    assert window.has_room(1, WINDOW_BYTES // 2)
+    assert not window.has_room(1, WINDOW_BYTES // 2 + 1)
+
+
+@pytest.mark.parametrize("ended", [False, True])
+def test_what_a_consumer_lacks(ended: bool) -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    for index in range(4):
+        window.add(frame(index))
+    end = [Frame(FrameType.END, *OFFER.identity, 4)] if ended else []
+    for sent in end:
+        window.add(sent)
+    for received, following, lacks in ((3, 3, True), (4, 3, False), (4, 4, ended)):
+        answer = Progress(OFFER.run, next=following, received=received)
+        assert window.lacks(answer) == lacks
+        assert window.missing("anna", answer) == [*(frame(index) for index in range(received, 4)), *end]

@@ -13,7 +13,7 @@ from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.questions import ALIVE_S
 from recorders.protocol.seals.opening import UnansweredError
 from recorders.protocol.seals.sealing import ConsumerKeys
-from recorders.protocol.states import SenderState
+from recorders.protocol.states import ReceiverState, SenderState
 from recorders.protocol.stream import Progress
 
 
@@ -34,6 +34,7 @@ def test_a_stream_that_nobody_awaits_goes_out_at_once() -> None:
     world = World({})
     assert world.run().state is SenderState.DONE
     assert world.sent[-1].kind is FrameType.END
+    assert world.sent[0].first == 0
     assert world.asked == []
 
 
@@ -102,6 +103,73 @@ def test_a_pause_of_the_stream_tries_nobodys_patience() -> None:
     assert len(world.asked) > 80  # it shows that it lives
 
 
+def test_a_pause_after_the_window_was_full_tries_nobodys_patience() -> None:
+    world = World({"anna": Consumer()}, batch=1)
+    world.run(stop=lambda: world.sender.state is SenderState.SENDING and not world.sender.outbox)
+    while world.sender.send((message(world.sender.sent),)):
+        pass
+    assert world.sender.sent == OFFER.window
+    world._see_to_actions()
+    world._hand_over_acknowledgements()
+    assert world.sender.send((message(world.sender.sent),))
+    world._see_to_actions()
+    del world.consumers["anna"]
+    while world.now_s < 3 * PATIENCE_S:
+        world._pass_time()
+        world._see_to_actions()
+    assert world.sender.state is SenderState.SENDING
+
+
+@pytest.mark.parametrize("starts", [(7,), (9, 7)])
+def test_a_stream_begins_where_the_consumers_together_want_it(starts: tuple[int, ...]) -> None:
+    world = World({f"consumer {start}": Consumer(start) for start in starts})
+    world.run()
+    assert world.sent[0].first == 7
+
+
+def test_an_answer_counts_once_and_none_after_the_end() -> None:
+    world = World({"anna": Consumer(), "bob": Consumer()})
+    world.sender.start(0.0)
+    (ask,) = world.sender.outbox.take()
+    assert isinstance(ask, Ask)
+    (first,) = [world.consumers["anna"].answer(ask, 0.0)]
+    world.sender.on_answer(ask, first, 0.0)
+    (again,) = world.sender.outbox.take()
+    assert isinstance(again, Ask)
+    taken = world.consumers["anna"].answer(again, 0.0)
+    for _ in range(2):
+        world.sender.on_answer(again, taken, 0.0)
+        world.sender.exempt(again, 0.0)
+    (other,) = world.sender.outbox.take()
+    assert isinstance(other, Ask)
+    assert (other.consumer, other.verb) == ("bob", "hello")
+    world.sender.abort("enough")
+    world.sender.outbox.take()
+    world.sender.exempt(other, 0.0)
+    world.sender.on_answer(other, None, 0.0)
+    assert (world.sender.state, len(world.sender.outbox)) == (SenderState.FAILED, 0)
+    failed = World({"anna": Consumer()})
+    failed.sender.start(0.0)
+    (ask,) = failed.sender.outbox.take()
+    assert isinstance(ask, Ask)
+    failed.sender.abort("enough")
+    failed.sender.outbox.take()
+    failed.sender.on_answer(ask, failed.consumers["anna"].answer(ask, 0.0), 0.0)
+    assert not failed.sender.outbox
+
+
+def test_a_result_of_another_stream_than_was_sent_is_not_trusted() -> None:
+    class Wrong(Consumer):
+        def answer(self, ask: Ask, now_s: float) -> Packet:
+            if self.machine.state is not ReceiverState.REPORTED:
+                return super().answer(ask, now_s)
+            seals = ConsumerKeys(KEY, "anna", b"anna".ljust(16)).seals(OFFER.identity[1])
+            return seals.answer(ask.packet, replace(self.machine.progress, digest="00" * 32).to_json())
+
+    error = World({"anna": Wrong()}).run().error
+    assert str(error) == "anna: took in another stream than was sent; its result is not to be trusted"
+
+
 def test_nobody_of_the_name_is_one_clear_error() -> None:
     world = World({"anna": Consumer()})
     del world.consumers["anna"]
@@ -139,11 +207,12 @@ def test_a_stream_that_fails_is_aborted_once() -> None:
 
 
 def test_a_message_that_nobody_receives_is_refused_before_it_is_sent() -> None:
-    world = World({"anna": Consumer()})
+    world = World({"anna": Consumer()}, batch=1)
     world.run(stop=lambda: world.sender.state is SenderState.SENDING)
     with pytest.raises(WireError, match=f"expected at most {MAX_PAYLOAD} bytes"):
         world.sender.send((message(0)._replace(data=bytes(MAX_PAYLOAD + 1)),))
     assert not world.sender.outbox
+    assert world.sender.send((message(0)._replace(data=bytes(MAX_PAYLOAD)),))
 
 
 def test_what_anybody_may_publish_as_progress_counts_for_nothing() -> None:

@@ -1,0 +1,57 @@
+"""Digests of a stream: of its messages as batches carry them, however they are cut, and of nothing else."""
+
+import hashlib
+
+import pytest
+
+from recorders.messages.record import RecordedMessage
+from recorders.protocol.frames import Frame, FrameType, records
+from recorders.protocol.stream_digest import StreamDigest
+
+RUN, SENDER = bytes(16), bytes(range(16))
+START = 5
+CLOCK = "rosgraph_msgs/msg/Clock"
+BEFORE = RecordedMessage("/clock", CLOCK, b"before", 0, 1)
+MESSAGES = (
+    RecordedMessage("/clock", CLOCK, b"a", 1, 2),
+    RecordedMessage("/x", "pkg/msg/X", b"b", 2, 3),
+    RecordedMessage("/clock", CLOCK, b"", 3, 4),
+)
+EXPECTED = hashlib.sha256(records(MESSAGES)).digest()
+
+
+def batch(first: int, messages: tuple[RecordedMessage, ...]) -> Frame:
+    return Frame(FrameType.BATCH, RUN, SENDER, first, messages)
+
+
+def singles(*messages: RecordedMessage) -> list[Frame]:
+    return [Frame(FrameType.MESSAGE, RUN, SENDER, START + place, (message,)) for place, message in enumerate(messages)]
+
+
+CUT = {
+    "whole": [batch(START, MESSAGES)],
+    "one by one": singles(*MESSAGES),
+    "repeated": [batch(START, MESSAGES[:2]), batch(START, MESSAGES[:2]), batch(START + 1, MESSAGES[1:])],
+    "with what came before": [batch(START - 1, (BEFORE, *MESSAGES[:1])), batch(START + 1, MESSAGES[1:])],
+    "with a gap": [batch(START + 2, MESSAGES[2:]), batch(START - 1, (BEFORE,)), batch(START, MESSAGES)],
+    "with its end": [batch(START, MESSAGES), Frame(FrameType.END, RUN, SENDER, START + 3)],
+    "of another type than its topic's": singles(MESSAGES[0]._replace(type="pkg/msg/X"), *MESSAGES[1:]),
+}
+
+
+@pytest.mark.parametrize("packed", [False, True])
+@pytest.mark.parametrize("name", CUT)
+def test_however_a_stream_is_cut_its_digest_is_that_of_one_batch(name: str, packed: bool) -> None:
+    digest = StreamDigest(START)
+    for frame in CUT[name]:
+        given = records(frame.messages) if packed and frame.kind is FrameType.BATCH else b""
+        digest.add(frame, given)
+    assert digest.digest() == EXPECTED
+    assert digest.at == START + 3
+
+
+def test_the_type_of_a_message_in_a_batch_counts_for_itself() -> None:
+    other = (MESSAGES[0]._replace(type="pkg/msg/X"), *MESSAGES[1:])
+    digest = StreamDigest(START)
+    digest.add(batch(START, other))
+    assert digest.digest() == hashlib.sha256(records(other)).digest() != EXPECTED
