@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
 from pipeline.terminal import console
 
@@ -45,13 +46,16 @@ class ListeningSession:
     listen: Annotated[
         list[str] | None,
         typer.Option(
-            help="Endpoint to listen on; tcp/127.0.0.1:7447 unless --connect is given. May be repeated.",
+            help="Endpoint to listen on; tcp/127.0.0.1:7447 unless --connect is given, or --ros. May be repeated.",
             metavar="ENDPOINT",
         ),
     ] = None
     connect: Annotated[
         list[str] | None,
-        typer.Option(help="Endpoint to connect to, in place of listening; may be repeated.", metavar="ENDPOINT"),
+        typer.Option(
+            help="Endpoint to connect to, in place of listening; with --ros tcp/127.0.0.1:7447. May be repeated.",
+            metavar="ENDPOINT",
+        ),
     ] = None
     zenoh_config: ZenohConfig = None
     namespace: Namespace = NAMESPACE
@@ -63,8 +67,8 @@ class ListeningSession:
         return topic_keys(name, self.namespace, self.ros, self.remap)
 
     def config(self) -> "SessionConfig":
-        """Return where the session listens and connects."""
-        return session_config(self.listen, self.connect, self.zenoh_config, listens=True)
+        """Return where the session listens and connects: in a ROS domain it is the router that listens."""
+        return session_config(self.listen, self.connect, self.zenoh_config, listens=self.ros is None)
 
 
 @dataclass(frozen=True)
@@ -88,8 +92,9 @@ class LookingSession:
 
     @property
     def is_given(self) -> bool:
-        """Whether a session is asked for."""
-        return bool(self.listen or self.connect or self.zenoh_config)
+        """Whether a session is asked for; a domain of the settings is for those that are."""
+        in_ros = self.ros is not None and not of_settings("ros")
+        return in_ros or bool(self.listen or self.connect or self.zenoh_config)
 
     def config(self) -> "SessionConfig":
         """Return where the session listens and connects."""

@@ -9,6 +9,9 @@ A *sender* (the replay) and its *consumers* (a learner, a recorder) meet under o
 - `NAMESPACE/@consumer/NAME/status`: a query; how far the consumer has come. Ends with the sender's farewell.
 - `NAMESPACE/@consumer/NAME/ack`: published by the consumer; everything before `next` has been consumed.
 
+In a ROS domain the messages are on the keys of rmw_zenoh instead, `DOMAIN/hand/left/target/TYPE/HASH` and so on, and
+all the rest stays where it is; `recorders.wire.keys` has both mappings.
+
 Zenoh's wildcards never match a chunk that begins with `@`, so a consumer's one subscriber on `NAMESPACE/**` sees
 the data alone.
 """

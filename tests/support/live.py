@@ -7,7 +7,10 @@ import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import TYPE_CHECKING, Any, NoReturn
+
+if TYPE_CHECKING:
+    from recorders.wire.keys.topic_keys import TopicKeys
 
 
 def spawn(verb: str, **options: Any) -> subprocess.Popen[str]:
@@ -40,6 +43,15 @@ def stop(process: subprocess.Popen[str], signum: signal.Signals = signal.SIGTERM
     return complaints.splitlines()
 
 
+def keys_of(name: str, domain: int | None) -> "TopicKeys":
+    """Keys of the default namespace, or of a ROS domain."""
+    from recorders.rmw_zenoh.names import NodeName
+    from recorders.wire.keys.ros_keys import RosKeys
+    from recorders.wire.keys.topic_keys import NamespaceKeys
+
+    return NamespaceKeys() if domain is None else RosKeys(domain, NodeName(name))
+
+
 def run_robot_node(*, listen: list[str], **config: Any) -> NoReturn:
     from pipeline.robot.config import load_robot
     from pipeline.robot_node.follower import FollowerConfig
@@ -60,6 +72,7 @@ def run_exploration(
     settle_ns: int,
     consumers: list[str],
     wait_s: float = 120.0,
+    domain: int | None = None,
 ) -> None:
     from dataclasses import asdict, replace
 
@@ -70,7 +83,7 @@ def run_exploration(
     from replay.transports.sender_config import SenderConfig
 
     schedule = Schedule.from_dict({"epochs": 1, "phases": phases})
-    sender = SenderConfig(consumers=tuple(consumers), wait_s=wait_s)
+    sender = SenderConfig(consumers=tuple(consumers), keys=keys_of("explorer", domain), wait_s=wait_s)
     session = SessionConfig(connect=(connect,))
     followed = source(motion)
     followed = replace(followed, config=replace(followed.config, settle_ns=settle_ns))

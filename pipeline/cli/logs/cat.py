@@ -39,7 +39,7 @@ def cat(
     if log is None and not session.is_given:
         raise ConfigError("expected a recording, or --connect or --listen for what is published now; found neither")
     if log is not None and session.is_given and not (of_settings("connect") or of_settings("listen")):
-        raise ConfigError("--connect, --listen: expected no recording beside them")
+        raise ConfigError("--connect, --listen, --ros: expected no recording beside them")
     patterns = frozenset(topic or ())
     if log is not None:
         _print_log(log, patterns, count, as_json=as_json)

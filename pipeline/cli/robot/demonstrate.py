@@ -11,6 +11,7 @@ import typer
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_partial_log
 from pipeline.cli.options import Json, Overwrite, Renames, Robot, Seed, renames
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.sessions import ListeningSession
 from pipeline.motions.names import drawings
 from pipeline.terminal import console
@@ -194,10 +195,11 @@ def _read(
     from pipeline.exploration.hand_paths import pose_topics, read_csv_paths, read_log_paths
     from recorders.reading.parts import is_log, one_session
 
-    if session.listen or session.connect or session.zenoh_config or live.wanted:
+    in_ros = session.ros is not None and not of_settings("ros")
+    if session.listen or session.connect or session.zenoh_config or in_ros or live.wanted:
         raise ConfigError(
-            f"--listen, --connect, --zenoh-config, --duration, --idle-timeout and --wait: expected the source {LIVE} "
-            f"beside them, found {source!r:.80}"
+            "--listen, --connect, --zenoh-config, --ros, --duration, --idle-timeout and --wait: expected the source "
+            f"{LIVE} beside them, found {source!r:.80}"
         )
     path, hands = drawings().get(source, Path(source)), robot.hand_names
     if is_log(path):

@@ -9,6 +9,7 @@ import typer
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_partial_log
 from pipeline.cli.options import MOTIONS, Json, Overwrite, Robot, Seed, complete_motion
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
 from pipeline.cli.sessions import NAMESPACE, Await, Namespace, StreamKey, Wait, ZenohConfig, session_config
 from pipeline.cli.viewers import ViewOptions
@@ -41,17 +42,14 @@ class DriveOptions:
     @property
     def wanted(self) -> bool:
         """True if a running robot is driven."""
-        return bool(self.connect or self.zenoh_config)
+        in_ros = self.ros is not None and not of_settings("ros")
+        return in_ros or bool(self.connect or self.zenoh_config)
 
     @property
     def has_more(self) -> bool:
         """True if anything is set that needs a running robot."""
-        in_ros = self.ros is not None or bool(self.remap)
-        return (
-            in_ros
-            or bool(self.awaited or self.key)
-            or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
-        )
+        given = bool(self.awaited or self.key or self.remap)
+        return given or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
 
 
 @dataclass(frozen=True)
@@ -149,8 +147,8 @@ def explore(
         if out is None:
             raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
         if drive.has_more:
-            needs = "--await, --epochs, --wait, --namespace, --ros, --remap and --key"
-            raise ConfigError(f"{needs}: expected --connect beside them")
+            needs = "--await, --epochs, --wait, --namespace, --remap and --key"
+            raise ConfigError(f"{needs}: expected --connect or --ros beside them")
         result = _simulate(wanted.source(), robot, seed, out, viewer, overwrite=overwrite)
     console.show(result, as_json=as_json)
 

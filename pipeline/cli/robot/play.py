@@ -104,8 +104,6 @@ def _config(controllers: list[Path], robot: str | None, session: LookingSession,
                 f"{controllers[0]}; serve it with `reenact serve {controllers[0]} --connect ENDPOINT`"
             )
         return PlayConfig(robot, session=session.config(), keys=keys, folder=out)
-    if session.ros is not None:
-        raise ConfigError("--ros: expected --connect or --listen beside it, where a robot and a controller run already")
     loaded = [Controller.load(path) for path in controllers]
     if robot is None and loaded:
         return PlayConfig(

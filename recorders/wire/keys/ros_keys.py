@@ -15,7 +15,7 @@ from recorders.rmw_zenoh.attachment import attaching, unpack
 from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
-from recorders.rmw_zenoh.qos import Qos, usual_qos
+from recorders.rmw_zenoh.qos import Qos, Reliability, usual_qos
 from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.wire.history import publishing_latched, subscribing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
@@ -152,6 +152,8 @@ class RosKeys:
         self, session: zenoh.Session, topic: str, type_name: str, qos: Qos, options: dict[str, Any]
     ) -> Iterator[MessagePublisher]:
         key, name = self.key(topic, type_name), self.graph_name(topic)
+        if qos.reliability is Reliability.BEST_EFFORT:
+            options = {"reliability": zenoh.Reliability.BEST_EFFORT, **options}
         opened = (
             publishing_latched(session, key, depth=qos.depth, **options)
             if qos.is_latched

@@ -5,11 +5,14 @@ from pathlib import Path
 import pytest
 from processes import complaint, reenact
 
+from pipeline.cli.robot.explore import DriveOptions
 from pipeline.cli.ros_domain import topic_keys
+from pipeline.cli.sessions import ListeningNode, LookingSession
 from recorders.errors import ConfigError, ReenactError
 from recorders.messages.topics import JOINT_STATES, LEFT_TARGET
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import NamespaceKeys
+from recorders.wire.session import DEFAULT_ENDPOINT
 
 
 def test_without_a_domain_topics_are_below_the_namespace() -> None:
@@ -52,7 +55,13 @@ def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
     assert complaint(asked) == (
         "reenact: remap: expected FROM:=TO, such as joint_states:=/arm/joint_states, found 'a=b'"
     )
-    played = reenact("play", "--ros", cwd=tmp_path)
-    assert complaint(played) == (
-        "reenact: --ros: expected --connect or --listen beside it, where a robot and a controller run already"
-    )
+    printed = reenact("cat", "log.mcap", "--ros", "2", cwd=tmp_path)
+    assert complaint(printed) == "reenact: --connect, --listen, --ros: expected no recording beside them"
+
+
+def test_in_a_domain_every_verb_connects_to_the_router_unless_it_is_to_listen() -> None:
+    router = (DEFAULT_ENDPOINT,)
+    assert ListeningNode().config().listen == ListeningNode(ros=3, listen=[DEFAULT_ENDPOINT]).config().listen == router
+    assert ListeningNode(ros=3).config().connect == LookingSession(ros=3).config().connect == router
+    assert LookingSession(ros=3).is_given
+    assert DriveOptions(ros=3).wanted

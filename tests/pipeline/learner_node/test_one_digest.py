@@ -48,12 +48,14 @@ def settings(name: str) -> tuple[object, ...]:
     return ("--rule", RULES[name], "--seed", 5, "--json")
 
 
-def learners(stack: ExitStack, connection: tuple[str, str], out: str, folder: Path) -> dict[str, Popen[str]]:
+def learners(
+    stack: ExitStack, connection: tuple[str, str], out: str, folder: Path, in_ros: tuple[str, ...]
+) -> dict[str, Popen[str]]:
     """Start a learner of each rule, and wait until all of them can be awaited."""
     started, others = {}, []
     for name in RULES:
         options = ("--name", name, "--out", f"{name}-{out}.npz", *settings(name))
-        started[name] = stack.enter_context(start("learn", *connection, *options, cwd=folder))
+        started[name] = stack.enter_context(start("learn", *connection, *in_ros, *options, cwd=folder))
         stack.callback(started[name].kill)
         if connection[0] == "--listen":
             wait_for_line(started[name], "waits for a replay")  # the others connect to it
@@ -72,9 +74,11 @@ def results(started: dict[str, Popen[str]]) -> dict[str, dict[str, Any]]:
     return {name: json.loads(out) for name, (out, _) in ended.items()}
 
 
-def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Any]]:
+def live_session(
+    motion: str | Path, folder: Path, domain: int | None
+) -> tuple[dict[str, Any], dict[str, dict[str, Any]], dict[str, Any]]:
     """Run robot, learners, recorder and explorer, each in a process of its own; return what the last three say."""
-    endpoint = free_endpoint()
+    endpoint, in_ros = free_endpoint(), options_of(domain)
     with ExitStack() as stack:
 
         def run(*arguments: object) -> Popen[str]:
@@ -82,10 +86,11 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
             stack.callback(process.kill)
             return process
 
-        wait_for_line(run("robot", "--listen", endpoint), "waits for commands")
-        started = learners(stack, ("--connect", endpoint), "live", folder)
-        recorder = run("record", "--connect", endpoint, "--out", "live.mcap", "--stop-at-stream-end", "--json")
-        wait_for_line(recorder, "records reenact/**")
+        wait_for_line(run("robot", "--listen", endpoint, *in_ros), "waits for commands")
+        started = learners(stack, ("--connect", endpoint), "live", folder, in_ros)
+        options = ("--out", "live.mcap", "--stop-at-stream-end", "--json")
+        recorder = run("record", "--connect", endpoint, *in_ros, *options)
+        wait_for_line(recorder, "records reenact/**" if domain is None else f"records {domain}/**")
         explorer = stack.enter_context(
             spawn(
                 "explore",
@@ -95,6 +100,7 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
                 phases=PHASES,
                 settle_ns=SETTLE_NS,
                 consumers=[*RULES, "recorder"],
+                domain=domain,
             )
         )
         stack.callback(explorer.kill)
@@ -106,30 +112,40 @@ def live_session(motion: str | Path, folder: Path) -> tuple[dict[str, Any], dict
     return json.loads(explored), learned, json.loads(recorded)
 
 
-def replayed_session(folder: Path) -> dict[str, dict[str, Any]]:
+def options_of(domain: int | None) -> tuple[str, ...]:
+    """The options by which a verb is in a ROS domain."""
+    return () if domain is None else ("--ros", str(domain))
+
+
+def replayed_session(folder: Path, in_ros: tuple[str, ...]) -> dict[str, dict[str, Any]]:
     """Replay the recording over Zenoh into the learners, and return what they say."""
     endpoint = free_endpoint()
     with ExitStack() as stack:
-        started = learners(stack, ("--listen", endpoint), "replayed", folder)
+        started = learners(stack, ("--listen", endpoint), "replayed", folder, in_ros)
         awaited = [option for name in RULES for option in ("--await", name)]
-        replayed = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, *awaited, cwd=folder)
+        replayed = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, *in_ros, *awaited, cwd=folder)
         assert replayed.returncode == 0, replayed.stderr
         return results(started)
 
 
 @pytest.mark.parametrize(
-    ("motion", "samples"), [("short", SAMPLES), pytest.param("eight", 64, marks=pytest.mark.campaign)]
+    ("motion", "samples", "domain"),
+    [
+        ("short", SAMPLES, None),
+        pytest.param("short", SAMPLES, 5, marks=pytest.mark.campaign),
+        pytest.param("eight", 64, None, marks=pytest.mark.campaign),
+    ],
 )
-def test_live_replayed_and_offline_are_one_state(motion: str, samples: int, tmp_path: Path) -> None:
+def test_live_replayed_and_offline_are_one_state(motion: str, samples: int, domain: int | None, tmp_path: Path) -> None:
     chosen = short_motion(tmp_path / "short.csv") if motion == "short" else motion
-    explored, live, recorded = live_session(chosen, tmp_path)
+    explored, live, recorded = live_session(chosen, tmp_path, domain)
     assert explored["ticks"] == live["learner"]["ticks"] == CYCLES * (samples + 1)
     assert (recorded["gaps"], recorded["opaque"], recorded["broken"]) == ({}, {}, [])
     counts = LogReader(tmp_path / "live.mcap").counts
     assert counts[SESSION_PHASE] == CYCLES
     assert counts[SAMPLE_JOINTS] == CYCLES * (samples + 1)
 
-    replayed = replayed_session(tmp_path)
+    replayed = replayed_session(tmp_path, options_of(domain))
     for name in RULES:
         training = ("train", "live.mcap", "--as-recorded", "--out", "trained.npz", "--overwrite", *settings(name))
         trained = reenact(*training, cwd=tmp_path)
