@@ -83,6 +83,10 @@ class RecordingStats:
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recording for JSON."""
+        return self.totals() | self.publishers.to_dict()
+
+    def totals(self) -> dict[str, Any]:
+        """Return the recording for JSON without its publishers, one by one."""
         return {
             "paths": [str(path) for path in self.paths],
             "messages": self.messages,
@@ -92,4 +96,4 @@ class RecordingStats:
             "refused": dict(self.refused),
             "broken": list(self.broken),
             "left_out": self.left_out,
-        } | self.publishers.to_dict()
+        }

@@ -206,7 +206,7 @@ class LiveRecorder:
             self._write(record, numbered=True, declared=_declared(receiver, frame.sender, record))
         if frame.kind is FrameType.END:
             self._streaming, self._ended = False, True
-            receiver.report(self.recording.to_dict())
+            receiver.report(self.recording.totals())
         elif frame.kind is FrameType.ABORT:
             self._leave(receiver, frame.reason)
         else:

@@ -16,6 +16,7 @@ def to_yaml(value: object) -> str:
 
     yaml = YAML(typ="safe")
     yaml.default_flow_style = False
+    yaml.width = MAX_TEXT  # no line is broken
     text = StringIO()
     yaml.dump(value, text)
     return text.getvalue()

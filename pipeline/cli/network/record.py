@@ -87,11 +87,9 @@ def record(
     if out is not None and config.split_bytes is None and config.split_ns is None:
         check_place(out, overwrite=overwrite)  # before anybody is waited for
     recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
-    result = recording.to_dict()
+    result = recording.to_dict() if as_json else recording.totals()
     if not (as_json or recording.left_out):
         del result["left_out"]
-    if not as_json:
-        result.pop("publishers", None)  # one by one; what is missing of them is among the gaps
     console.show(result, as_json=as_json)
     console.notice(_outcome(recording, node.keys(name).key(EVERY_TOPIC)))
 
