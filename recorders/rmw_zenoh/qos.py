@@ -57,6 +57,7 @@ MAX_DEPTH = 1000
 
 _INFINITE = (9223372036, 854775807)  # seconds and nanoseconds, as `RMW_DURATION_INFINITE`
 _INFINITE_OF_FOXY = ((2147483647, 4294967295), (2147483647, 2147483647))  # of Fast DDS and Connext, in old bags
+_MAX_DEPTH_OF_ROSBAG2 = 2**31 - 1  # which reads no bag in which anybody has offered more
 _MAX_NUMBER = 2**64 - 1
 
 
@@ -132,7 +133,7 @@ class Qos:
         """Return the profile as rosbag2 writes it in bags of version 4 to 8, and in every MCAP file that it reads."""
         return {
             "history": int(self.history),
-            "depth": self.depth,
+            "depth": min(self.depth, _MAX_DEPTH_OF_ROSBAG2),
             "reliability": int(self.reliability),
             "durability": int(self.durability),
             "deadline": _time(self.deadline),

@@ -13,7 +13,7 @@ from pathlib import Path
 from recorders.containers.bag_folder import BagFolder
 from recorders.containers.opening import open_log
 from recorders.containers.reader import Reader
-from recorders.errors import ConfigError, LogError
+from recorders.errors import ConfigError, LogError, WireError
 from recorders.files.whole_files import file_sha256
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.manifest import content_sha256
@@ -154,7 +154,7 @@ class Playback:
 
         Raises
         ------
-        WireError
+        LogError
             If a recording states something else than a quality of service.
         """
         found = {self._name(topic): qos for topic, qos in self._recorded_qos().items()}
@@ -169,8 +169,14 @@ class Playback:
         return [channel for channel in channels if channel.topic in self._played]
 
     def _recorded_qos(self) -> dict[str, Qos]:
-        channels = self._recorded_channels()
-        return {topic: stated_qos(channels, topic) for topic in sorted(self._played)}
+        channels, found = self._recorded_channels(), {}
+        for topic in sorted(self._played):
+            try:
+                found[topic] = stated_qos(channels, topic)
+            except WireError as error:
+                where = names_text(str(reader.path) for reader in self._readers)
+                raise LogError(f"{where}: {topic}: {error}") from error
+        return found
 
     def _once(self) -> Iterator[RecordedMessage]:
         for record in self._recorded():

@@ -11,6 +11,7 @@ from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_on_interrupt
 from pipeline.cli.options import Json, LearnerFile, Overwrite, Pairs, Rule, Seed, StreamsRobot, learner_settings
+from pipeline.cli.ros_domain import UseSimTime
 from pipeline.cli.sessions import StreamingNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -69,10 +70,14 @@ class LiveOptions:
         ),
     ] = None
 
+    use_sim_time: UseSimTime = False
+
     def check(self) -> None:
         """Raise ConfigError if anything is set that needs --live, without it."""
         if not self.live and (self.ticks is not None or self.epochs is not None or self.record is not None):
             raise ConfigError("--ticks, --epochs and --record: expected --live beside them")
+        if self.use_sim_time and not self.live:
+            raise ConfigError("--use-sim-time: expected --live beside it: a stream that awaits this has its own times")
 
     def config(self, alignment: AlignmentOptions, *, overwrite: bool) -> "LiveConfig":
         """Return the settings of live learning."""
@@ -131,7 +136,14 @@ def learn(
     config = None if robot is None else load_robot(robot)
     own = own_topics(pairing_of(learner, pairs), config)
     keys = node.keys(name)
-    receiver = ReceiverConfig(name=name, keys=keys, live=live.live, extra_topics=own, key_file=node.key)
+    receiver = ReceiverConfig(
+        name=name,
+        keys=keys,
+        live=live.live,
+        extra_topics=own,
+        key_file=node.key,
+        use_sim_time=live.use_sim_time,
+    )
     session = node.config()
     with (
         note_on_interrupt(checkpoints.note),

@@ -11,10 +11,12 @@ from recorders.cdr.codec import encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
 from recorders.errors import LogError, TakenError
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.message_types import PoseStamped, String
 from recorders.messages.topics import LEFT_TARGET
+from recorders.reading.reader import LogReader
 from recorders.recording.bag_folder import new_bag_folder, write_bag_metadata
-from recorders.rmw_zenoh.bag_channels import bag_channel
+from recorders.rmw_zenoh.bag_channels import bag_channel, with_schema
 from recorders.rmw_zenoh.qos import Durability, Qos, Reliability
 from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.writing.writer import LogWriter
@@ -85,6 +87,27 @@ def test_the_metadata_are_those_of_a_version_of_rosbag2(tmp_path):
         "type_description_hash",
     }
     assert all(isinstance(value, str) for value in topic["topic_metadata"].values())
+
+
+def test_every_channel_of_a_bag_has_a_schema(tmp_path):
+    """rosbag2's reader of MCAP throws at one that has none, whatever is to be played (`MCAPStorage::get_metadata`)."""
+    other = DeclaredChannel("/blob", "raw", (("made", "elsewhere"),))
+    channels = {"/pose": None, "/noise": with_schema("/noise", "", None), "/blob": with_schema("/blob", "raw", other)}
+    assert with_schema("/pose", PoseStamped.TYPE, None) is None
+    with LogWriter(tmp_path / "run.mcap", manifest={}) as writer:
+        writer.write("/pose", PoseStamped(0, [0.1, 0.2, 0.3]), log_time_ns=START_NS)
+        for topic in ("/noise", "/blob"):
+            writer.write(topic, b"?", log_time_ns=START_NS + 1, opaque=True, declared=channels[topic])
+    write_bag_metadata([tmp_path / "run.mcap"])
+    stored = LogReader(tmp_path / "run.mcap").channels
+    assert [(each.topic, each.encoding, each.type) for each in stored] == [
+        ("/pose", "cdr", PoseStamped.TYPE),
+        ("/noise", "application/octet-stream", "unknown"),
+        ("/blob", "raw", "unknown"),
+    ]
+    assert dict(stored[2].metadata)["made"] == "elsewhere"
+    with AnyReader([tmp_path]) as reader:
+        assert [connection.topic for connection, _, _ in reader.messages()] == ["/pose"]
 
 
 def test_a_recording_without_a_message_is_a_bag_too(tmp_path):

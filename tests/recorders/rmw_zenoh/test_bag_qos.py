@@ -100,6 +100,11 @@ def test_what_is_no_list_of_profiles_is_refused(text: str) -> None:
         read_qos_text(text)
 
 
+def test_a_depth_that_rosbag2_cannot_read_is_the_largest_that_it_can() -> None:
+    found = read_qos_text(qos_text([Qos(depth=2**64 - 1), Qos(depth=2**31 - 1)]))
+    assert found == 2 * [Qos(depth=2**31 - 1)]
+
+
 def test_times_without_end_of_old_bags_have_none() -> None:
     endless = YAML(typ="safe").load(qos_text([Qos()]))
     endless[0]["deadline"] = {"sec": 2147483647, "nsec": 4294967295}

@@ -1,5 +1,6 @@
 """Latched messages from before what is played come first, each as often as a late joiner would have had it."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -9,9 +10,10 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from recorders.cdr.codec import decode_as, encode
+from recorders.errors import LogError
 from recorders.messages.message_types import String
 from recorders.messages.record import RecordedMessage
-from recorders.rmw_zenoh.bag_channels import bag_channel
+from recorders.rmw_zenoh.bag_channels import QOS_METADATA, bag_channel
 from recorders.rmw_zenoh.qos import LATCHED, Durability, Qos, Reliability
 from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH
 from recorders.writing.writer import LogWriter
@@ -110,3 +112,12 @@ def test_bags_of_others_are_offered_as_they_were_recorded(tmp_path: Path, versio
     playback = Playback([tmp_path / "bag"], config)
     assert playback.qos == {"/site": TWO, "/tf_static": LATCHED, "/chatter": Qos()}
     assert [text_of(record) for record in playback.stream()] == ["/map", "/tf_static", "/chatter"]
+
+
+def test_what_is_no_quality_of_service_is_one_clear_line(tmp_path: Path) -> None:
+    channel = replace(bag_channel("/map", String.TYPE, UNKNOWN_HASH, []), metadata=((QOS_METADATA, "- depth: deep"),))
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        log.write("/map", encode(String("a")), log_time_ns=START_NS, declared=channel)
+    assert list(Playback([tmp_path / "log.mcap"]).stream())
+    with pytest.raises(LogError, match=r"log\.mcap: /map: quality of service: expected a profile of rosbag2, found"):
+        Playback([tmp_path / "log.mcap"], PlaybackConfig(latched_first=True))
