@@ -85,10 +85,14 @@ class VerbProcess:
         self._let_go()
         return status
 
-    def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
-        """End it by a signal, and if that does not help by force, and return its exit status."""
+    def send(self, number: signal.Signals) -> None:
+        """Send it a signal, if it runs still."""
         if self.status is None:
             self._process.send_signal(number)
+
+    def stop(self, number: signal.Signals = signal.SIGTERM) -> int:
+        """End it by a signal, and if that does not help by force, and return its exit status."""
+        self.send(number)
         try:
             return self._process.wait(PATIENCE_S)
         except subprocess.TimeoutExpired:

@@ -16,9 +16,11 @@ from pipeline.browser.page.record_part import RecordPart
 from pipeline.browser.page.scene import Scene
 from pipeline.browser.page.server import page_server
 from pipeline.browser.page.teaching.controllers_part import ControllersPart
+from pipeline.browser.page.teaching.teach_part import TeachPart
 from pipeline.browser.page.visitor_bar import VisitorBar, set_theme
 from pipeline.browser.page.visitors import Visitors
 from pipeline.browser.session.play import Play
+from pipeline.browser.teaching.teaching import Teaching
 
 FRAME_S = 1.0 / 30.0
 """Time from picture to picture [s]."""
@@ -57,6 +59,8 @@ class Page:
         self._choice = ControllerPart(server, play, allowed=self.allowed)
         self._controllers = ControllersPart(server, play)
         self._record = RecordPart(server, play, allowed=self.allowed)
+        self.teaching = Teaching(play)
+        self._teach = TeachPart(server, play, self.teaching, allowed=self.allowed)
         server.on_client_connect(self._come)
         server.on_client_disconnect(self._go)
 
@@ -85,6 +89,7 @@ class Page:
             self._choice.show()
             self._controllers.show()
             self._record.show()
+            self._teach.show()
             for bar in list(self._bars.values()):
                 bar.show()
 
@@ -149,3 +154,4 @@ def served_page(play: Play, gate: Gate, *, port: int | None) -> Iterator[Page]:
             yield page
         finally:
             page.end()
+            page.teaching.close()

@@ -112,6 +112,14 @@ class Controllers:
             earlier.stop()
         return name
 
+    def remove(self, name: str) -> None:
+        """Forget a controller, and end its process."""
+        with self._lock:
+            self._files.pop(name, None)
+            process = self._processes.pop(name, None)
+        if process is not None:
+            process.stop()
+
     def start(self, name: str) -> None:
         """Start a controller, unless it runs, and wait until it answers targets.
 

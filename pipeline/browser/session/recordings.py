@@ -61,12 +61,16 @@ class Recordings:
 
     Attributes
     ----------
+    place : Place
+        Where the nodes meet.
+    folder : Path
+        For the logs.
     under_way : Recording or None
         The one that is under way.
     """
 
     def __init__(self, place: Place, drive: Drive, folder: Path) -> None:
-        self._place, self._drive, self.folder = place, drive, folder
+        self.place, self._drive, self.folder = place, drive, folder
         self._begun = 0
         self.under_way: Recording | None = None
 
@@ -95,14 +99,14 @@ class Recordings:
         if self._drive.last_stamp_ns is None:
             raise LogError("expected a robot that is led, found nothing asked of it: drag a handle or choose a motion")
         self._begun += 1
-        log = self._place.folder / f"recorded_{self._begun}.mcap"
-        where = (*self._place.arguments, "--name", _RECORDER)
+        log = self.place.folder / f"recorded_{self._begun}.mcap"
+        where = (*self.place.arguments, "--name", _RECORDER)
         leave_out = ("--exclude", f"{LED}/*", "--exclude", SESSION_PHASE)
         process = VerbProcess(
-            self._place.folder, "record", "--out", log, *where, *leave_out, name=f"record_{self._begun}"
+            self.place.folder, "record", "--out", log, *where, *leave_out, name=f"record_{self._begun}"
         )
         try:
-            self._place.await_token(node_key(self._place.namespace, "recorder", _RECORDER, "alive"), process)
+            self.place.await_token(node_key(self.place.namespace, "recorder", _RECORDER, "alive"), process)
         except BaseException:
             process.stop()
             raise
@@ -160,8 +164,8 @@ class Recordings:
 
     def _await_arrival(self) -> None:
         """Wait until the recorder answers: what was published before has come there before the question."""
-        key = control_key(self._place.namespace, _RECORDER, "status")
-        for _ in self._place.session.get(key, timeout=_ARRIVAL_S):
+        key = control_key(self.place.namespace, _RECORDER, "status")
+        for _ in self.place.session.get(key, timeout=_ARRIVAL_S):
             pass
 
     def _file(self, name: str) -> Path:

@@ -19,7 +19,7 @@ from pipeline.robot.telemetry import hand_message
 from recorders.cdr.codec import decode_as
 from recorders.errors import JointError, ReenactError
 from recorders.messages.message_types import Float64MultiArray, JointState
-from recorders.messages.phase import EVALUATE, Phase
+from recorders.messages.phase import LEARN, Phase
 from recorders.messages.topics import (
     CONTROLLER_DEVIATION,
     JOINT_STATES,
@@ -128,7 +128,7 @@ class RobotLink:
     def _publish(self, tick: Tick, state: JointState) -> None:
         put: Callable[..., object] = self._publisher.publish
         if tick.begins:
-            marker = Phase(self._run, 0, self._cycles, EVALUATE, log="")
+            marker = Phase(self._run, 0, self._cycles, LEARN, log="")
             self._cycles += 1
             put(SESSION_PHASE, marker.to_message(), log_time_ns=tick.stamp_ns)
         for hand, row in zip(self._drive.robot.hand_names, tick.rows, strict=True):

@@ -1,0 +1,125 @@
+"""Lessons behind the page, with a simulated robot: what is learned leads at once, and is kept, undone or given up."""
+
+import shutil
+
+import pytest
+from waiting import wait_until
+
+from pipeline.browser.session.drive import Mode
+from pipeline.browser.session.play import PlayConfig, playing
+from pipeline.browser.teaching.teaching import Teaching
+from pipeline.evaluation.trials import evaluate_motion
+from pipeline.learner.controller import Controller
+from pipeline.resources import data_path
+from recorders.errors import LearningError, LogError
+
+VOLUME = data_path("golden", "forward_inverse", "volume_50.mcap")
+
+
+@pytest.fixture(scope="module")
+def play(tmp_path_factory):
+    with playing(PlayConfig(folder=tmp_path_factory.mktemp("play") / "out")) as play:
+        wait_until(lambda: play.link.controller == "teacher")
+        yield play
+
+
+@pytest.fixture
+def teaching(play):
+    teaching = Teaching(play)
+    play.drive.hold()
+    yield teaching
+    teaching.close()
+    assert teaching.lesson is None
+
+
+def await_end(teaching):
+    wait_until(lambda: teaching.lesson is None)
+
+
+def await_leading(play, name):
+    wait_until(lambda: play.link.controller == name and not play.activity.doing)
+
+
+def await_answers(play):
+    """Wait until the controller that leads answers targets."""
+    before = play.link.controller_status().get("answered", 0)
+    wait_until(lambda: play.link.controller_status().get("answered", 0) > before)
+
+
+def test_nothing_teaches_nothing(play, teaching):
+    with pytest.raises(LearningError, match="found none: record one"):
+        teaching.learn("reservoir", ())
+    with pytest.raises(LogError, match="expected the name of a log"):
+        teaching.learn("reservoir", ("../elsewhere",))
+    play.drive.rest()
+    with pytest.raises(LearningError, match="choose a motion"):
+        teaching.learn_live("reservoir")
+    for ask in (teaching.undo, lambda: teaching.keep("name")):
+        with pytest.raises(LearningError, match="just learned, found none"):
+            ask()
+
+
+def test_what_a_log_teaches_leads_and_is_kept_under_a_name(play, teaching):
+    folder = play.recordings.folder
+    folder.mkdir()
+    shutil.copyfile(VOLUME, folder / "volume.mcap")
+    teaching.learn("forward-inverse", ("volume",))
+    with pytest.raises(LearningError, match="learning forward-inverse from volume is not done yet"):
+        teaching.learn("reservoir", ("volume",))
+    with pytest.raises(LearningError, match="is not done yet"):
+        teaching.explore(5.0)
+    await_end(teaching)
+    assert teaching.failure == ""
+    await_leading(play, "forward-inverse-1")
+    await_answers(play)
+    assert teaching.curve.points(100)[-1, 0] == pytest.approx(2.0, rel=0.05)
+    (folder / "my_own.npz").write_bytes(b"somebody else's")
+    kept = teaching.keep(" my own ")
+    assert kept == folder / "my_own_2.npz"
+    assert (folder / "my_own.npz").read_bytes() == b"somebody else's"
+    assert str(kept) in teaching.line
+    assert evaluate_motion(Controller.load(kept), VOLUME).errors.mean_cm < 0.1
+    assert teaching.taught is None
+    assert "forward-inverse-1" in play.controllers.names
+
+
+def test_what_was_learned_live_is_undone(play, teaching):
+    before = play.link.controller
+    play.go_through("eight")
+    teaching.learn_live("forward-inverse")
+    wait_until(lambda: teaching.curve.last_cm is not None or teaching.failure)
+    assert teaching.curve.unit == "passes"
+    teaching.finish()
+    await_end(teaching)
+    assert teaching.failure == ""
+    name = teaching.taught.name
+    await_leading(play, name)
+    teaching.undo()
+    await_leading(play, before)
+    wait_until(lambda: name not in play.controllers.names)
+    assert name not in play.drive.rounds()
+    await_answers(play)
+
+
+def test_an_exploration_that_is_cancelled_gives_the_robot_back(play, teaching):
+    names = play.controllers.names
+    teaching.explore(600.0)
+    assert play.drive.snapshot().mode is Mode.LENT
+    wait_until(lambda: teaching.curve.last_cm is not None or teaching.failure)
+    teaching.cancel()
+    await_end(teaching)
+    assert teaching.failure == "exploring by itself for 600 s: cancelled"
+    assert teaching.taught is None
+    assert play.controllers.names == names
+    assert play.drive.snapshot().mode is Mode.HANDLES
+    await_answers(play)
+
+
+def test_a_log_that_teaches_nothing_is_named_in_a_line(play, teaching):
+    (play.recordings.folder / "broken.mcap").write_bytes(b"no log")
+    teaching.learn("reservoir", ("broken",))
+    await_end(teaching)
+    assert teaching.failure.startswith("learning reservoir from broken: ")
+    assert "broken.mcap" in teaching.failure
+    assert "\n" not in teaching.failure
+    assert teaching.taught is None
