@@ -72,7 +72,7 @@ def batch_topic() -> str:
 
 def pack(frame: Frame) -> tuple[bytes, bytes]:
     """Return (payload, attachment) of a frame."""
-    sequence, log_time_ns, payload = 0, 0, b""
+    sequence, log_time_ns = 0, 0
     if frame.kind is FrameType.MESSAGE:
         (message,) = frame.messages
         sequence, log_time_ns, payload = message.sequence, message.log_time_ns, message.data

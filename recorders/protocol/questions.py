@@ -31,8 +31,7 @@ class Questions:
 
     def __init__(self, consumers: tuple[str, ...], wait_s: float) -> None:
         self._wait_s = wait_s
-        self._hello_at_s = self._hello_until_s = math.inf
-        self._hello_asked_s = -math.inf
+        self._hello_at_s = self._hello_until_s = self._hello_asked_s = math.inf
         self._hello_timeout_s = max(wait_s, _ANSWER_S) / _HELLOS
         self._ask_at_s: dict[str, float] = {}  # who has accepted, and when it is asked next: never while it is
         self._unconfirmed: set[str] = set()  # who has published that it is through

@@ -20,6 +20,7 @@ from recorders.protocol.packets import Ask, Packet
 from recorders.protocol.receiver import ReceiverMachine
 from recorders.protocol.seals import authentication
 from recorders.protocol.seals.authentication import Signer, Verifier, consumer_key, sender_key
+from recorders.protocol.seals.opening import Opening
 from recorders.protocol.seals.sealing import ConsumerKeys, SenderSeals
 from recorders.protocol.states import ReceiverState, SenderState
 from recorders.protocol.stream import Offer, Progress, asking
@@ -172,6 +173,19 @@ def test_frames_and_questions_that_are_repeated_show_no_life_and_change_nothing(
     machine.on_status_answered(question, machine.on_status(question), 25.0)
     assert machine.deadline_s == 32.0
     assert machine.progress.received == 1
+
+
+def test_an_acknowledgement_of_anybody_else_is_refused_and_named() -> None:
+    refused: list[tuple[str, str]] = []
+    opening = Opening(SenderSeals(KEY, SENDER), lambda what, why: refused.append((what, why)))
+    assert opening.acknowledgement("learner", Packet(Progress().to_json())) is None
+    assert refused == [("learner/ack", "an acknowledgement that is not sealed by the consumer")]
+
+
+@pytest.mark.parametrize("size", [0, 15, 17])
+def test_an_instance_of_another_size_is_refused(size: int) -> None:
+    with pytest.raises(ValueError, match=f"expected an instance of 16 bytes, found {size}"):
+        ConsumerKeys(KEY, "learner", bytes(size))
 
 
 def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:

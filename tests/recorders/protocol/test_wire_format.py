@@ -150,6 +150,7 @@ def test_seals() -> None:
     assert answer.attachment.hex() == f"{consumer}0000000000000000fae3e2de2b2b154675a5c08dddea7635"
     assert acknowledgement.attachment.hex() == f"{consumer}01000000000000003b106520100585c2955152c9c202cbca"
     assert theirs.frame_number("/clock", message, CLOCK.type) == 0
+    assert theirs.frame_number("/replay/batch", batch, CLOCK.type) == 1  # a batch has no type of its own
     assert question_number(question) == 2
 
 
