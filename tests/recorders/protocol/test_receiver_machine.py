@@ -189,6 +189,22 @@ def test_the_ends_of_a_hundred_streams_are_known() -> None:
         assert read(hello(machine, offer)).error == offer.sender
 
 
+def test_a_consumer_stays_the_instance_that_a_stream_under_way_or_on_offer_knows() -> None:
+    machine = receiver()
+    first, other = hello(machine), hello(machine, OTHER)
+    assert isinstance(first, Offered)
+    assert isinstance(other, Offered)
+    for offered in (first, other):
+        machine.waiting(offered)
+    assert read(machine.refuse(first, "no")).error == "no"
+    assert isinstance(machine.on_hello(other.question), Offered)
+    machine.accept(other, 0, 0.0)
+    assert read(hello(machine)).error == machine.taken
+    assert read(machine.on_hello(other.question)) == Progress(OTHER.run)
+    machine.abandon()
+    assert read(machine.on_hello(other.question)) == Progress()  # it is to be offered to the next instance
+
+
 def test_what_is_not_authentic_is_refused_and_named() -> None:
     refused: list[tuple[str, str]] = []
     machine = ReceiverMachine(
