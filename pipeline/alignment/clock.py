@@ -43,6 +43,9 @@ class StampOrder:
         How many topics there are; each is known by its rank.
     """
 
+    _behind: list[int]  # messages of each topic in a row that are far behind
+    _backs: list[int]  # the latest of their stamps [ns]
+
     def __init__(self, topics: int) -> None:
         self._topics = topics
         self.begin()
@@ -52,7 +55,7 @@ class StampOrder:
         self._last = [NEVER] * self._topics
         self._ahead_ns: int = NEVER
         self._leaps, self._leapt = [0] * self._topics, [NEVER] * self._topics
-        self._behind, self._backs = [0] * self._topics, [NEVER] * self._topics
+        self._forget_restart()
 
     def check(self, ranks: NDArray[np.intp], stamps_ns: Times) -> Verdict:
         """Return where stamps lie; they are noted, unless the clock begins anew at one of them.
@@ -80,7 +83,7 @@ class StampOrder:
     def _note_steady(self, ranks: NDArray[np.intp], stamps_ns: Times) -> bool:
         """Note stamps if they all rise with no leap and none far behind, and return whether they do."""
         latest = np.maximum.accumulate(np.concatenate(([self._ahead_ns], stamps_ns)))
-        if (self._ahead_ns == NEVER and len(ranks)) or (np.abs(stamps_ns - latest[:-1]) > WAIT_NS).any():
+        if (np.abs(stamps_ns - latest[:-1]) > WAIT_NS).any():
             return False
         ends = self._last.copy()
         for rank in np.unique(ranks).tolist():

@@ -62,11 +62,58 @@ def placed(messages: list[tuple[int, int]], block: int, *, topics: int = 2) -> l
 
 @settings(max_examples=150, deadline=None)
 @given(PARTS, st.sampled_from([1, 2, 5, 1000]))
+@example([((0,), 0, 1, 1), ((1,), 60 * SECOND + 1, 1, 4)], 3)
 @example([((0, 1), 0, 1, 4), ((0, 1), -100 * SECOND, 1, 24)], 1000)
 @example([((0, 1), 0, 1, 4), ((0,), 60 * SECOND + 1, 1, 2), ((1,), 0, 1, 2), ((0,), 60 * SECOND + 1, 1, 4)], 2)
 def test_stamps_lie_where_the_plain_version_has_them(parts: list[Part], block: int) -> None:
     messages, plain = messages_of(parts), PlainStampOrder(2)
     assert placed(messages, block) == [plain.take(rank, stamp) for rank, stamp in messages]
+
+
+def pairs(first_s: float, *steps: int) -> list[tuple[int, int]]:
+    """Return stamps of both topics from a time on [s], at some steps [ns]."""
+    return [(rank, START + int(first_s * SECOND) + step) for step in steps for rank in (0, 1)]
+
+
+@pytest.mark.parametrize("block", [1, 2, 3, 4, 5, 1000])
+@pytest.mark.parametrize(
+    "messages",
+    [
+        [*pairs(0, 0), (0, START + 9), (0, START + 9), (1, START + 9)],  # a repetition
+        [*pairs(0, 0, 1), (0, START + 5), (0, START + 9), (0, START + 7), (1, START + 9)],  # one is late
+        [*pairs(0, 0), *pairs(-20, *range(9)), *pairs(1, 0), *pairs(-20, *range(9, 12))],  # nine behind, and once more
+        [*pairs(0, 0), *pairs(-20, *range(5)), *pairs(-20, 9, *range(5)), *pairs(-20, *range(5, 12))],  # not in a row
+        [
+            (0, START),
+            (1, START - 8 * SECOND),
+            *pairs(5, 0)[:1],
+            *pairs(-6, *range(14))[1:],
+        ],  # behind what was just before
+        [
+            (0, START),
+            *pairs(-30, *range(9)),
+            (1, START - 10 * SECOND),
+            *pairs(-30, 9, 10),
+        ],  # ten seconds are not behind
+        [(0, START), *((1, START + 61 * SECOND + step) for step in (0, 0, 1, 1, 2, 3))],  # leaps that do not rise
+        [*pairs(0, 0), *pairs(61, 0), *pairs(1, 0), *pairs(61, 0, 1, 2, 3)],  # leaps between others
+    ],
+)
+def test_odd_stamps_lie_where_the_plain_version_has_them(messages: list[tuple[int, int]], block: int) -> None:
+    plain = PlainStampOrder(2)
+    assert placed(messages, block) == [plain.take(rank, stamp) for rank, stamp in messages]
+
+
+def test_stamps_that_go_on_steadily_are_noted_together(monkeypatch: pytest.MonkeyPatch) -> None:
+    """One by one, a recording takes many times as long."""
+    order, ranks = StampOrder(2), np.array([0, 1] * 50)
+    order.check(ranks[:2], np.array([START, START]))
+    monkeypatch.delattr(StampOrder, "_note")
+    for turn in range(3):
+        stamps = START + 10**9 * turn + 10**7 * np.repeat(np.arange(1, 51), 2)
+        places, restart = order.check(ranks, stamps)
+        assert (places.tolist(), restart) == ([Place.NEXT] * 100, None)
+    assert order.check(ranks[:0], stamps[:0]).restart is None
 
 
 @pytest.mark.parametrize("block", [1, 1000])

@@ -85,6 +85,21 @@ def test_frames_are_found_up_and_down_a_tree() -> None:
     assert (frames.find("aside"), frames.find("odd")) == (None, None)
 
 
+def test_the_pose_of_a_frame_is_found_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    looks: list[int] = []
+
+    def counted(transform: Any, poses: Any) -> Any:
+        looks.append(1)
+        return placed(transform, poses)
+
+    monkeypatch.setattr(module, "placed", counted)
+    frames = StaticFrames(["world"])
+    frames.learn(static(("world", "base", HERE), ("base", "camera", HERE)))
+    for _ in range(3):
+        assert (frames.find("camera"), frames.find("base"), frames.find("map")) == (HERE, HERE, None)
+    assert len(looks) == 3
+
+
 def test_the_latest_transform_of_a_frame_counts() -> None:
     frames = StaticFrames(["world"])
     for x in (1.0, 2.0):
