@@ -175,6 +175,23 @@ def test_frames_and_questions_that_are_repeated_show_no_life_and_change_nothing(
     assert machine.progress.received == 1
 
 
+def test_what_is_not_authentic_is_refused_and_named() -> None:
+    refused: list[tuple[str, str]] = []
+    machine = ReceiverMachine(
+        "learner", key=KEY, instance=INSTANCE, silence_s=30.0, refuse=lambda what, why: refused.append((what, why))
+    )
+    why = "not sealed with the key of this consumer: start both ends with the same --key FILE"
+    answer = machine.on_hello(Packet(OFFER.to_json()))
+    assert answer == Packet(Progress(error=f"the offer is {why}").to_json())
+    assert refused == [("hello", f"an offer that is {why}")]
+    machine.on_hello(Packet(b"no offer"))
+    machine.on_status(Packet(b""))  # anybody may ask
+    assert len(refused) == 1
+    for asked in (asking(OFFER), b"anything"):
+        machine.on_status(Packet(asked))
+    assert refused[1:] == [("status", f"a question that is {why}")] * 2
+
+
 def test_an_acknowledgement_of_anybody_else_is_refused_and_named() -> None:
     refused: list[tuple[str, str]] = []
     opening = Opening(SenderSeals(KEY, SENDER), lambda what, why: refused.append((what, why)))

@@ -12,9 +12,10 @@ from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.protocol.incoming import MAX_REASON
+from recorders.protocol.incoming import MAX_REASON, IncomingStream
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
+from recorders.protocol.seals.sealing import ConsumerKeys
 from recorders.protocol.states import ReceiverState
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress, asking
 from recorders.protocol.stream_digest import StreamDigests
@@ -149,6 +150,11 @@ def test_what_was_looked_at_is_digested_only_if_it_is_queued() -> None:
     assert machine.progress.digest == digests.digest("learner")
 
 
+def test_a_seal_is_news_once_and_never_behind_a_later_one() -> None:
+    stream = IncomingStream(OFFER, ConsumerKeys(KEY, "learner", INSTANCE).seals(OFFER.identity[1]), 0)
+    assert [stream.is_news(number) for number in (0, 0, 3, 1, 3, 4)] == [True, False, True, False, False, True]
+
+
 def test_a_machine_without_a_stream_knows_nothing_and_waits_for_nobody() -> None:
     machine = receiver()
     assert (machine.progress, machine.offer, machine.released) == (Progress(), None, True)
@@ -189,6 +195,17 @@ def test_the_ends_of_a_hundred_streams_are_known() -> None:
         assert read(hello(machine, offer)).error == offer.sender
 
 
+def test_a_hundred_offers_wait_and_no_more() -> None:
+    machine = receiver()
+    offers = [replace(OFFER, sender=f"{number:032x}") for number in range(2000, 2101)]
+    for offer in offers:
+        offered = hello(machine, offer)
+        assert isinstance(offered, Offered)
+        machine.waiting(offered)
+    known = [machine.concerns(sealing(offer).frame(frame(0, offer=offer))[1].attachment) for offer in offers]
+    assert known == [False, *[True] * 100]
+
+
 def test_a_consumer_stays_the_instance_that_a_stream_under_way_or_on_offer_knows() -> None:
     machine = receiver()
     first, other = hello(machine), hello(machine, OTHER)
@@ -203,23 +220,6 @@ def test_a_consumer_stays_the_instance_that_a_stream_under_way_or_on_offer_knows
     assert read(machine.on_hello(other.question)) == Progress(OTHER.run)
     machine.abandon()
     assert read(machine.on_hello(other.question)) == Progress()  # it is to be offered to the next instance
-
-
-def test_what_is_not_authentic_is_refused_and_named() -> None:
-    refused: list[tuple[str, str]] = []
-    machine = ReceiverMachine(
-        "learner", key=KEY, instance=INSTANCE, silence_s=30.0, refuse=lambda what, why: refused.append((what, why))
-    )
-    why = "not sealed with the key of this consumer: start both ends with the same --key FILE"
-    plain = machine.on_hello(Packet(OFFER.to_json()))
-    assert read(plain) == Progress(error=f"the offer is {why}")
-    assert refused == [("hello", f"an offer that is {why}")]
-    machine.on_hello(Packet(b"no offer"))
-    machine.on_status(Packet(b""))  # anybody may ask
-    assert len(refused) == 1
-    for asked in (asking(OFFER), b"anything"):
-        machine.on_status(Packet(asked))
-    assert refused[1:] == [("status", f"a question that is {why}")] * 2
 
 
 def test_offers_are_answered_by_what_the_stream_is() -> None:
