@@ -205,6 +205,15 @@ def test_an_instance_of_another_size_is_refused(size: int) -> None:
         ConsumerKeys(KEY, "learner", bytes(size))
 
 
+def test_instances_of_a_consumer_count_up_from_the_first_and_are_never_the_same() -> None:
+    most = 2**128 - 1
+    keys, found = ConsumerKeys(KEY, "learner", (most - 1).to_bytes(16, "big")), []
+    for _ in range(4):
+        found.append(int.from_bytes(keys.seals(SENDER).acknowledgement(b"").attachment[:16], "big"))
+        keys.renew()
+    assert found == [most - 1, most, 0, 1]
+
+
 def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:
     refused: list[str] = []
     machine = sender(OFFER, ("learner",), batched=True, wait_s=1.0, patience_s=1.0)
