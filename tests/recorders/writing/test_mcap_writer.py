@@ -119,7 +119,7 @@ def test_a_file_is_that_of_the_library(
 
 
 def test_a_chunk_ends_where_it_is_longer_than_a_mebibyte_unless_another_size_is_given() -> None:
-    for size in range(2**20 - 120, 2**20):
+    for size in range(2**20 - 116, 2**20 - 108):  # the declarations take the rest
         steps = ["schema", "channel", (0, 0, 1, 1, bytes(size)), (0, 1, 2, 2, b"")]
         assert ours(steps)[0] == theirs(steps)
 
