@@ -51,7 +51,15 @@ class ChunkWriter(McapWriter):
 
     def attach(self, name: str, data: bytes) -> None:
         """Write an attachment, without times: identical runs give identical files."""
-        self.add_attachment(AttachmentHead(0, 0, name, media_type(name), 0, len(data)), [data])
+        head = AttachmentHead(
+            log_time_ns=0,
+            create_time_ns=0,
+            name=name,
+            media_type=media_type(name),
+            start=0,  # counts for nothing
+            size=len(data),
+        )
+        self.add_attachment(head, [data])
         self._file.flush()
 
     def add_metadata(self, name: str, texts: Mapping[str, str]) -> None:
