@@ -122,8 +122,8 @@ class RobotNode:
             for verb in ("command", "reset", "joints", "hands", "status"):
                 answering = on_network_thread(self._on_query(verb))
                 stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
-            listening = on_network_thread(self._on_sample)
-            subscribing = self._keys.subscribing(self._session, JOINT_COMMANDS, JointState.TYPE, listening)
+            take, kind = self._on_sample, JointState.TYPE
+            subscribing = self._keys.subscribing(self._session, JOINT_COMMANDS, kind, take, at_once=True)
             stack.enter_context(subscribing)
             stack.enter_context(self._session.liveliness().declare_token(robot_key(self._namespace, "alive")))
             self._stack = stack.pop_all()

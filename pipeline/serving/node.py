@@ -30,7 +30,6 @@ from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
-from recorders.wire.callbacks import on_network_thread
 from recorders.wire.session import SessionConfig, has_subscribers, open_session
 
 logger = logging.getLogger(__name__)
@@ -199,9 +198,8 @@ class Node:
             )
             stack.enter_context(self._deviations.declared(session, keys))
             for topic, reader in self._readers.items():
-                handler = on_network_thread(self._handler(reader))
                 kind = self._inputs.types.get(topic) or type_of(topic)
-                stack.enter_context(keys.subscribing(session, topic, kind, handler))
+                stack.enter_context(keys.subscribing(session, topic, kind, self._handler(reader), at_once=True))
             stack.enter_context(
                 session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
             )

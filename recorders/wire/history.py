@@ -16,9 +16,12 @@ from zenoh.ext import (
     declare_advanced_subscriber,
 )
 
-_Source: TypeAlias = tuple[str, int]  # session and publisher
+from recorders.wire.session import watching_tokens
+
+_Source: TypeAlias = tuple[str, str]  # session and publisher; key and session of one that stamps
 _Number: TypeAlias = int | zenoh.NTP64
 
+_STAMPING = "/@adv/pub/"  # in the token of a publisher that keeps samples, before its session
 _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what arrives as it is published
 
 
@@ -49,27 +52,12 @@ def publishing_latched(
     )
 
 
-def subscribing_latched(session: zenoh.Session, key: str, take: Any) -> AbstractContextManager[Any]:
-    """Return a subscriber that gets the last sample of each publisher that keeps some, and all later ones.
-
-    Parameters
-    ----------
-    session : zenoh.Session
-        An open session.
-    key : str
-        Where to subscribe.
-    take
-        A function or handler of Zenoh's.
-    """
-    history = HistoryConfig(detect_late_publishers=True, max_samples=1)
-    return declare_advanced_subscriber(session, key, take, history=history)
-
-
 class HistorySubscriber:
     """Queries the last samples published on some keys before this came, beside a subscriber of all keys.
 
-    Only publishers with a cache keep anything, and they number their samples. Of each, one cached sample is taken, and
-    none if it was received already; the subscriber's own samples all pass, but for the one that was taken before.
+    Only publishers with a cache keep anything. They number their samples, or stamp them, as those of rmw_zenoh do, and
+    declare that in a token of theirs: anybody else's may be stamped on the way. Of each, one cached sample is taken,
+    and none if it was received already; the subscriber's own samples all pass, but for the one that was taken before.
 
     Parameters
     ----------
@@ -87,6 +75,7 @@ class HistorySubscriber:
         self._patterns = [zenoh.KeyExpr(key) for key in sorted(self._keys) if "*" in key]
         self._hand_over = hand_over
         self._lock = threading.Lock()
+        self._stamping: set[_Source] = set()  # those that stamp: key and session
         self._sources: set[_Source] = set()
         self._taken: set[tuple[_Source, _Number]] = set()  # and not received yet by the subscriber
         self._stack = ExitStack()
@@ -94,6 +83,8 @@ class HistorySubscriber:
     def __enter__(self) -> Self:
         history = HistoryConfig(detect_late_publishers=True, max_samples=1)
         for key in sorted(self._keys):
+            tokens = watching_tokens(self._session, f"{key}{_STAMPING}*/uhlc/**", self._on_token, history=True)
+            self._stack.enter_context(tokens)  # first: what is cached comes after them
             subscriber = declare_advanced_subscriber(
                 self._session, key, self._on_history, history=history, allowed_origin=zenoh.Locality.REMOTE
             )
@@ -113,8 +104,27 @@ class HistorySubscriber:
     def _is_asked(self, key: zenoh.KeyExpr) -> bool:
         return str(key) in self._keys or any(pattern.includes(key) for pattern in self._patterns)
 
+    def _on_token(self, token: str, is_there: bool) -> None:
+        key, _, publisher = token.rpartition(_STAMPING)
+        source = key, publisher.partition("/")[0]
+        with self._lock:
+            if not is_there:
+                self._stamping.discard(source)
+            elif len(self._stamping) < _MAX_SOURCES:
+                self._stamping.add(source)
+
+    def _number(self, sample: zenoh.Sample) -> tuple[_Source, _Number] | None:
+        """Return who published a sample and its number there; None if its publisher keeps no samples."""
+        info, stamp = sample.source_info, sample.timestamp
+        if info is not None:
+            return (str(info.source_id.zid), str(info.source_id.eid)), int(info.source_sn)
+        if stamp is None or not self._stamping:
+            return None
+        source = str(sample.key_expr), str(stamp.get_id())
+        return (source, stamp.get_time_as_ntp64()) if source in self._stamping else None
+
     def _was_taken(self, sample: zenoh.Sample) -> bool:
-        number = _number(sample)
+        number = self._number(sample)
         if number is None:
             return False
         with self._lock:
@@ -126,7 +136,7 @@ class HistorySubscriber:
 
     def _on_history(self, sample: zenoh.Sample) -> None:
         """Take samples from history; new ones come here as well, but those are the other subscriber's."""
-        number = _number(sample)
+        number = self._number(sample)
         if number is None:
             return
         with self._lock:
@@ -140,16 +150,3 @@ class HistorySubscriber:
         if len(self._sources) < _MAX_SOURCES:
             self._sources.add(source)
         return source in self._sources
-
-
-def _number(sample: zenoh.Sample) -> tuple[_Source, _Number] | None:
-    """Return who published a sample and its number there; None if its publisher keeps no count, nor stamps it.
-
-    Latched publishers of rmw_zenoh stamp theirs, ours count.
-    """
-    info, stamp = sample.source_info, sample.timestamp
-    if info is not None:
-        return (str(info.source_id.zid), int(info.source_id.eid)), int(info.source_sn)
-    if stamp is not None:
-        return (f"{stamp.get_id()} {sample.key_expr}", 0), stamp.get_time_as_ntp64()
-    return None

@@ -146,12 +146,12 @@ class Subscription:
             self._refuse(key, str(error))
             return
         if len(sample.payload) > MAX_PAYLOAD:
-            self._refuse(topic.topic, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
+            self._refuse(topic.sent_as, f"{len(sample.payload)} bytes, expected at most {MAX_PAYLOAD}")
             return
         try:
             self._take(topic, sample)
         except MessageError as error:
-            self._refuse(topic.topic, str(error).removeprefix(f"{topic.topic}: "))
+            self._refuse(topic.topic or topic.sent_as, str(error).removeprefix(f"{topic.topic}: "))
 
     def _take(self, topic: KeyedTopic, sample: zenoh.Sample) -> None:
         attachment = sample.attachment
@@ -161,6 +161,8 @@ class Subscription:
         ours, origin = self._keys.read_attachment(topic.topic, data)
         if ours is not None and self._take_stream(topic, sample, ours):
             return
+        if not topic.topic:
+            raise MessageError("another topic has that name here, by --remap")
         received = Received(topic, sample, None, origin, self._arrival_ns(topic.topic, sample))
         self._hand_over(received if ours is None else received._replace(frame=self._framed(received, ours)))
 

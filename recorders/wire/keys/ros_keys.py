@@ -17,10 +17,11 @@ from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import Qos, Reliability, usual_qos
 from recorders.rmw_zenoh.type_hashes import type_hash
-from recorders.wire.history import publishing_latched, subscribing_latched
+from recorders.wire.callbacks import on_network_thread
+from recorders.wire.history import HistorySubscriber, publishing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
 from recorders.wire.keys.ros_node import RosNode
-from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, MessagePublisher
+from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, MessagePublisher, TakeSample
 from recorders.wire.session import publishing
 
 _GLOBAL = frozenset((TF, TF_STATIC, CLOCK))  # of a whole system, whatever the namespace of a node
@@ -128,12 +129,17 @@ class RosKeys:
 
     @contextmanager
     def subscribing(
-        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+        self, session: zenoh.Session, topic: str, type_name: str, take: TakeSample, *, at_once: bool = False
     ) -> Iterator[None]:
         """Have the samples of a topic of one type taken, cached ones of one that is latched, and be in the graph."""
-        key, latched = self.key(topic, type_name), (qos or usual_qos(topic)).is_latched
-        declared = subscribing_latched(session, key, take) if latched else session.declare_subscriber(key, take)
-        with self.announced(session, topic, type_name, qos=qos), declared:
+        key, qos = self.key(topic, type_name), usual_qos(topic)
+        history = HistorySubscriber(session, [key] if qos.is_latched else [], take)
+        deliver = history.deliver if qos.is_latched else take
+        with (
+            self.announced(session, topic, type_name, qos=qos),
+            session.declare_subscriber(key, on_network_thread(deliver) if at_once else deliver),
+            history,
+        ):
             yield
 
     @contextmanager
@@ -167,10 +173,22 @@ class RosKeys:
             yield RosPublisher(inner, token.gid)
 
     def _own_name(self, graph_name: str) -> str:
-        """Return a topic's name as this node has it: `graph_name` the other way."""
+        """Return a topic's name as this node has it, `graph_name` the other way; empty where it has none."""
+        if not self.renames:
+            return graph_name
         name = self.node.name.original(graph_name)
         own = "/" + name.removeprefix(self.node.name.namespace.rstrip("/") + "/")
-        return own if own != name and type_of(own) and own not in _GLOBAL else name
+        own = own if own != name and type_of(own) and own not in _GLOBAL else name
+        if own == graph_name and self._is_taken(own):
+            return ""
+        return own
+
+    def _is_taken(self, topic: str) -> bool:
+        """Whether this node gives a name to another topic of the graph."""
+        try:
+            return self.graph_name(topic) != topic
+        except WireError:  # no name that a rule could have
+            return False
 
     def _hash(self, type_name: str) -> str:
         return self.hashes.get(type_name) or type_hash(type_name)

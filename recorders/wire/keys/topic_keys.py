@@ -1,20 +1,24 @@
 """The mapping between topics and Zenoh: keys, attachments, and whoever is seen by them. That of a namespace is here."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
-from typing import Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import zenoh
 
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.qos import Qos
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.history import publishing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, check_namespace, message_key
 from recorders.wire.session import publishing
 
 EVERY_TOPIC = "**"
 """In place of a topic: all of them."""
+
+TakeSample: TypeAlias = Callable[[zenoh.Sample], None]
+"""Takes a sample."""
 
 
 class KeyedTopic(NamedTuple):
@@ -23,7 +27,7 @@ class KeyedTopic(NamedTuple):
     Attributes
     ----------
     topic : str
-        Topic, as this node names it.
+        Topic, as this node names it; empty where remapping has given the name to another.
     type : str
         ROS 2 type of its messages; empty if the key states none.
     sent_as : str
@@ -116,9 +120,9 @@ class TopicKeys(Protocol):
         """Yield a publisher; the `options` are Zenoh's, and `qos` is the topic's own if it is left out."""
 
     def subscribing(
-        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+        self, session: zenoh.Session, topic: str, type_name: str, take: TakeSample, *, at_once: bool = False
     ) -> AbstractContextManager[None]:
-        """Have the samples of a topic taken, by a function or handler of Zenoh's, while the block runs."""
+        """Have the samples of a topic taken while the block runs; `at_once` on the thread that reads the network."""
 
     def announced(
         self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None
@@ -193,10 +197,10 @@ class NamespaceKeys:
 
     @contextmanager
     def subscribing(
-        self, session: zenoh.Session, topic: str, type_name: str, take: Any, *, qos: Qos | None = None
+        self, session: zenoh.Session, topic: str, type_name: str, take: TakeSample, *, at_once: bool = False
     ) -> Iterator[None]:
         """Have the samples of a topic taken, whatever their type."""
-        with session.declare_subscriber(self.key(topic), take):
+        with session.declare_subscriber(self.key(topic), on_network_thread(take) if at_once else take):
             yield
 
     @contextmanager

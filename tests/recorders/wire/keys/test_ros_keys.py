@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import zenoh
 from ros_peer import RosPeer, ros_peer
-from waiting import wait_until
+from waiting import matches, wait_until
 from zenoh.ext import CacheConfig, declare_advanced_publisher
 
 from recorders.cdr.codec import encode
@@ -52,6 +52,14 @@ def test_remapping_and_namespace_are_undone_when_a_key_is_read() -> None:
         key = ours.key(topic, JointState.TYPE)
         assert key.startswith(f"7{named}/sensor_msgs")
         assert ours.read_key(key) == (topic, JointState.TYPE, named)
+
+
+def test_a_topic_whose_name_is_taken_by_remapping_has_none_here() -> None:
+    ours, others = keys("/camera:=/eye", "__ns:=/lab"), keys()
+    for topic in ("/camera", JOINT_STATES):
+        assert ours.read_key(others.key(topic, JointState.TYPE)) == ("", JointState.TYPE, topic)
+    odd = "7/no name/sensor_msgs::msg::dds_::JointState_/" + type_hash(JointState.TYPE)
+    assert ours.read_key(odd).topic == "/no name"
 
 
 @pytest.mark.parametrize("topic", ["/a b", "/1", "/a//b", "/a__b", "/é", ""])
@@ -153,16 +161,38 @@ def test_a_late_joiner_gets_what_is_latched_whoever_it_is(ends: Ends) -> None:
                 assert live(receiver).record[:4] == (ROBOT_DESCRIPTION, String.TYPE, encode(text), 1)
 
 
+def stamping(endpoint: str) -> zenoh.Config:
+    """Return the configuration of a client that stamps what it publishes."""
+    config = zenoh.Config()
+    config.insert_json5("timestamping/enabled", "true")
+    config.insert_json5("mode", '"client"')
+    config.insert_json5("connect/endpoints", f'["{endpoint}"]')
+    config.insert_json5("scouting/multicast/enabled", "false")
+    return config
+
+
+def test_what_is_stamped_and_not_latched_keeps_its_order(ends: Ends) -> None:
+    _, _, endpoint = ends
+    config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({EVERY_TOPIC}))
+    with (
+        zenoh.open(stamping(endpoint)) as other,
+        open_session(SessionConfig(connect=(endpoint,))) as late,
+        Receiver(late, config=config) as receiver,
+        other.declare_publisher(
+            keys().key("/numbers", String.TYPE), congestion_control=zenoh.CongestionControl.BLOCK
+        ) as publisher,
+    ):
+        wait_until(lambda: matches(publisher))
+        for number in range(1, 51):
+            publisher.put(b"", attachment=Attachment(number, 5, bytes(16)).pack())
+        assert [live(receiver).record.sequence for _ in range(50)] == list(range(1, 51))
+
+
 def test_a_latched_publisher_that_stamps_rather_than_counts_is_taken_once(ends: Ends) -> None:
     """As rmw_zenoh's own does: a cache, and sessions that stamp what they publish."""
     _, _, endpoint = ends
-    stamping = zenoh.Config()
-    stamping.insert_json5("timestamping/enabled", "true")
-    stamping.insert_json5("mode", '"client"')
-    stamping.insert_json5("connect/endpoints", f'["{endpoint}"]')
-    stamping.insert_json5("scouting/multicast/enabled", "false")
     key = keys().key(TF_STATIC, String.TYPE)
-    with zenoh.open(stamping) as other, open_session(SessionConfig(connect=(endpoint,))) as late:
+    with zenoh.open(stamping(endpoint)) as other, open_session(SessionConfig(connect=(endpoint,))) as late:
         publisher = declare_advanced_publisher(other, key, cache=CacheConfig(max_samples=1), publisher_detection=True)
         publisher.put(b"first", attachment=Attachment(1, 5, bytes(16)).pack())
         config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({EVERY_TOPIC}))
