@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 import pytest
 from lab import MS, START, anew, recording
+from tracked_arm import shifted
 
 from pipeline.alignment import live as module
 from pipeline.alignment.aligned_log import own_frames
@@ -117,6 +118,10 @@ def test_messages_wait_until_a_tick_may_be_complete(
     made = sum(len(live.feed(record)) for record in records)
     assert made == pytest.approx(2 * ticks, abs=8)
     assert len(looks) <= ticks + 8
+    looks.clear()
+    again = [shifted(record, -1000 * 10**9) for record in records]
+    assert sum(len(live.feed(record)) for record in again)
+    assert len(looks) <= min(ticks + 60, 250) < len(again)  # of which some show that the clock began anew
 
 
 def test_what_waits_fills_no_memory(robot: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -138,6 +143,9 @@ def test_topics_of_no_concern_are_passed_over_and_transforms_are_wanted(robot: P
     }
     assert live.feed(recording(robot)[0]._replace(topic="/other")) == []
     assert live._waiting == []
+    transform = RecordedMessage(TF_STATIC, TFMessage.TYPE, encode(TFMessage(())), 0, START)
+    assert live.feed(transform) == []
+    assert live._waiting == [transform]  # which completes nothing
 
 
 def test_topics_are_called_as_ours_or_as_they_are_mapped(robot: Path) -> None:
