@@ -77,7 +77,7 @@ def test_a_tick_comes_with_the_message_that_completes_it(robot: Path, config: Al
 
 @pytest.mark.parametrize("period_ns", [None, 20 * MS])
 def test_a_tick_comes_in_time_after_the_clock_began_anew_too(robot: Path, period_ns: int | None) -> None:
-    config, records = AlignmentConfig(period_ns=period_ns), anew(recording(robot)[:300])
+    config, records = AlignmentConfig(period_ns=period_ns), anew(recording(robot)[:200])
     live = aligner_of(robot, config)
     assert [live.feed(record) for record in records] == one_by_one(robot, config, records)
 

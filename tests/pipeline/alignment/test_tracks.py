@@ -57,7 +57,7 @@ def test_ticks_of_a_track_are_those_of_the_plain_version(turns: bool, data: Any,
     assert len(track.stamps_ns) == len(later) + (len(later) < len(plain.stamps))
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=80, deadline=None)
 @given(TIMES, st.integers(1, 15), st.integers(0, 15), st.integers(-40, 60), st.integers(0, 80))
 def test_multiples_of_a_period_lie_between_samples_that_are_near_or_at_one(
     stamps: list[int], period: int, tolerance: int, after: int, limit: int
