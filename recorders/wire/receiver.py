@@ -58,7 +58,8 @@ class ReceiverConfig:
         How much may wait here to be taken [bytes]. What comes beyond that is sent again if it is of the stream, and is
         lost and counted as refused if it is live: its publisher, mostly a robot, is never kept waiting.
     topics : mapping of str to str, optional
-        Types of the topics that are wanted, so that no others need be sent here; all if left out.
+        Types of the topics that are wanted, so that no others need be sent here until a stream is accepted; all if left
+        out.
     latched_topics : frozenset of str
         Topics of which the last message from before this came is handed over too, if its publisher keeps it.
     key_file : Path, optional
@@ -220,6 +221,7 @@ class Receiver:
         """Take an offer, from the stream index `start` on."""
         with self._lock:
             answer = self._machine.accept(event.offered, start, time.monotonic())
+        self._subscription.take_all()
         logger.info(f"{self._config.name} takes run {event.offer.run[:8]} from message {start} on")
         event.answer(answer)
 

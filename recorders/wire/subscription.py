@@ -110,27 +110,40 @@ class Subscription:
         self._selected = keys.everything if topics is None else keys.selection(topics)
         latched = (keys.key(topic, self._topics.get(topic, "")) for topic in latched_topics)
         self._history = HistorySubscriber(session, latched, self._on_sample)
-        self._drained = [threading.Event() for _ in self._selected]  # what had arrived before unsubscribing is taken
-        self._stack = ExitStack()
+        self._drained: list[threading.Event] = []  # what had arrived before unsubscribing is taken
+        self._subscribers, self._stack = ExitStack(), ExitStack()
 
     def __enter__(self) -> Self:
         for topic, kind in self._topics.items():
             self._stack.enter_context(self._keys.announced(self._session, topic, kind))
-        for key, drained in zip(self._selected, self._drained, strict=True):
-            subscriber = self._session.declare_subscriber(
-                key,
-                zenoh.handlers.Callback(self._history.deliver, drop=drained.set),
-                allowed_origin=zenoh.Locality.REMOTE,
-            )
-            self._stack.enter_context(subscriber)
+        self._subscribers = self._declared(self._selected)
         self._stack.enter_context(self._history)
         return self
 
     def __exit__(self, *error: object) -> None:
+        self._subscribers.close()
         self._stack.close()
+
+    def take_all(self) -> None:
+        """Subscribe to all topics from now on, as a stream that is about to begin may have any."""
+        if self._selected != self._keys.everything:
+            self._selected, narrow = self._keys.everything, self._subscribers
+            self._subscribers = self._declared(self._selected)
+            narrow.close()
+
+    def _declared(self, keys: Iterable[str]) -> ExitStack:
+        """Declare subscribers, and return what undeclares them."""
+        with ExitStack() as stack:
+            for key in keys:
+                self._drained.append(threading.Event())
+                taking = zenoh.handlers.Callback(self._history.deliver, drop=self._drained[-1].set)
+                remote = zenoh.Locality.REMOTE
+                stack.enter_context(self._session.declare_subscriber(key, taking, allowed_origin=remote))
+            return stack.pop_all()
 
     def close(self) -> None:
         """Receive no more, and wait until what has arrived is handed over."""
+        self._subscribers.close()
         self._stack.close()
         deadline_s = time.monotonic() + _ALL_RECEIVED_WAIT_S
         for drained in self._drained:

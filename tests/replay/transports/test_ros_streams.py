@@ -48,12 +48,13 @@ def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
         yield sending, receiving
 
 
+@pytest.mark.parametrize("topics", [None, {"/mine": LEARNER_TOPICS[0].type}])
 @pytest.mark.parametrize("batch_size", [1, 64])
-def test_everything_arrives_in_order_whatever_the_receiver_calls_its_topics(
-    sessions: tuple[zenoh.Session, zenoh.Session], batch_size: int
+def test_everything_arrives_in_order_whatever_the_receiver_calls_its_topics_and_wants_beside_the_stream(
+    sessions: tuple[zenoh.Session, zenoh.Session], batch_size: int, topics: dict[str, str] | None
 ) -> None:
     rules = f"/mine:={LEARNER_TOPICS[0].name}", "__ns:=/lab"
-    config = ReceiverConfig(keys=keys("learner", *rules))
+    config = ReceiverConfig(keys=keys("learner", *rules), topics=topics)
     sending = SenderConfig(keys=keys("replay"), batch_size=batch_size, wait_s=60.0, patience_s=60.0)
     with Receiver(sessions[1], config=config) as receiver, ThreadPoolExecutor() as pool:
         sent = pool.submit(ZenohTransport(sessions[0], config=sending).deliver, OFFER, stream_from)
