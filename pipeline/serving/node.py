@@ -18,6 +18,7 @@ from pipeline.robot_node.namespace_checks import RobotCheck, refuse_other_contro
 from pipeline.robot_node.protocol import robot_digest
 from pipeline.serving.background_writer import UNNUMBERED, BackgroundWriter
 from pipeline.serving.deviation_publisher import DeviationPublisher
+from pipeline.serving.input.arrival_clock import ArrivalClock
 from pipeline.serving.input.served_inputs import ServedInputs
 from pipeline.serving.low_latency import low_latency
 from pipeline.serving.node_config import ServeConfig
@@ -31,6 +32,7 @@ from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
 from recorders.wire.session import SessionConfig, has_subscribers, open_session
+from recorders.wire.sim_time import NO_TIME
 
 logger = logging.getLogger(__name__)
 
@@ -72,6 +74,7 @@ def serve(
         If learning diverged.
     """
     config = config or ServeConfig()
+    where = f"at {', '.join(session.listen)}" if session.listen else f"through {', '.join(session.connect)}"
     writer = BackgroundWriter(config.log(controller))
     node = None
     try:
@@ -81,7 +84,7 @@ def serve(
                 open_session(session) as opened,
                 config.keys.joined(opened),
                 low_latency(),
-                node.declared(opened, where=_where(session)) as robot,
+                node.declared(opened, where=where) as robot,
                 running_node(
                     opened,
                     node.source(),
@@ -145,6 +148,7 @@ class Node:
         self._commands = 0
         self._sent_as = config.serving.commands.topic, config.serving.commands.type_name
         self.serves = False
+        self._clock = ArrivalClock(use_sim_time=config.use_sim_time)
         self._inputs = ServedInputs(controller, config, served.topics)
         self._first, self._second = (served.pair if self._inputs.plain else None) or ("", "")
         self._readers = {topic: TopicReader(topic) for topic in (*self._inputs.topics, SESSION_PHASE)}
@@ -197,12 +201,12 @@ class Node:
                 )
             )
             stack.enter_context(self._deviations.declared(session, keys))
+            stack.enter_context(self._clock.running(session, keys))
             for topic, reader in self._readers.items():
                 kind = self._inputs.types.get(topic) or type_of(topic)
                 stack.enter_context(keys.subscribing(session, topic, kind, self._handler(reader), at_once=True))
-            stack.enter_context(
-                session.declare_queryable(controller_key(namespace, name, "status"), self._answer_query)
-            )
+            status_key = controller_key(namespace, name, "status")
+            stack.enter_context(session.declare_queryable(status_key, self._answer_query))
             self.serves = True  # before anybody can know, and end it
             logger.info(f"{name} serves {self._publisher.key_expr} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
@@ -279,14 +283,16 @@ class Node:
         The first message of a tick leads to no command, and the one that does mostly is close behind it: the first is
         held unread, so that both are read at once.
         """
-        lock, served = self._lock, self._served
+        lock, served, now_ns = self._lock, self._served, self._clock.now_ns
         holds = len(served.topics) > 1 and self._inputs.plain
 
         def on_sample(sample: zenoh.Sample) -> None:
             arrival_ns = time.perf_counter_ns()
-            arrived = reader, sample, time.time_ns()
+            arrived = reader, sample, now_ns()
             with lock:
-                if holds and self._held is None and served.between_ticks:
+                if arrived[2] < 0:
+                    served.reject(Rejection.NO_TIME, f"{reader.topic}: {NO_TIME}")
+                elif holds and self._held is None and served.between_ticks:
                     self._held = arrived
                 else:
                     self._take(arrived, arrival_ns)
@@ -364,7 +370,7 @@ class Node:
     def _pass_on(self, command: bytes, answered: tuple[RecordedMessage, ...]) -> None:
         """Pass a command on to whoever records and watches."""
         if self._writer.records:
-            sent = RecordedMessage(*self._sent_as, command, self._commands - 1, time.time_ns())
+            sent = RecordedMessage(*self._sent_as, command, self._commands - 1, self._clock.now_ns())
             self._record((*answered, sent))
         if self._on_command is not None:
             self._on_command(self._served.joint_state(), answered)
@@ -373,8 +379,7 @@ class Node:
         """Return the message of a sample, as it goes into a log too; None if there is none."""
         if sample.kind != zenoh.SampleKind.PUT:
             return None  # a deleted key is no target
-        size = len(sample.payload)
-        if size > MAX_PAYLOAD:
+        if (size := len(sample.payload)) > MAX_PAYLOAD:
             self._served.reject(Rejection.TOO_LARGE, f"{reader.topic}: found {size} bytes")
             return None
         sequence = sequence_of(self._config.keys, reader.topic, sample) if self._writer.records else UNNUMBERED
@@ -385,10 +390,6 @@ class Node:
     def _answer_query(self, query: zenoh.Query) -> None:
         with query:
             query.reply(query.key_expr, json.dumps(self.status()), encoding="application/json")
-
-
-def _where(session: SessionConfig) -> str:
-    return f"at {', '.join(session.listen)}" if session.listen else f"through {', '.join(session.connect)}"
 
 
 def _percentiles(latencies_ns: list[int]) -> dict[str, float | None]:

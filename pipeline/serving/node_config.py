@@ -37,6 +37,8 @@ class ServeConfig:
         How topics with rates and stamps of their own are aligned; if left out, ticks are taken as they are published.
     renames : mapping of str to str
         Our topic names for those that are published.
+    use_sim_time : bool
+        Whether messages arrive at the time of `/clock`: for the log, and for an alignment by times of recording.
 
     Raises
     ------
@@ -53,6 +55,7 @@ class ServeConfig:
     metrics_port: int | None = None
     alignment: AlignmentConfig | None = None
     renames: Mapping[str, str] = field(default_factory=dict)
+    use_sim_time: bool = False
 
     def __post_init__(self) -> None:
         check_name(self.name)

@@ -26,6 +26,7 @@ class Rejection(StrEnum):
     WRONG_JOINTS = "wrong joints"
     BEYOND = "beyond"  # farther from what was explored than is served, if that was asked for
     NOT_MEASURED = "not measured"  # the posture to start from, if commands are to move the joints slowly
+    NO_TIME = "no time"  # before the first message of /clock, if that is the time
     NO_PARTNER = "no partner"  # the rest of its tick had not come when a newer tick was complete
 
 

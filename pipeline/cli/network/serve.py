@@ -10,6 +10,7 @@ from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import exit_line
 from pipeline.cli.options import Controller, Json, Overwrite
+from pipeline.cli.ros_domain import UseSimTime
 from pipeline.cli.sessions import ListeningNode
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -62,6 +63,8 @@ class ServeOptions:
         bool, typer.Option("--allow-multiple", help="Serve although another controller does, in the same namespace.")
     ] = False
 
+    use_sim_time: UseSimTime = False
+
     def config(self, node: ListeningNode, alignment: AlignmentOptions, *, overwrite: bool) -> "ServeConfig":
         """Return the settings of the node."""
         from pipeline.serving.config import ServingConfig
@@ -83,6 +86,7 @@ class ServeOptions:
             metrics_port=node.prometheus,
             alignment=alignment.live_config(),
             renames=alignment.renames,
+            use_sim_time=self.use_sim_time,
         )
 
 
