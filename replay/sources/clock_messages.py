@@ -36,7 +36,7 @@ def with_clock(stream: Iterator[RecordedMessage], period_ns: int) -> Iterator[Re
     MessageError
         If a log time is beyond what a message of ROS 2 can hold.
     """
-    number, due_ns, last_ns = 0, 0, -1
+    number, last_ns = 0, -1
     for message in stream:
         time_ns = message.log_time_ns
         if last_ns < 0 or time_ns < last_ns:

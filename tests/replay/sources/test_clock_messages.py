@@ -41,9 +41,20 @@ def test_time_is_there_before_every_message_and_never_ahead_of_it(times_ns: list
     assert [record.sequence for record in found if record.topic == CLOCK] == list(range(len(found) - len(messages)))
 
 
-def test_every_multiple_is_there_and_a_stream_that_begins_anew_has_a_clock_that_does() -> None:
-    times = [record.log_time_ns for record in with_clock(iter(stream([250, 450, 200])), 100) if record.topic == CLOCK]
-    assert times == [200, 300, 400, 200]
+@pytest.mark.parametrize(
+    ("times_ns", "clocks_ns"),
+    [
+        ([250, 450, 200], [200, 300, 400, 200]),
+        ([250, 250, 450], [200, 300, 400]),
+        ([200, 200], [200]),
+        ([0, 0, 250], [0, 100, 200]),
+    ],
+)
+def test_every_multiple_is_there_once_and_a_stream_that_begins_anew_has_a_clock_that_does(
+    times_ns: list[int], clocks_ns: list[int]
+) -> None:
+    found = with_clock(iter(stream(times_ns)), 100)
+    assert [record.log_time_ns for record in found if record.topic == CLOCK] == clocks_ns
 
 
 def test_the_log_time_replaces_a_recorded_clock(tmp_path: Path) -> None:
