@@ -136,9 +136,9 @@ class RosKeys:
         history = HistorySubscriber(session, [key] if qos.is_latched else [], take)
         deliver = history.deliver if qos.is_latched else take
         with (
-            self.announced(session, topic, type_name, qos=qos),
             session.declare_subscriber(key, on_network_thread(deliver) if at_once else deliver),
             history,
+            self.announced(session, topic, type_name, qos=qos),  # last: who sees it may publish
         ):
             yield
 
