@@ -8,6 +8,7 @@ from sealed import KEY, receiver
 from small_world import COUNT, OFFER, PATIENCE_S, WAIT_S, Consumer, World, message
 
 from recorders.errors import WireError
+from recorders.protocol.answers import Offered
 from recorders.protocol.frames import MAX_PAYLOAD, FrameType
 from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.questions import ALIVE_S
@@ -77,6 +78,46 @@ def test_a_consumer_that_was_started_anew_is_greeted_anew_and_gets_the_stream_fr
     assert sender.results == {"anna": {"count": COUNT}, "bob": {"count": COUNT - 4}}
     assert again.taken == list(range(4, COUNT))
     assert world.consumers["anna"].taken == list(range(COUNT))
+
+
+def test_nothing_of_before_is_sent_again_while_a_consumer_is_greeted_anew() -> None:
+    stalled: list[bool] = []
+
+    def lose(action: Action) -> bool:
+        return bool(stalled) and (isinstance(action, Publish) or action.verb == "hello")
+
+    world = World({"anna": Consumer(), "bob": Consumer()}, lose=lose, batch=1)
+    world.run(stop=lambda: world.sender.sent >= 8)
+    stalled.append(True)
+    world.run(stop=lambda: world.now_s >= 3.0)
+    world.consumers["bob"] = again = Consumer()
+    again.machine = receiver("bob", instance=b"another instance")
+    world.run(stop=lambda: world.sender.state is SenderState.GREETING and not world.sender.outbox)
+    before, begun_s = len(world.sent), world.now_s
+    world.run(stop=lambda: world.now_s >= begun_s + 5.0)
+    assert world.sender.state is SenderState.GREETING
+    assert len(world.sent) == before
+    stalled.clear()
+    assert world.run().results == {"anna": {"count": COUNT}, "bob": {"count": COUNT}}
+
+
+def test_a_consumer_that_has_lost_what_it_had_acknowledged_gets_it_again() -> None:
+    class Watched(Consumer):
+        def answer(self, ask: Ask, now_s: float) -> Packet:
+            questions.append(ask.packet)
+            return super().answer(ask, now_s)
+
+    questions: list[Packet] = []
+    world = World({"anna": Watched()}, batch=1)
+    world.run(stop=lambda: world.sender.consumed >= 12)
+    world.consumers["anna"] = again = Consumer()
+    again.machine = receiver("anna", instance=b"anna".ljust(16))  # the same instance, which would never do so
+    offered = again.machine.on_hello(questions[1])
+    assert isinstance(offered, Offered)
+    again.machine.accept(offered, 0, world.now_s)
+    assert world.run().results == {"anna": {"count": COUNT}}
+    assert again.taken == list(range(COUNT))
+    assert world.now_s < 5 * ALIVE_S
 
 
 def test_a_consumer_that_is_gone_tries_the_senders_patience() -> None:
