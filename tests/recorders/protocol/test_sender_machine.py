@@ -101,7 +101,9 @@ def test_nothing_of_before_is_sent_again_while_a_consumer_is_greeted_anew() -> N
     assert world.run().results == {"anna": {"count": COUNT}, "bob": {"count": COUNT}}
 
 
-def test_a_consumer_that_has_lost_what_it_had_acknowledged_gets_it_again() -> None:
+def with_a_consumer_that_has_lost_everything() -> World:
+    """A world in the middle of a stream; the consumer is the same instance, which would never do so."""
+
     class Watched(Consumer):
         def answer(self, ask: Ask, now_s: float) -> Packet:
             questions.append(ask.packet)
@@ -111,13 +113,28 @@ def test_a_consumer_that_has_lost_what_it_had_acknowledged_gets_it_again() -> No
     world = World({"anna": Watched()}, batch=1)
     world.run(stop=lambda: world.sender.consumed >= 12)
     world.consumers["anna"] = again = Consumer()
-    again.machine = receiver("anna", instance=b"anna".ljust(16))  # the same instance, which would never do so
+    again.machine = receiver("anna", instance=b"anna".ljust(16))
     offered = again.machine.on_hello(questions[1])
     assert isinstance(offered, Offered)
     again.machine.accept(offered, 0, world.now_s)
+    return world
+
+
+def test_a_consumer_that_has_lost_what_it_had_acknowledged_gets_it_again() -> None:
+    world = with_a_consumer_that_has_lost_everything()
     assert world.run().results == {"anna": {"count": COUNT}}
-    assert again.taken == list(range(COUNT))
+    assert world.consumers["anna"].taken == list(range(COUNT))
     assert world.now_s < 5 * ALIVE_S
+
+
+def test_a_pause_after_the_stream_has_gone_back_tries_nobodys_patience() -> None:
+    world = with_a_consumer_that_has_lost_everything()
+    world.run(stop=lambda: world.sender.sent == 0)
+    del world.consumers["anna"]
+    while world.now_s < 3 * PATIENCE_S:
+        world._pass_time()
+        world._see_to_actions()
+    assert world.sender.state is SenderState.SENDING
 
 
 def test_a_consumer_that_is_gone_tries_the_senders_patience() -> None:
