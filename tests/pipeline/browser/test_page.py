@@ -45,6 +45,10 @@ class Visit:
     def await_shown(self, name, text):
         wait_until(lambda: text in self.shown(name))
 
+    def await_taught(self, text):
+        wait_until(lambda: text in self.shown("taught") or self.shown("lesson-failure"))
+        assert not self.shown("lesson-failure")
+
     def at(self, point):
         return on_screen(self._page._server.get_clients()[self.number].camera, point, SIZE)
 
@@ -207,7 +211,7 @@ def test_what_is_recorded_is_an_episode_with_the_figures_of_the_page(page, visit
     from pipeline.training.trainer import train
     from replay.sources.schedule import Schedule
 
-    visit.drag_handle(1, 0.05)
+    page.play.go_through("eight")
     visit.tab.get_by_role("button", name="Record", exact=True).click()
     visit.await_shown("recording", "recording demonstration")
     begun = page.play.drive.snapshot().mean.ticks
@@ -226,3 +230,35 @@ def test_what_is_recorded_is_an_episode_with_the_figures_of_the_page(page, visit
     page.play.go_through_log("demonstration")
     assert page.play.drive.snapshot().loop.duration_s >= 2.0
     wait_until(lambda: page.play.drive.snapshot().loop.at_s > 0.5)
+
+
+def test_what_was_recorded_teaches_a_controller_that_leads_until_it_is_undone(page, visit):
+    wait_until(page.play.recordings.logs)  # of the test before
+    visit.tab.get_by_label("From").click()
+    visit.tab.get_by_role("option", name="all recordings").click()
+    wait_until(lambda: page._teach.source == "all recordings")
+    visit.tab.get_by_role("button", name="Learn").click()
+    visit.await_taught("forward-inverse-1 learned")
+    wait_until(lambda: page.play.link.controller == "forward-inverse-1" and not page.play.activity.doing)
+    answered = page.play.link.controller_status()["answered"]
+    wait_until(lambda: page.play.link.controller_status()["answered"] > answered)
+    page.play.go_through("eight")
+    visit.await_shown("rounds", "eight")
+    wait_until(lambda: not visit.shown("driven:forward-inverse-1").startswith("0"))
+    assert float(visit.shown("left:forward-inverse-1").split(" / ")[0]) >= 0.0
+    visit.tab.get_by_role("button", name="Undo").click()
+    visit.await_shown("taught", "is undone")
+    wait_until(lambda: page.play.link.controller == "teacher" and page.play.controllers.names == ("teacher",))
+
+
+def test_a_controller_that_explored_by_itself_leads_and_is_kept(page, visit):
+    visit.tab.get_by_role("button", name="Explore by itself").click()
+    visit.await_shown("state:robot", "exploring by itself")
+    wait_until(lambda: "cm off" in visit.shown("lesson") or page.teaching.failure)
+    assert "exploring by itself for 60 s" in visit.shown("lesson")
+    visit.tab.get_by_role("button", name="Finish now").click()
+    visit.await_taught("self-taught-2 learned")
+    wait_until(lambda: page.play.link.controller == "self-taught-2" and not page.play.activity.doing)
+    visit.tab.get_by_role("button", name="Keep").click()
+    visit.await_shown("taught", "is kept as")
+    assert (page.play.recordings.folder / "self-taught-2.npz").is_file()

@@ -61,6 +61,11 @@ class TeachPart:
         ):
             button.on_click(self._pressed(work))
 
+    @property
+    def source(self) -> str:
+        """What is chosen to learn from."""
+        return str(self._source.value)
+
     def show(self) -> None:
         """Show the lesson of now, or what became of the last."""
         teaching = self._teaching
@@ -99,7 +104,7 @@ class TeachPart:
             self._bar.value = percent
 
     def _begin(self) -> None:
-        source, rule = str(self._source.value), str(self._rule.value)
+        source, rule = self.source, str(self._rule.value)
         if source == _LIVE:
             self._teaching.learn_live(rule)
         else:
