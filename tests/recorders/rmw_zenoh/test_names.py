@@ -1,13 +1,17 @@
 """Topic names are ROS 2's, and are resolved as ROS 2 does; a client of others is asked about random ones."""
 
+import random
+
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from recorders.errors import MessageError, WireError
 from recorders.rmw_zenoh.keys import TopicKey
+from recorders.rmw_zenoh.liveliness import mangle
 from recorders.rmw_zenoh.names import NodeName, check_topic
 from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys.ros_keys import RosKeys
 
 ros2 = pytest.importorskip("pamoja.ros2")
 
@@ -25,6 +29,31 @@ def test_keys_are_those_of_another_client_and_what_it_refuses_is_refused(pieces)
     except (WireError, MessageError):
         ours = None
     assert ours == theirs
+
+
+def test_keys_of_random_names_of_each_form_are_those_of_another_client():
+    """Relative, absolute, private and substituted ones, remapped or not, in the namespace of a node."""
+    draw = random.Random(11)
+
+    def path() -> str:
+        return "/".join(draw.choice("abXY_") + draw.choice(["", "7", "k_k", "Zz9"]) for _ in range(draw.randint(1, 3)))
+
+    for _ in range(1000):
+        name, namespace = path().partition("/")[0], path()
+        topic, other = (draw.choice([path(), "/" + path(), "~/" + path(), "{ns}/" + path(), "~"]) for _ in range(2))
+        rules = [f"{topic}:={other}"] if draw.random() < 0.5 else []
+        expected = absolute(other if rules else topic, name, namespace)
+        key = RosKeys(3, NodeName.remapped(name, f"/{namespace}", rules)).key(topic, STRING)
+        assert key == ros2.entity_key(3, expected, STRING, type_hash(STRING))
+        assert mangle(expected) == ros2.percent_mangle(expected)
+
+
+def absolute(form: str, name: str, namespace: str) -> str:
+    """Return what a name of a node's stands for, by hand."""
+    for begin, at in (("{ns}/", f"/{namespace}/"), ("~/", f"/{namespace}/{name}/"), ("/", "/")):
+        if form.startswith(begin):
+            return at + form[len(begin) :]
+    return f"/{namespace}/{name}" if form == "~" else f"/{namespace}/{form}"
 
 
 @settings(max_examples=300)

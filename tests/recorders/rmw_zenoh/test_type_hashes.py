@@ -6,9 +6,11 @@ from rosbags.typesys import Stores, get_typestore
 from recorders.cdr.rosbags_types import typestore
 from recorders.errors import MessageError
 from recorders.messages.message_types import MESSAGE_TYPES
+from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.type_hashes import dds_type, ros_type, type_hash
 
 others = pytest.importorskip("zenoh_ros2_sdk.utils")
+ros2 = pytest.importorskip("pamoja.ros2")
 
 PUBLISHED = {
     # The first as printed in docs/design.md of ros2/rmw_zenoh, the second as `ros2 topic info -v` prints it in Jazzy.
@@ -36,6 +38,14 @@ def parts(name: str) -> dict[str, str]:
 @pytest.mark.parametrize("name", sorted(MESSAGE_TYPES))
 def test_hashes_of_all_our_types_are_those_of_another_client(name):
     assert type_hash(name) == others.get_type_hash(name, definition(name), parts(name))
+
+
+@pytest.mark.parametrize("name", sorted(MESSAGE_TYPES))
+def test_keys_of_all_our_types_are_those_of_a_second_client_which_reads_their_hashes(name):
+    """It has no definitions, and computes no hash: it reads one, as it stands in keys."""
+    assert dds_type(name) == ros2.dds_type_name(name)
+    assert ros2.type_hash_digest(type_hash(name)) == bytes.fromhex(type_hash(name).removeprefix("RIHS01_"))
+    assert TopicKey(0, "/a/b", name, type_hash(name)).to_text() == ros2.entity_key(0, "/a/b", name, type_hash(name))
 
 
 @pytest.mark.parametrize("name", sorted(MESSAGE_TYPES))
