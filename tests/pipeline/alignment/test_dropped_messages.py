@@ -108,3 +108,7 @@ def test_frames_from_anyone_are_named_a_hundred_of_a_topic_at_most():
     assert counts.dropped == {Dropped.UNKNOWN_FRAME: 150}
     assert 90 < len(counts.frames) < 110
     assert [*counts.frames] == [f"f{index}" for index in range(len(counts.frames))]
+
+
+def test_messages_of_the_sources_of_frames_and_of_phases_are_wanted():
+    assert aligned([])[0].topics == {"/tracker", "/joint_states", "/tf_static", "/session/phase"}

@@ -7,9 +7,10 @@ import pytest
 
 from pipeline.alignment.blocks import Dropped, joints_kind, pose_kind
 from pipeline.alignment.config import AlignmentConfig
+from pipeline.alignment.frames import StaticFrames
 from pipeline.alignment.sources import Choice
 from pipeline.alignment.summary import Extents, Summary
-from pipeline.alignment.ticks import Source, SourceCounts, Ticks
+from pipeline.alignment.ticks import Aligner, Source, SourceCounts, Ticks
 
 MS = 10**6
 HANDS = tuple(Source(f"/{side}", f"/hand/{side}/measured", pose_kind()) for side in ("left", "right"))
@@ -123,7 +124,7 @@ def test_a_clock_that_began_anew_is_a_fault() -> None:
 
 def test_topics_that_have_no_time_in_common_are_named() -> None:
     early, late = counts(first_ns=MS, last_ns=2000 * MS), counts(first_ns=3500 * MS, last_ns=4500 * MS)
-    between = counts(first_ns=1000 * MS, last_ns=4000 * MS)
+    between = counts(first_ns=1000 * MS, last_ns=5000 * MS)
     assert summary(late, early, between, between, made=0).fault(extents()) == (
         "expected stamps of one clock, found those of /left 3.499 s after those of /right, with nothing in common; "
         "give --latency /left=SECONDS, or --clock log"
@@ -161,6 +162,13 @@ def test_a_hand_that_stands_still_while_the_joints_move_is_a_fault(hand: float, 
         "tracker, or leave the topic out"
     )
     assert summary().fault(extents(hand=hand, joint=joint)) == (line if stands else "")
+
+
+def test_an_alignment_without_ticks_has_no_episodes() -> None:
+    config, choice = AlignmentConfig(), Choice(SOURCES, None, 0, {})
+    aligner = Aligner(SOURCES, config, period_ns=None, pivot=0, frames=StaticFrames(["world"]))
+    found = Summary.of(aligner, choice, config, cuts=0, restarts=2)
+    assert (found.made, found.missed, found.episodes, found.restarts) == (0, 0, 0, 2)
 
 
 def test_extents_are_over_all_ticks() -> None:
