@@ -26,7 +26,6 @@ from recorders.wire.session import SessionConfig, open_session
 from recorders.writing.writer import LogWriter
 
 START_NS = 5_000_000_000
-KEYS = NamespaceKeys()
 
 
 @pytest.fixture(scope="module")
