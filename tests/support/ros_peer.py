@@ -28,6 +28,10 @@ class RosPeer:
         self.process.stdin.flush()
         return json.loads(self.process.stdout.readline())
 
+    def settle(self) -> None:
+        """Wait until both ends know of what either has declared: a question goes the same way, behind that."""
+        self.ask("topics")
+
 
 @contextmanager
 def ros_peer(endpoint: str, *, domain: int = 0) -> Iterator[RosPeer]:

@@ -29,7 +29,7 @@ from recorders.messages.topics import CLOCK, JOINT_STATES
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import Durability, Qos
-from recorders.wire.keys.ros_graph import RosGraph
+from recorders.wire.keys.ros_graph import RosGraph, find_graph
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -94,6 +94,7 @@ def replay(bag: Path, endpoint: str, *options: object) -> dict[str, Any]:
 def test_a_client_of_others_gets_what_was_recorded_and_the_time(bag: Path, endpoint: str, peer: RosPeer) -> None:
     for topic, kind in (("/map", String.TYPE), (JOINT_STATES, JointState.TYPE), (CLOCK, Clock.TYPE)):
         peer.ask("subscribe", topic=topic, type_name=kind, name="watcher")
+    peer.settle()
     waits = [f"--wait-for={topic}=1" for topic in ("/map", JOINT_STATES, CLOCK)]
     result = replay(bag, endpoint, "--rate", 100, "--start", 0.025, "--clock-rate", 50, "--wait", 20, *waits)
     assert result["messages"] == 1 + 3 + 2
@@ -176,5 +177,6 @@ def test_a_type_of_ones_own_goes_by_the_hash_of_its_definition(tmp_path: Path, e
     with open_session(SessionConfig(connect=(endpoint,))) as session:
         key = f"{DOMAIN}/grip/lab::msg::dds_::Grip_/{store.hash_rihs01('lab/msg/Grip')}"
         with session.declare_subscriber(key, lambda sample: got.set()):
+            find_graph(session, DOMAIN)  # an answer comes behind what was declared before
             replay(tmp_path / "bag", endpoint)
             assert got.wait(60.0)

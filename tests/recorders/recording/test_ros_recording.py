@@ -83,6 +83,7 @@ def test_a_bag_has_what_a_client_of_others_published(beside: Beside, tmp_path: P
     states = [encode(JointState(number, ("a",), [0.1 * number])).hex() for number in range(5)]
     peer.ask("publisher", topic="/map", type_name=String.TYPE, name="mapper", latched=True)
     with recording(session, path) as stats:
+        peer.settle()
         peer.ask("publish", topic="/map", fields={"data": "latched"})
         peer.ask("publisher", topic=JOINT_STATES, type_name=JointState.TYPE, name="arm")
         for state in states:

@@ -104,6 +104,7 @@ def test_what_we_publish_reaches_a_client_of_others_to_the_bit(ends: Ends) -> No
     session, peer, _ = ends
     for topic, kind in ((JOINT_STATES, JointState.TYPE), ("/goal", PoseStamped.TYPE)):
         peer.ask("subscribe", topic=topic, type_name=kind, name="listener")
+    peer.settle()
     ours = keys(f"{LEFT_TARGET}:=/goal")
     with ours.joined(session), TopicPublisher(session, keys=ours) as publisher:
         for _ in range(2):
