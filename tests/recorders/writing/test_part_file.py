@@ -129,20 +129,47 @@ def test_a_log_that_cannot_be_put_back_says_so(tmp_path):
     assert folder.read_text() == "a file in the folder's place"
 
 
-def test_what_is_put_back_is_on_the_disk(tmp_path, monkeypatch):
-    synced, sync = [], os.fsync
+@pytest.fixture
+def synced(monkeypatch):
+    """What the disk is given: paths, and how long each file then is [bytes]."""
+    found: list[tuple[Path, int | None]] = []
+    sync = os.fsync
 
     def watched(descriptor):
         path = Path(f"/proc/self/fd/{descriptor}").readlink()
-        synced.append((path, os.fstat(descriptor).st_size if path.is_file() else None))
+        found.append((path, os.fstat(descriptor).st_size if path.is_file() else None))
         sync(descriptor)
 
+    monkeypatch.setattr(os, "fsync", watched)
+    return found
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_file_has_its_name_once_all_of_it_is_on_the_disk(tmp_path, synced, overwrite):
+    file = PartFile(tmp_path / "log.mcap", overwrite=overwrite)
+    file.stream.write(b"what was recorded")
+    file.publish()
+    assert synced == [(tmp_path, None), (file.part, 17), (tmp_path, None)]
+    assert (tmp_path / "log.mcap").read_bytes() == b"what was recorded"
+
+
+def test_a_failure_names_the_file_that_is_there(tmp_path):
+    file = PartFile(tmp_path / "log.mcap", overwrite=False)
+    for _ in range(2):
+        assert str(file.failure(OSError(errno.EIO, os.strerror(errno.EIO)))) == (
+            f"cannot write {file.part}: Input/output error"
+        )
+        file.close(keep=True)
+    assert str(file.failure(ValueError("it does not read back"))) == f"cannot write {file.part}: it does not read back"
+
+
+def test_what_is_put_back_is_on_the_disk(tmp_path, synced):
     folder = tmp_path / "folder"
     folder.mkdir()
     file = PartFile(folder / "log.mcap", overwrite=False)
     file.stream.write(b"what was recorded")
     shutil.rmtree(folder)
-    monkeypatch.setattr(os, "fsync", watched)
+    synced.clear()
     assert str(file.put_back()).endswith("what had been recorded is there again")
     assert synced == [(tmp_path, None), (file.part, 17), (folder, None)]
     assert file.part.read_bytes() == b"what was recorded"
