@@ -1,4 +1,4 @@
-"""Makes `play.png` and `play.gif`: the page of `reenact play`, and a hand that is dragged while the robot follows.
+"""Makes pictures of the page of `reenact play`: `play.png`, `teach.png`, and `play.gif` of a hand that is dragged.
 
 Needs what `make test` installs and Debian's Chromium: `PYTHONPATH=tests/support python data/pictures/play.py [FOLDER]`.
 """
@@ -8,6 +8,7 @@ import subprocess
 import sys
 import threading
 import time
+from functools import partial
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from typing import Any
@@ -19,6 +20,7 @@ from waiting import wait_until
 
 from pipeline.browser.page.gate import Gate
 from pipeline.browser.page.page import Page, served_page
+from pipeline.browser.session.controllers import TEACHER
 from pipeline.browser.session.play import PlayConfig, playing
 
 MAX_BYTES = 1_000_000
@@ -27,6 +29,8 @@ MAX_BYTES = 1_000_000
 _SIZE = (1280, 800)
 _PART = {"x": 330, "y": 150, "width": 560, "height": 440}
 _FRAMES, _FRAME_MS = 14, 90
+_LONG_S = 600.0
+_ON = "Joints between their limits"  # below what teaches
 _NOTICE = "button.mantine-Notification-closeButton"  # that there is no GPU
 
 
@@ -67,6 +71,40 @@ def dragged(page: Page, tab: Any) -> list[Image.Image]:
     return frames
 
 
+def drives(page: Page, name: str) -> bool:
+    """Return whether a controller leads."""
+    return page.play.link.controller == name
+
+
+def has_driven(page: Page, name: str) -> bool:
+    """Return whether a controller has driven a whole round."""
+    found = page.play.drive.rounds().get(name)
+    return found is not None and found.is_whole
+
+
+def taught(page: Page, tab: Any) -> bytes:
+    """Return a picture of the page as it learns, after controllers have driven a round each."""
+    play, teaching = page.play, page.teaching
+    play.go_through("eight")
+    teaching.explore(60.0)
+    wait_until(lambda: teaching.lesson is None, timeout_s=_LONG_S)
+    for name in ("self-taught-1", "learned", TEACHER):
+        play.choose(name)
+        wait_until(partial(drives, page, name), timeout_s=_LONG_S)
+        if name == TEACHER:
+            play.recordings.begin("eight")
+        wait_until(partial(has_driven, page, name), timeout_s=_LONG_S)
+    play.end_recording()
+    teaching.learn("reservoir", ("eight",))
+    tab.get_by_text("Record", exact=True).first.click()  # which folds it away
+    wait_until(lambda: teaching.lesson is None or (teaching.lesson.share or 0.0) > 0.4, timeout_s=_LONG_S)
+    tab.get_by_role("button", name="Cancel").scroll_into_view_if_needed()
+    tab.locator(f"text={_ON}").first.scroll_into_view_if_needed()
+    picture: bytes = tab.screenshot()
+    teaching.cancel()
+    return picture
+
+
 def save_animation(frames: list[Image.Image], path: Path) -> None:
     """Write pictures as an animation, in so few colours that it is small."""
     first, *others = [frame.resize((420, 330)).quantize(64) for frame in frames]
@@ -76,7 +114,7 @@ def save_animation(frames: list[Image.Image], path: Path) -> None:
 
 
 def main(folder: Path) -> None:
-    """Make both pictures."""
+    """Make all pictures."""
     with TemporaryDirectory() as name:
         config = PlayConfig(controllers=(learned(Path(name)),), folder=Path(name))
         with playing(config) as play, served_page(play, Gate(), port=None) as page, chromium() as browser:
@@ -95,6 +133,7 @@ def main(folder: Path) -> None:
             await_still(page)
             wait_until(lambda: np.abs(page.scene.handle_position(1) - play.robot.centres[1]).max() < 1e-3)
             save_animation(dragged(page, tab), folder / "play.gif")
+            (folder / "teach.png").write_bytes(taught(page, tab))
             page.end()
             thread.join()
 
