@@ -112,3 +112,10 @@ def test_frames_from_anyone_are_named_a_hundred_of_a_topic_at_most():
 
 def test_messages_of_the_sources_of_frames_and_of_phases_are_wanted():
     assert aligned([])[0].topics == {"/tracker", "/joint_states", "/tf_static", "/session/phase"}
+
+
+@pytest.mark.parametrize("clock", ["header", "log"])
+def test_the_earliest_stamp_is_a_nanosecond(clock):
+    aligner, _ = aligned([pose(0, (0, 0, 0)), pose(1, (0, 0, 0))], clock=clock)
+    reason = Dropped.NO_STAMP if clock == "header" else Dropped.NO_LOG_TIME
+    assert (aligner.counts[0].used, aligner.counts[0].dropped) == (1, {reason: 1})
