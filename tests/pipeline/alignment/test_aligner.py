@@ -83,6 +83,19 @@ def test_ticks_of_a_thousand_logs_are_those_of_the_plain_version(messages, toler
     check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
 
 
+def between(messages, expected, period, pivot):
+    """Return how many ticks there could be from the first that was made to the last."""
+    first, last = expected[0][0], expected[-1][0]
+    if period is not None:
+        return (last - first) // period + 1
+    stamps, latest = 0, 0
+    for topic, stamp, _, _ in messages:
+        if topic == ("/tracker", "/joint_states")[pivot] and stamp > latest:
+            latest = stamp
+            stamps += first <= stamp <= last
+    return stamps
+
+
 def check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     period, tolerance = None if period_ms is None else period_ms * MS, tolerance_ms * MS
     expected = align(messages, ["/tracker", "/joint_states"], tolerance=tolerance, period=period, pivot=pivot)
@@ -95,6 +108,8 @@ def check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, bl
     assert others == found
     assert (again.made, again.missed) == (aligner.made, aligner.missed)
     assert aligner.made == len(expected) == len(found) // 2
+    if expected:
+        assert aligner.missed == between(messages, expected, period, pivot) - aligner.made
     number = -1
     for (stamp, values, cut), hand, posture in zip(expected, found[::2], found[1::2], strict=True):
         number += 2 if cut else 1
