@@ -17,7 +17,11 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, SAMPLE_JOINTS, SESSION_PHASE, TOPICS
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, batch_topic, pack, unpack
 from recorders.protocol.stream import Offer, Progress, asking
-from recorders.wire.keys.namespace import batch_key, control_key, message_key
+from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.names import NodeName
+from recorders.wire.keys.namespace import batch_key, control_key
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.session import SessionConfig, open_session
 
 NAMESPACE = "reenact"
@@ -28,9 +32,10 @@ OVERHEARD = 200
 
 
 @contextmanager
-def intruder(endpoint: str) -> Iterator[subprocess.Popen[str]]:
-    """Start one; it says `garbage is out`, waits for a stream, and says `done` when it has tried everything."""
-    with subprocess.Popen([sys.executable, __file__, endpoint], stdout=subprocess.PIPE, text=True) as process:
+def intruder(endpoint: str, *, domain: int | None = None) -> Iterator[subprocess.Popen[str]]:
+    """Start one, in a ROS domain if it is given; it prints `garbage is out`, waits for a stream, and prints `done`."""
+    command = [sys.executable, __file__, endpoint, *([] if domain is None else [str(domain)])]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         try:
             yield process
         finally:
@@ -45,8 +50,9 @@ def await_word(process: subprocess.Popen[str], word: str) -> None:
 class Intruder:
     """What an ill-meaning peer does. All of it is drawn from one seed."""
 
-    def __init__(self, session: zenoh.Session) -> None:
+    def __init__(self, session: zenoh.Session, keys: TopicKeys) -> None:
         self._session = session
+        self._keys = keys
         self._random = random.Random(7)
         self._seen = threading.Event()
         self._stream = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0)
@@ -59,15 +65,17 @@ class Intruder:
             if sample.attachment is not None and len(self._overheard) < OVERHEARD:
                 self._overheard.append((str(sample.key_expr), sample.payload.to_bytes(), sample.attachment.to_bytes()))
             try:
-                attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-                frame = unpack("/" + str(sample.key_expr), b"", attachment)
+                attachment = None if sample.attachment is None else sample.attachment.to_bytes()
+                topic = self._keys.read_key(str(sample.key_expr)).topic
+                frame = unpack(topic, b"", self._keys.read_attachment(topic, attachment).ours or b"")
             except MessageError:
                 return
             if frame.run != NO_RUN and frame.sender != STRANGER and not self._seen.is_set():
                 self._stream = frame
                 self._seen.set()
 
-        self._session.declare_subscriber(f"{NAMESPACE}/**", note)
+        for key in {f"{NAMESPACE}/**", *self._keys.everything} - {batch_key(NAMESPACE)}:
+            self._session.declare_subscriber(key, note)
         self._session.declare_subscriber(control_key(NAMESPACE, "learner", "ack"), note)
 
     def await_stream(self) -> None:
@@ -75,7 +83,11 @@ class Intruder:
 
     def garbage(self) -> None:
         """Random bytes on every key, with a random attachment or none, and as questions."""
-        keys = [message_key(NAMESPACE, topic) for topic in (*TOPICS, batch_topic(), "/no/such/topic", "/escape\x1b[2J")]
+        known = [self._keys.key(topic) for topic in (*TOPICS, batch_topic())]
+        keys = [
+            *known,
+            *(known[0].replace(next(iter(TOPICS)), topic) for topic in ("/no/such/topic", "/escape\x1b[2J")),
+        ]
         controls = [control_key(NAMESPACE, "learner", verb) for verb in ("hello", "status", "ack")]
         for key in keys + controls:
             for length in (0, 1, 48, 1_000):
@@ -95,7 +107,7 @@ class Intruder:
             (SAMPLE_JOINTS, joints),
         ):
             data = encode(message)
-            self._put(message_key(NAMESPACE, topic), data)
+            self._put(self._keys.key(topic), data)
             self._forge(
                 Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (RecordedMessage(topic, message.TYPE, data, 0, 0),))
             )
@@ -145,13 +157,15 @@ class Intruder:
             self._put(key, forged.to_json(), self._bytes(40))
 
     def huge_message(self) -> None:
-        self._put(message_key(NAMESPACE, SAMPLE_JOINTS), bytes(HUGE))
+        self._put(self._keys.key(SAMPLE_JOINTS), bytes(HUGE))
         list(self._session.get(control_key(NAMESPACE, "learner", "status"), timeout=120.0))  # it is through
 
     def _forge(self, frame: Frame) -> None:
         payload, attachment = pack(frame)
         single = frame.kind is FrameType.MESSAGE
-        key = message_key(NAMESPACE, frame.messages[0].topic) if single else batch_key(NAMESPACE)
+        key = self._keys.key(frame.messages[0].topic) if single else batch_key(NAMESPACE)
+        if single and isinstance(self._keys, RosKeys):
+            attachment = Attachment(1, 1, STRANGER).pack() + attachment
         self._put(key, payload, attachment)
         if frame.run != NO_RUN:
             self._put(key, payload, attachment + self._bytes(24))  # as long as a seal
@@ -163,9 +177,14 @@ class Intruder:
         return self._random.randbytes(length)
 
 
+def keys_of(domain: int | None = None) -> TopicKeys:
+    """Return the keys of a domain, or those of the namespace."""
+    return NamespaceKeys(NAMESPACE) if domain is None else RosKeys(domain, NodeName("intruder"))
+
+
 def main() -> None:
     with open_session(SessionConfig(connect=(sys.argv[1],))) as session:
-        guest = Intruder(session)
+        guest = Intruder(session, keys_of(*map(int, sys.argv[2:])))
         guest.garbage()
         guest.listen()
         print("garbage is out", flush=True)

@@ -12,7 +12,7 @@ from typing import Any, TypeAlias
 
 import pytest
 from episodes import write_episode
-from intruder import HUGE, await_word, intruder
+from intruder import HUGE, await_word, intruder, keys_of
 from processes import start, wait_for_line
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -51,16 +51,22 @@ def learner(folder: Path, *options: object) -> Iterator[tuple[str, Popen[str]]]:
         process.kill()
 
 
-def deliver(endpoint: str, source: Replay, stream_from: StreamFrom, **options: int) -> dict[str, Any]:
+def deliver(endpoint: str, source: Replay, stream_from: StreamFrom, **options: Any) -> dict[str, Any]:
     with open_session(SessionConfig(connect=(endpoint,))) as session:
         config = SenderConfig(wait_s=120.0, **options)
         return ZenohTransport(session, config=config).deliver(source.offer(), stream_from)["learner"]
 
 
-def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> None:
+@pytest.mark.parametrize("domain", [None, 4])
+def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path, domain: int | None) -> None:
+    in_ros, keys = () if domain is None else ("--ros", domain), keys_of(domain)
     source = Replay([log], Schedule(epochs=1))
     expected = train([log], schedule=Schedule(epochs=1), config=LearnerConfig(seed=SEED)).result()
-    with learner(tmp_path) as (endpoint, process), intruder(endpoint) as guest, ThreadPoolExecutor() as threads:
+    with (
+        learner(tmp_path, *in_ros) as (endpoint, process),
+        intruder(endpoint, domain=domain) as guest,
+        ThreadPoolExecutor() as threads,
+    ):
         await_word(guest, "garbage is out")
         done = threads.submit(await_word, guest, "done")
 
@@ -73,7 +79,7 @@ def test_an_intruder_changes_nothing_and_is_named(log: Path, tmp_path: Path) -> 
                     time.sleep(0.002)
                 yield message
 
-        replayed = deliver(endpoint, source, slow, window=64, batch_size=1)
+        replayed = deliver(endpoint, source, slow, window=64, batch_size=1, keys=keys)
         learned, said = process.communicate(timeout=120)
     assert process.returncode == 0, said
     assert replayed == expected
