@@ -1,6 +1,7 @@
 """The graph of a ROS domain: a client of others lists our nodes, we list its, and a node that dies is gone."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import pytest
 import zenoh
@@ -12,6 +13,7 @@ from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import LATCHED, Qos
+from recorders.wire.keys import ros_graph
 from recorders.wire.keys.ros_graph import RosGraph, find_graph
 from recorders.wire.keys.ros_node import RosNode
 from recorders.wire.loopback import free_endpoint
@@ -87,3 +89,18 @@ def test_what_is_no_token_is_counted_and_does_no_harm(graph: Graph) -> None:
     with session.liveliness().declare_token("@ros2_lv/7/x/0/0/NN/%/%/1 2"):
         wait_until(lambda: ours.refused)
     assert "/1 2" not in ours.view.nodes
+
+
+def test_tokens_are_remembered_up_to_a_limit_however_many_there_are(
+    graph: Graph, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, limit = graph[0], 20
+    monkeypatch.setattr(ros_graph, "MAX_TOKENS", limit)
+    with ExitStack() as many, RosGraph(session, 6) as ours:
+        for number in range(3 * limit):
+            many.enter_context(RosNode(6, NodeName(f"node_{number}")).joined(session))
+        many.enter_context(session.liveliness().declare_token("@ros2_lv/6/" + "x/" * 3000 + "x"))
+        wait_until(lambda: ours.refused == 2 * limit + 1)
+        assert len(ours.view.tokens) == len(find_graph(session, 6).tokens) == limit
+        many.close()
+        wait_until(lambda: not ours.view.tokens)
