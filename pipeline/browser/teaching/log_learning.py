@@ -11,13 +11,14 @@ from pipeline.learner.registry import default_config
 from pipeline.robot.kinematics import Kinematics
 from pipeline.robot.recorded import offered_robot, recorded_hands
 from pipeline.training.pairing_choice import pairing_for, pairing_of
-from pipeline.training.run import CycleReport, Steps
+from pipeline.training.run import PIECE, CycleReport, Steps
 from pipeline.training.trainer import Trainer, train_on
 from recorders.errors import ReenactError
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
 
 _CM_PER_M = 100.0
+_LEAST_STEPS = PIECE // 2
 _NICENESS = 10  # commands of controllers beside it come first
 
 Show = Callable[[float, float, Sequence[float]], None]
@@ -27,8 +28,8 @@ Show = Callable[[float, float, Sequence[float]], None]
 def learn(rule: str, out: Path, logs: Sequence[Path], show: Show) -> None:
     """Train a controller from logs as `reenact train` does, and save it.
 
-    Where a rule takes the logs more than once, what is shown is the error of each pass that is evaluated. Where once
-    is enough, it is that of some targets at a time, each from before its update, and then of those of the evaluation.
+    What is shown is the error of each pass that is evaluated; where one pass is learned from, before that of some of
+    its targets at a time, each from before its update.
 
     Raises
     ------
@@ -41,11 +42,10 @@ def learn(rule: str, out: Path, logs: Sequence[Path], show: Show) -> None:
     offer = replay.offer()
     schedule = Schedule.from_dict(offer.schedule)
     trainer = Trainer(config, pairs=pairing.name)
-    if schedule.epochs > 1:
-        trainer.report_to(lambda report: _show_cycle(report, schedule, show))
-    else:
+    if schedule.epochs == 1:
         ticks = sum(episode.count for episode in replay.episodes) / len(schedule.topics)
         trainer.show_steps_to(_StepsShown(Kinematics(offered_robot(offer)), ticks, schedule.cycles, show))
+    trainer.report_to(lambda report: _show_cycle(report, schedule, show))
     train_on(replay, trainer)
     trainer.check_learned()
     trainer.check_moved()
@@ -58,17 +58,17 @@ def _show_cycle(report: CycleReport, schedule: Schedule, show: Show) -> None:
 
 
 class _StepsShown:
-    """Shows the mean errors of steps."""
+    """Shows the mean errors of the steps of the first pass."""
 
     def __init__(self, kinematics: Kinematics, ticks: float, passes: int, show: Show) -> None:
         self._kinematics, self._ticks, self._passes, self._show = kinematics, ticks, passes, show
         self._steps = 0
 
     def __call__(self, steps: Steps) -> None:
-        if not len(steps.u):
+        self._steps += len(steps.u)
+        if self._steps > self._ticks or len(steps.u) < _LEAST_STEPS:  # the mean of a few says little
             return
         errors = hand_errors(self._kinematics, steps.outputs[:, steps.u.shape[1] :], steps.u)
-        self._steps += len(steps.u)
         self._show(self._steps / self._ticks, self._passes, (errors.mean(axis=0) * _CM_PER_M).tolist())
 
 

@@ -21,7 +21,9 @@ def test_each_controller_has_its_figures_and_the_leading_one_a_mark():
     table = rounds_table(("left", "right"), ("teacher", "learned", "new"), rounds, leading="learned")
     rows = table.split("<tr")[2:]
     assert all(text in rows[0] for text in ('data-reenact="left:teacher">1.50 / 2.00<', ">3.00 / 4.00<", ">100 %<"))
-    assert all(text in rows[1] for text in ('data-reenact="right:learned">1.00 / 1.00<', ">25 %<", "&#9654; learned"))
+    assert all(
+        text in rows[1] for text in ('data-reenact="right:learned">1.00 / 1.00<', ">25 %<", "&#9654;&nbsp;learned")
+    )
     assert all(text in rows[2] for text in (">new<", ">0 %<", "&ndash;"))
     assert "&#9654;" not in rows[0] + rows[2]
 

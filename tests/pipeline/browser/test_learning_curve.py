@@ -32,7 +32,8 @@ def test_what_is_learned_is_what_train_learns_and_the_error_falls(rule, tmp_path
     passes = [at for at, _, _ in shown]
     assert passes == sorted(set(passes))
     assert {of for _, of, _ in shown} == {config.schedule().epochs * config.schedule().cycles}
-    assert passes[-1] == pytest.approx(shown[0][1], rel=0.05)
+    assert passes[-1] == shown[0][1]
+    assert len(passes) > 1
     first, last = shown[0][2], shown[-1][2]
     assert sum(last) < 0.5 * sum(first)
     assert sum(last) / len(last) == pytest.approx(trained.errors_cm[-1], rel=1e-9)
