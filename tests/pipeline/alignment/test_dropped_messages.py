@@ -119,3 +119,26 @@ def test_the_earliest_stamp_is_a_nanosecond(clock):
     aligner, _ = aligned([pose(0, (0, 0, 0)), pose(1, (0, 0, 0))], clock=clock)
     reason = Dropped.NO_STAMP if clock == "header" else Dropped.NO_LOG_TIME
     assert (aligner.counts[0].used, aligner.counts[0].dropped) == (1, {reason: 1})
+
+
+def test_frames_of_joints_are_noted_too():
+    records = [joints(START + index, (0.0, 0.0)) for index in range(2)]
+    framed = [
+        record._replace(
+            data=encode(JointState(START + index, ("shoulder", "elbow"), np.zeros(2), frame_id=f"f{index}"))
+        )
+        for index, record in enumerate(records)
+    ]
+    counts = aligned(framed)[0].counts[1]
+    assert ([*counts.frames], counts.used) == (["f0", "f1"], 2)
+
+
+@pytest.mark.parametrize("block", [1, 8192])
+def test_a_tick_that_was_just_given_up_is_missed(block):
+    """Joints are ten seconds and a nanosecond ahead of it when its pose comes."""
+    late, ahead = START + 5 * 10**9, START + 15 * 10**9 + 1
+    both = [pose(START, (0, 0, 0)), joints(START, (0.0, 0.0))]
+    records = [*both, joints(ahead, (0.0, 0.0)), pose(late, (0, 0, 0)), pose(ahead, (0, 0, 0))]
+    aligner, found = aligned(records, block=block)
+    assert [record.log_time_ns for record in found[::2]] == [START, ahead]
+    assert (aligner.made, aligner.missed) == (2, 1)
