@@ -10,6 +10,9 @@ from tracked_arm import MS, START, aligned, joints, pose, steady
 from pipeline.alignment.blocks import Dropped
 from recorders.cdr.codec import decode, encode
 from recorders.messages.message_types import JointState
+from recorders.messages.phase import LEARN, Phase
+from recorders.messages.record import RecordedMessage
+from recorders.messages.topics import SESSION_PHASE
 
 
 def test_nothing_is_extrapolated_and_a_gap_cuts_the_episode():
@@ -141,3 +144,18 @@ def test_a_tick_is_given_up_when_a_topic_is_more_than_ten_seconds_ahead(block, a
     aligner, found = aligned([*before, pose(late, (0, 0, 0)), pose(ahead, (0, 0, 0))], block=block)
     assert [record.log_time_ns for record in found[::2]] == [START, *([late] if made == 3 else []), ahead]
     assert (aligner.made, aligner.missed) == (made, 3 - made)
+
+
+def test_a_cycle_after_one_of_a_single_tick_begins_with_a_cut():
+    message = Phase("lab", 0, 0, LEARN, log="").to_message()
+    marker = RecordedMessage(SESSION_PHASE, message.TYPE, encode(message), 0, START)
+    aligner, found = aligned([*steady(1), marker, *steady(3)[2:]])
+    assert [record.sequence for record in found[::2]] == [0, 2, 3]
+    assert (aligner.made, aligner.missed) == (3, 0)
+
+
+def test_one_tick_that_is_missing_at_a_rate_cuts():
+    records = [record for place, record in enumerate(steady(9)) if place not in (8, 9)]
+    aligner, found = aligned(records, period=10 * MS, tolerance_ns=MS)
+    assert [record.sequence for record in found[::2]] == [0, 1, 2, 3, 5, 6, 7, 8]
+    assert (aligner.made, aligner.missed) == (8, 1)
