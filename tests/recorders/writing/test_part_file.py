@@ -332,7 +332,7 @@ def test_a_file_that_another_has_replaced_before_it_was_locked_stays(tmp_path, m
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
-def test_a_failure_of_the_disk_after_the_file_has_its_name_is_told_as_such(tmp_path, monkeypatch, overwrite):
+def test_a_failure_of_the_disk_after_the_file_has_its_name_is_named_as_such(tmp_path, monkeypatch, overwrite):
     class Failing(io.BufferedWriter):
         def close(self):
             was_open = not self.closed
