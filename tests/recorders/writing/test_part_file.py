@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from stepped_threads import stepped_threads
 
 from recorders.errors import LogError, TakenError
 from recorders.files import disk
@@ -200,6 +201,18 @@ def test_without_a_message_nothing_of_anothers_is_removed(tmp_path):
     log.part.write_bytes(b"another's")
     log.abort()
     assert log.part.read_bytes() == b"another's"
+
+
+@pytest.mark.parametrize("overwrite", [False, True])
+def test_a_file_of_anothers_in_the_place_of_the_part_does_not_get_the_name(tmp_path, overwrite):
+    with stepped_threads():
+        log = LogWriter(tmp_path / "log.mcap", manifest={}, overwrite=overwrite)
+        write(log, 5)
+        log.part.unlink()
+        log.part.write_bytes(b"another's")
+        with pytest.raises(LogError, match=r"removed while it was written, and cannot be put back: File exists$"):
+            log.close()
+    assert [(path, path.read_bytes()) for path in tmp_path.iterdir()] == [(log.part, b"another's")]
 
 
 @pytest.mark.parametrize("overwrite", [False, True])
