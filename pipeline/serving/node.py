@@ -262,6 +262,7 @@ class Node:
         return {
             "name": self._config.name,
             "topics": list(self._readers),
+            "joints": list(self._served.joints),
             **status(),
             **self._inputs.counts,
             "commands": commands,

@@ -10,6 +10,7 @@ from pipeline.browser.page.texts import hand_rows, joint_rows, paragraph, rows
 from pipeline.browser.session.activity import Activity
 from pipeline.browser.session.drive import Mode, Snapshot
 from pipeline.browser.session.play import Play
+from recorders.text.wording import names_text
 
 _HOLD, _PAUSE, _DRAW = "Hold", "Pause", "Draw"
 _STATUS = "state"
@@ -168,11 +169,14 @@ class StatePart:
 def state_html(play: Play, snapshot: Snapshot, controller: dict[str, Any]) -> str:
     """Return the lines on robot and controller."""
     lines = [_robot_line(play, snapshot), _activity_line(play.activity)]
-    if play.link.is_there and not play.activity.doing and not controller and snapshot.mode is not Mode.AT_REST:
+    if play.link.is_there and not play.activity.doing and not controller:
         lines.append(paragraph("no controller answers the targets", warning=True, name="controller"))
     if controller:
-        name = play.link.controller or "serves"
-        lines.append(rows({"controller": f"{name}, {controller['answered']} targets answered"}, name=_STATUS))
+        name = play.link.controller or controller["name"] or "serves"
+        lines.append(rows({"controller": f"{name:.60}, {controller['answered']} targets answered"}, name=_STATUS))
+        if controller["strange"]:
+            differ = f"{name:.60} has learned another robot: {names_text(controller['strange'])} are joints of one only"
+            lines.append(paragraph(f"{differ}; {play.robot.name} refuses its commands", warning=True, name="strange"))
     refused = controller.get("refused") or {}
     if refused:
         counts = ", ".join(f"{reason} {count}" for reason, count in refused.items())

@@ -4,7 +4,7 @@ import json
 import logging
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from contextlib import ExitStack
 from types import TracebackType
 from typing import Any, Self
@@ -99,14 +99,15 @@ class RobotLink:
             self.controller, self.deviations_m = controller, None
 
     def controller_status(self) -> dict[str, Any]:
-        """Return what the controller that is chosen reports: `answered`, and reasons for what it refused with counts.
+        """Return what the controller that is chosen reports; empty where nobody answers.
 
-        Empty where nobody answers.
+        Its `name` if it gives one, how many targets it has `answered`, reasons for what it `refused` with counts, the
+        `last_refusal`, and `strange`: those of its joints that the robot does not have, and those that it lacks.
         """
         key = controller_key(self._keys.namespace, self.controller or "*", "status")
         for reply in self._session.get(key, timeout=_ANSWER_S):
             if reply.ok is not None and len(reply.ok.payload) <= _MAX_PAYLOAD:
-                return _read_status(reply.ok.payload.to_bytes())
+                return _read_status(reply.ok.payload.to_bytes(), self._drive.robot.joints)
         return {}
 
     def _on_state(self, sample: Sample) -> None:
@@ -152,12 +153,20 @@ def _small(sample: Sample) -> bytes:
     return sample.payload.to_bytes() if len(sample.payload) <= _MAX_PAYLOAD else b""
 
 
-def _read_status(data: bytes) -> dict[str, Any]:
+def _read_status(data: bytes, joints: Sequence[str]) -> dict[str, Any]:
     """Return what is of use of a status from whoever answered."""
     try:
         found = json.loads(data)
         refused = {str(reason)[:_MAX_TEXT]: int(count) for reason, count in dict(found.get("refused", {})).items()}
         answered, last = int(found.get("accepted", 0)), escape_control(str(found.get("last_refusal", ""))[:_MAX_TEXT])
-    except (ValueError, TypeError, AttributeError, RecursionError):
+        name = escape_control(str(found.get("name", ""))[:_MAX_TEXT])
+        commanded = {escape_control(str(joint)[:_MAX_TEXT]) for joint in list(found.get("joints", joints))}
+    except (ValueError, TypeError, AttributeError, RecursionError, OverflowError):
         return {}
-    return {"answered": answered, "refused": dict(list(refused.items())[:_MAX_REASONS]), "last_refusal": last}
+    return {
+        "name": name,
+        "answered": answered,
+        "refused": dict(list(refused.items())[:_MAX_REASONS]),
+        "last_refusal": last,
+        "strange": sorted(commanded ^ set(joints)),
+    }

@@ -2,89 +2,13 @@
 
 import os
 import signal
-import threading
-from contextlib import contextmanager
 
 import numpy as np
 import pytest
-from chromium import chromium, executable, on_screen
-from waiting import wait_until as wait_at_most
+from chromium import chromium, executable
+from visit import ARRIVED_CM, Visit, await_arrival, shown_page, wait_until
 
 pytestmark = pytest.mark.timeout(1500)  # software WebGL on a machine that is busy with something else
-
-SIZE = (900, 640)
-ARRIVED_CM = 0.2
-
-
-def wait_until(holds):
-    wait_at_most(holds, timeout_s=600.0)
-
-
-class Visit:
-    """One visitor of the page."""
-
-    def __init__(self, browser, page):
-        self._page = page
-        before = set(page._server.get_clients())
-        self.tab = browser.new_context(viewport=dict(zip(("width", "height"), SIZE, strict=True))).new_page()
-        self.requested: list[str] = []
-        self.tab.on("request", lambda request: self.requested.append(request.url))
-        self.tab.on("websocket", lambda socket: self.requested.append(socket.url))
-        self.tab.set_default_timeout(600_000)
-        self.tab.goto(f"{page.address}/?fixedDpr=0.5")
-        self.await_client(before)
-
-    def await_client(self, before):
-        wait_until(lambda: set(self._page._server.get_clients()) - before and self.shown("visitor"))
-        (self.number,) = set(self._page._server.get_clients()) - before
-
-    def shown(self, name):
-        found = self.tab.locator(f'[data-reenact="{name}"]')
-        return found.first.inner_text() if found.count() else ""
-
-    def await_shown(self, name, text):
-        wait_until(lambda: text in self.shown(name))
-
-    def await_taught(self, text):
-        wait_until(lambda: text in self.shown("taught") or self.shown("lesson-failure"))
-        assert not self.shown("lesson-failure")
-
-    def at(self, point):
-        return on_screen(self._page._server.get_clients()[self.number].camera, point, SIZE)
-
-    def drag(self, *points):
-        """Press at the first point of the world [m], go through all, and let go."""
-        mouse = self.tab.mouse
-        for number, point in enumerate(points):
-            mouse.move(*self.at(point), steps=3)
-            if number == 0:
-                mouse.down()
-        mouse.up()
-
-    def drag_handle(self, place, metres):
-        """Drag the handle of a hand by its arrow along the robot's left [m]."""
-        left = self._page.play.robot.lateral
-        grip = self._page.scene.handle_position(place) + 0.1 * left
-        self.drag(grip, grip + 0.5 * metres * left, grip + metres * left)
-
-    def close(self):
-        self.tab.context.close()
-
-
-@contextmanager
-def shown_page(config):
-    from pipeline.browser.page.gate import Gate
-    from pipeline.browser.page.page import served_page
-    from pipeline.browser.session.play import playing
-
-    with playing(config) as play, served_page(play, Gate(), port=None) as page:
-        thread = threading.Thread(target=page.run)
-        thread.start()
-        try:
-            yield page
-        finally:
-            page.end()
-            thread.join()
 
 
 @pytest.fixture(scope="module")
@@ -112,16 +36,6 @@ def visitor(browser, page):
 def visit(visitor, page):
     page.play.drive.hold()
     return visitor
-
-
-def await_arrival(page):
-    """Wait until all targets are where they are wanted, and the hands there too."""
-
-    def arrived():
-        now = page.play.drive.snapshot()
-        return np.abs(now.targets - now.wanted).max() < 1e-4 and now.error.distances_cm.max() < ARRIVED_CM
-
-    wait_until(arrived)
 
 
 def test_a_handle_dragged_by_10_cm_takes_the_hand_with_it(page, visit):
@@ -173,6 +87,39 @@ def test_one_visitor_leads_until_another_takes_over(browser, page, visit):
     wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[0] - wanted[0]) > 0.03)
     assert page.teaching.curve is None  # what was pressed before did not begin to learn
     other.close()
+    visit.await_shown("visitor", "You lead")
+
+
+def test_a_tab_that_is_closed_while_it_drags_lets_go(browser, page, visit):
+    other = Visit(browser, page)
+    other.tab.get_by_role("button", name="Take over").click()
+    other.await_shown("visitor", "You lead")
+    grip = other.grip(0)
+    other.press(grip)
+    other.move(grip + 0.05 * page.play.robot.lateral)
+    wait_until(lambda: 0 in page.scene._dragged)
+    other.close()
+    visit.await_shown("visitor", "You lead")
+    wait_until(lambda: not page.scene._dragged)
+    page.play.drive.move_hand(0, page.play.robot.centres[0])
+    wait_until(lambda: np.abs(page.scene.handle_position(0) - page.play.robot.centres[0]).max() < 1e-3)
+
+
+def test_on_a_phone_a_finger_drags_and_draws(browser, page, visit):
+    phone = Visit(browser, page, on_phone=True)
+    phone.tab.get_by_role("button", name="Take over").click()
+    phone.await_shown("visitor", "You lead")
+    await_arrival(page)
+    before = page.play.drive.snapshot().wanted
+    phone.drag_handle(1, -0.05)
+    wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[1] - before[1]) > 0.03)
+    await_arrival(page)
+    phone.tab.get_by_label("Draw").click()
+    wait_until(lambda: page._sheets[1]._sheet.visible)
+    centre, (left, up) = page.play.robot.centres[1], (page.play.robot.lateral, page.play.robot.up)
+    phone.drag(*(centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))))
+    wait_until(lambda: (loop := page.play.drive.snapshot().loop) is not None and loop.name == "drawing")
+    phone.close()
     visit.await_shown("visitor", "You lead")
 
 
