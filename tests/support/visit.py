@@ -17,6 +17,7 @@ from pipeline.browser.session.play import PlayConfig, playing
 SIZE = (900, 640)
 PHONE = (390, 844)
 ARRIVED_CM = 0.2
+_TWO_FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
 def wait_until(holds: Callable[[], object]) -> None:
@@ -61,8 +62,16 @@ class Visit:
     def at(self, point: Floats) -> tuple[float, float]:
         return on_screen(self._page._server.get_clients()[self.number].camera, point, self._size)
 
+    def await_seen(self) -> None:
+        """Wait until the browser has drawn what is so now, if the robot is there: it is pressed where it is seen."""
+        play = self._page.play
+        due_s = play.drive.snapshot().time_ns * 1e-9 + 0.1
+        wait_until(lambda: not play.link.is_there or float(self.shown("state:time").split(" ")[0] or 0.0) >= due_s)
+        self.tab.evaluate(_TWO_FRAMES)
+
     def press(self, point: Floats) -> None:
         """Press at a point of the world [m]."""
+        self.await_seen()
         x, y = self.at(point)
         if self._on_phone:
             self._finger("touchStart", x, y)
@@ -95,7 +104,9 @@ class Visit:
         self.drag(grip, grip + 0.5 * metres * left, grip + metres * left)
 
     def grip(self, place: int) -> Floats:
-        """Return where the handle of a hand is held to be dragged along the robot's left [m]."""
+        """Return where the handle of a hand is held to be dragged along the robot's left [m], once it stands still."""
+        drive, scene = self._page.play.drive, self._page.scene
+        wait_until(lambda: np.abs(scene.handle_position(place) - drive.snapshot().wanted[place, :3]).max() < 1e-3)
         return self._page.scene.handle_position(place) + 0.1 * self._page.play.robot.lateral
 
     def close(self) -> None:

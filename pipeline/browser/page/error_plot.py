@@ -47,6 +47,8 @@ class ErrorPlot:
         end_s = errors[-1].time_ns * 1e-9
         shown = errors[:: max(1, len(errors) // _POINTS)]
         times_s = np.array([error.time_ns * 1e-9 - end_s for error in shown])
-        begin = int(np.searchsorted(times_s, -_SPAN_S)) if (np.diff(times_s) > 0.0).all() else len(times_s) - 1
+        anew = np.flatnonzero(np.diff(times_s) <= 0.0) + 1  # the robot's clock began anew
+        begin = int(anew[-1]) if len(anew) else 0
+        begin += int(np.searchsorted(times_s[begin:], -_SPAN_S))
         distances = np.array([error.distances_cm for error in shown])
         self._plot.data = (times_s[begin:], *(distances[begin:, place].copy() for place in range(self._hands)))

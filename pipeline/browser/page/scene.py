@@ -92,7 +92,7 @@ class Scene:
         if camera.aspect < 1.0:
             away = self._eye - self._middle
             camera.position = self._middle + away / camera.aspect**0.5
-            camera.look_at = self._middle - 0.35 * float(np.linalg.norm(away)) * self._robot.up
+            camera.look_at = self._middle - 0.55 * float(np.linalg.norm(away)) * self._robot.up
 
     def handle_position(self, place: int) -> Floats:
         """Return where a handle is [m], shape (3,)."""

@@ -32,6 +32,11 @@ def visitor(browser, page):
     return Visit(browser, page)
 
 
+@pytest.fixture(scope="module")
+def phone(browser, page):
+    return Visit(browser, page, on_phone=True)
+
+
 @pytest.fixture
 def visit(visitor, page):
     page.play.drive.hold()
@@ -69,58 +74,47 @@ def test_a_stroke_is_followed_again_and_again(page, visit):
     wait_until(lambda: loop.paused)
 
 
-def test_one_visitor_leads_until_another_takes_over(browser, page, visit):
-    other = Visit(browser, page)
+def test_one_visitor_leads_until_another_takes_over(page, visit, phone):
     assert "You lead" in visit.shown("visitor")
-    assert "look on" in other.shown("visitor")
+    assert "look on" in phone.shown("visitor")
     await_arrival(page)
     wanted = page.play.drive.snapshot().wanted
-    other.drag_handle(0, 0.10)
-    other.tab.get_by_text("Take over to lead the robot").first.wait_for()
-    wait_until(lambda: np.abs(page.scene.handle_position(0) - wanted[0]).max() < 1e-3)
+    phone.drag_handle(1, -0.05)
+    refusal = phone.tab.get_by_text("Take over to lead the robot").first
+    refusal.wait_for()
+    wait_until(lambda: np.abs(page.scene.handle_position(1) - wanted[1]).max() < 1e-3)
     assert np.abs(page.play.drive.snapshot().wanted - wanted).max() < 1e-9
-    other.tab.get_by_role("button", name="Learn").click()
-    other.tab.get_by_role("button", name="Take over").click()
-    other.await_shown("visitor", "You lead")
-    visit.await_shown("visitor", "You look on")
-    other.drag_handle(0, 0.05)
-    wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[0] - wanted[0]) > 0.03)
-    assert page.teaching.curve is None  # what was pressed before did not begin to learn
-    other.close()
-    visit.await_shown("visitor", "You lead")
-
-
-def test_a_tab_that_is_closed_while_it_drags_lets_go(browser, page, visit):
-    other = Visit(browser, page)
-    other.tab.get_by_role("button", name="Take over").click()
-    other.await_shown("visitor", "You lead")
-    grip = other.grip(0)
-    other.press(grip)
-    other.move(grip + 0.05 * page.play.robot.lateral)
-    wait_until(lambda: 0 in page.scene._dragged)
-    other.close()
-    visit.await_shown("visitor", "You lead")
-    wait_until(lambda: not page.scene._dragged)
-    page.play.drive.move_hand(0, page.play.robot.centres[0])
-    wait_until(lambda: np.abs(page.scene.handle_position(0) - page.play.robot.centres[0]).max() < 1e-3)
-
-
-def test_on_a_phone_a_finger_drags_and_draws(browser, page, visit):
-    phone = Visit(browser, page, on_phone=True)
+    phone.tab.get_by_role("button", name="Learn").click()
     phone.tab.get_by_role("button", name="Take over").click()
     phone.await_shown("visitor", "You lead")
-    await_arrival(page)
-    before = page.play.drive.snapshot().wanted
+    visit.await_shown("visitor", "You look on")
+    refusal.wait_for(state="hidden")  # it lies over the picture
+    assert page.teaching.curve is None  # what was pressed before did not begin to learn
+
+
+def test_on_a_phone_a_finger_drags_and_draws(page, phone):
+    before, earlier = page.play.drive.snapshot().wanted, page.play.drive.snapshot().loop
     phone.drag_handle(1, -0.05)
     wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[1] - before[1]) > 0.03)
-    await_arrival(page)
     phone.tab.get_by_label("Draw").click()
     wait_until(lambda: page._sheets[1]._sheet.visible)
     centre, (left, up) = page.play.robot.centres[1], (page.play.robot.lateral, page.play.robot.up)
     phone.drag(*(centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))))
-    wait_until(lambda: (loop := page.play.drive.snapshot().loop) is not None and loop.name == "drawing")
+    wait_until(lambda: page.play.drive.snapshot().loop is not earlier and not page.play.activity.doing)
+    assert page.play.drive.snapshot().loop.name == "drawing"
+
+
+def test_a_tab_that_is_closed_while_it_drags_lets_go(page, visit, phone):
+    await_arrival(page)
+    grip = phone.grip(1)
+    phone.press(grip)
+    phone.move(grip - 0.05 * page.play.robot.lateral)
+    wait_until(lambda: 1 in page.scene._dragged)
     phone.close()
     visit.await_shown("visitor", "You lead")
+    wait_until(lambda: not page.scene._dragged)
+    page.play.drive.move_hand(1, page.play.robot.centres[1])
+    wait_until(lambda: np.abs(page.scene.handle_position(1) - page.play.robot.centres[1]).max() < 1e-3)
 
 
 def test_a_page_that_is_loaded_again_shows_what_is_so(page, visit):
