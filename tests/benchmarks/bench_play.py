@@ -95,7 +95,7 @@ def counted(page: Page, counts: Callable[[], list[int]]) -> list[float]:
 def latency_us(page: Page) -> dict[str, float]:
     """Return what `serve` has measured of its last commands [us]."""
     key = controller_key(DEFAULT_NAMESPACE, page.play.link.controller, "status")
-    (reply,) = page.play.recordings._place.session.get(key, timeout=10.0)
+    (reply,) = page.play.recordings.place.session.get(key, timeout=10.0)
     status: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
     return dict(status["latency_us"])
 
