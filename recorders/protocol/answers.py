@@ -71,11 +71,11 @@ class Answers:
         return None if current is None else self.refusal(offered, taken)
 
     def refusal(self, offered: Offered, reason: str) -> Packet:
-        """Return the answer to an offer that is turned down, which is on offer no longer."""
-        self._streams.offered.pop(offered.offer.identity, None)
-        answer = offered.answer(Progress(error=reason))
+        """Return the answer to an offer that is turned down, now and whenever it comes again."""
+        refusal = Progress(error=reason)
+        self._streams.turn_down(offered.offer, refusal)
         self.renew()
-        return answer
+        return offered.answer(refusal)
 
     def renew(self) -> None:
         """Be another instance, unless a stream is under way or on offer: nobody takes up what was overheard before."""

@@ -59,6 +59,11 @@ class KnownStreams:
         self.offered.setdefault(offer.identity, IncomingStream(offer, seals, 0))
         _limit(self.offered, _MAX_OFFERED)
 
+    def turn_down(self, offer: Offer, refusal: Progress) -> None:
+        """Note that a stream on offer is refused."""
+        self.offered.pop(offer.identity, None)
+        self._end(offer.sender, refusal)
+
     def begin(self, stream: IncomingStream) -> None:
         """Note that a stream on offer is accepted."""
         known = self.offered.pop(stream.identity, stream)
@@ -72,7 +77,10 @@ class KnownStreams:
         progress, sender = self.current.progress, self.current.offer.sender
         self._last, self.current = progress, None
         if bytes.fromhex(sender) != NO_RUN:  # live messages are of no sender
-            self._ended[sender] = progress if progress.is_final else replace(progress, error=reason)
+            self._end(sender, progress if progress.is_final else replace(progress, error=reason))
+
+    def _end(self, sender: str, progress: Progress) -> None:
+        self._ended[sender] = progress
         _limit(self._ended, _MAX_PAST)
 
 

@@ -1,12 +1,13 @@
 """Bugs planted in the protocol by operators over its syntax tree, and the seeds of the simulation that find them."""
 
 import ast
+import hashlib
 import importlib
 import importlib.abc
 import importlib.machinery
 import importlib.util
-import random
 import sys
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -26,6 +27,7 @@ class PlantedBug(NamedTuple):
     module: str
     text: str
     mutant: Mutant
+    nth: int  # among those of the same key
 
     @property
     def key(self) -> tuple[str, str, str]:
@@ -42,19 +44,26 @@ class EndlessLoopError(Exception):
 
 
 def draw_bugs(count: int, *, seed: int) -> list[PlantedBug]:
-    """Draw different bugs among all that the operators make of the protocol."""
-    return random.Random(seed).sample(list(all_bugs()), count)
+    """Draw different bugs among all that the operators make of the protocol; what else is there shifts none of them."""
+
+    def drawn(bug: PlantedBug) -> bytes:
+        return hashlib.sha256(f"{seed} {bug.key} {bug.nth}".encode()).digest()
+
+    return sorted(all_bugs(), key=drawn)[:count]
 
 
 def all_bugs() -> Iterator[PlantedBug]:
     """Yield every mutant of what is computed in the protocol's modules."""
+    known: Counter[tuple[str, str, str]] = Counter()
     for path in sorted(_folder().rglob("*.py")):
         module = ".".join(path.relative_to(_folder()).with_suffix("").parts)
         source = path.read_text()
         lines = source.splitlines()
         for mutant in find_mutants(source):
             if mutant.function:
-                yield PlantedBug(module, lines[mutant.line - 1].strip(), mutant)
+                bug = PlantedBug(module, lines[mutant.line - 1].strip(), mutant, 0)
+                yield bug._replace(nth=known[bug.key])
+                known[bug.key] += 1
 
 
 def seeds_to_find(bug: PlantedBug, seeds: Sequence[int]) -> int | None:

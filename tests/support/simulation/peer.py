@@ -1,5 +1,6 @@
 """A hostile peer: it overhears everything, knows run and sender of the stream, and has all but the key."""
 
+import json
 import random
 from collections.abc import Sequence
 from dataclasses import replace
@@ -99,13 +100,15 @@ class Peer:
             progress = replace(progress, result={"messages": index, "digest": "forged"})
         elif what == "failure":
             progress = replace(progress, error="forged")
-        return self._signed(Packet(progress.to_json()), draw)
+        payload = progress.to_json()
+        return self._signed(Packet(_mangled(payload, draw)), draw)
 
     def _question(self, what: str, draw: random.Random) -> Overheard:
         offer = self._offer(draw)
         if what == "offer":
             offer = replace(offer, run=draw.choice((offer.run, "e" * 32)), window=draw.randint(1, 9))
-            return Overheard("hello", self._signed(Packet(offer.to_json()), draw))
+            payload = offer.to_json()
+            return Overheard("hello", self._signed(Packet(_mangled(payload, draw)), draw))
         return Overheard("status", self._signed(Packet(asking(offer, farewell=what == "farewell")), draw))
 
     def _answer(self, consumer: str, draw: random.Random) -> bool:
@@ -127,3 +130,12 @@ class Peer:
         size = draw.choice((0, SEAL_BYTES, INSTANCE_BYTES + SEAL_BYTES))
         seals = [draw.randbytes(size), *(attachment[-size:] for attachment in overheard if size)]
         return packet._replace(attachment=packet.attachment + draw.choice(seals))
+
+
+def _mangled(payload: bytes, draw: random.Random) -> bytes:
+    """Return an object as it is, or with one value of another type, or out of range."""
+    if draw.random() < 0.7:
+        return payload
+    fields = json.loads(payload)
+    fields[draw.choice(sorted(fields))] = draw.choice((None, [], "x", -1, {}, True, 1.5, 1 << 70))
+    return json.dumps(fields).encode()

@@ -9,10 +9,11 @@ from simulation.consumers import Source
 from simulation.limits import PAST_STREAMS
 from simulation.receiver_node import ReceiverNode
 from simulation.scenario import Fault, Scenario
-from simulation.sender_node import SenderNode
+from simulation.sender_node import PATIENCE_S, SenderNode
 from simulation.world import MS, BrokenPromiseError
 
 _CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
+_AWAKE_NS = 2_000 * MS  # until a consumer that has ended is there again
 _SHORT_NS = 4_000 * MS  # together; a sender waits 10 s for a consumer, and some of that goes to offers that are lost
 _ABORT_BYTES = ITEM_BYTES + MAX_REASON + 100  # it is queued whatever waits
 _COUNTING = (SenderState.SENDING, SenderState.ENDING)
@@ -45,6 +46,7 @@ class Promises:
         sent, consumed = machine.sent, machine.consumed
         if not 0 <= consumed <= self._whole or not 0 <= sent <= self._whole:
             _break("nothing is sent beyond the end", f"message {sent} of {self._whole}, {consumed} are consumed")
+        self._check_questions()
         if machine.state in _COUNTING:
             self._check_window(sent, consumed)
             had = [each.consumer.had.get(self._sender.offer.sender, 0) for each in self._receivers.values()]
@@ -61,10 +63,22 @@ class Promises:
                 f"{under_way} messages of {size} bytes are under way in {frames} frames, {self._most} of "
                 f"{self._most_bytes} bytes may be",
             )
+
+    def _check_questions(self) -> None:
         since_s = self._sender.now_s - self._sender.begun_s
-        for name, count in self._sender.questions_asked.items():
-            if count > 10 + 2 * since_s + self._sender.acknowledgements[name]:
-                _break("nobody is flooded", f"{name} was asked {count} times in {since_s:.3f} s")
+        for (name, verb), count in self._sender.questions_asked.items():
+            most = 10 + 25 * since_s if verb == "hello" else 10 + 2 * since_s + self._sender.acknowledgements[name]
+            if count > most:
+                _break("nobody is flooded", f"{name} was asked its {verb} {count} times in {since_s:.3f} s")
+
+    def check_error(self, error: str) -> None:
+        """Check that an error of the sender's has its cause."""
+        waited_s = self._sender.now_s - self._sender.waits_since_s
+        if "the rest of the stream is unconfirmed" in error and waited_s < PATIENCE_S:
+            _break("a pause tries nobody's patience", f"{error}, and it waited {waited_s} s")
+        for name in self._sender.doubted:
+            if f"no consumer named {name!r} answered" in error:
+                _break("what others answer is reported", f"found {error}")
 
     def check_receiver(self, receiver: ReceiverNode) -> None:
         """Check what holds whenever a consumer's process has done something."""
@@ -78,7 +92,7 @@ class Promises:
         if waiting > limit + _ABORT_BYTES + ITEM_BYTES:
             _break("memory is bounded", f"{waiting} bytes wait at {receiver.name}, {limit} may")
 
-    def check_end(self, ended_ns: int) -> None:
+    def check_end(self, ended_ns: int, over_ns: int) -> None:
         """Check what holds when it is over: one digest, durable with every consumer; no error without a cause."""
         results = self._sender.results or {}
         _expect(set(results) == set(self._receivers), "it ends with every result", f"found those of {sorted(results)}")
@@ -92,7 +106,11 @@ class Promises:
         if self._scenario.calm:
             slowest_ns = max(plan.consume_ns for plan in self._scenario.consumers)
             most_ns = self._whole * (slowest_ns + self._scenario.gap_ns) + _CALM_NS
-            _expect(ended_ns <= most_ns, "nothing waits without need", f"over after {ended_ns} ns, not {most_ns} ns")
+            most_ns += sum(plan.decide_ns for plan in self._scenario.consumers)
+            _expect(ended_ns <= most_ns, "nothing waits without need", f"ended after {ended_ns} ns, not {most_ns} ns")
+            _expect(
+                over_ns <= ended_ns + _AWAKE_NS, "nothing waits without need", f"over {over_ns - ended_ns} ns later"
+            )
         if self._scenario.gentle and self._outages_ns <= _SHORT_NS:
             _expect(not errors, "nobody gives up without need", f"found {errors}")
 

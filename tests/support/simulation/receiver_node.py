@@ -61,7 +61,10 @@ class ReceiverNode(Node):
     def on_begin(self) -> None:
         """Wait for a stream."""
         instance = self._draw.randbytes(INSTANCE_BYTES)
-        self.machine = ReceiverMachine(self.name, key=KEY, instance=instance, silence_s=SILENCE_S)
+        self._refused = 0
+        self.machine = ReceiverMachine(
+            self.name, key=KEY, instance=instance, silence_s=SILENCE_S, refuse=self._note_refusal
+        )
         self._queue: BoundedQueue[Frame | tuple[Offered, Reply]] = BoundedQueue(limit=self.consumer.plan.waiting_bytes)
         self._busy = self._leaving = False
         self._answered: set[Packet] = set()  # offers
@@ -104,10 +107,20 @@ class ReceiverNode(Node):
             raise BrokenPromiseError("who gives up is not awaited", f"{self.name} states: {error}")
         self._lose(str(error))
 
+    def _note_refusal(self, what: str, why: str) -> None:
+        self._refused += 1
+
+    def _expect_counted(self, answer: Packet, counted: int, *, is_refused: bool) -> None:
+        """Check that a question which was refused is counted, beyond those before it."""
+        if is_refused and self._refused == counted:
+            raise BrokenPromiseError("what is refused is counted", f"{self.name} answers {answer}")
+
     def _on_sample(self, topic: str, packet: Packet) -> None:
         sender = self.aborts.get(packet)
         if sender in self._offered:
             self._gave_up.add(sender)
+        if not self.machine.concerns(packet.attachment):
+            return
         try:
             frame = self.machine.on_sample(topic, packet, self.now_s)
         except MessageError:
@@ -118,8 +131,9 @@ class ReceiverNode(Node):
             self.machine.arrived(frame)
 
     def _on_hello(self, packet: Packet, reply: Reply) -> None:
-        answer = self.machine.on_hello(packet)
+        counted, answer = self._refused, self.machine.on_hello(packet)
         if isinstance(answer, Packet):
+            self._expect_counted(answer, counted, is_refused=b"not sealed" in answer.payload)
             self._answer(packet, answer, reply)
         elif self._queue.put((answer, reply), answer.size):
             self.machine.waiting(answer)
@@ -134,7 +148,8 @@ class ReceiverNode(Node):
         reply(answer)
 
     def _on_status(self, packet: Packet, reply: Reply) -> None:
-        answer = self.machine.on_status(packet)
+        counted, answer = self._refused, self.machine.on_status(packet)
+        self._expect_counted(answer, counted, is_refused=bool(packet.payload) and not answer.attachment)
         reply(answer)
         self.step()
         self.machine.on_status_answered(packet, answer, self.now_s)
@@ -166,6 +181,9 @@ class ReceiverNode(Node):
     def _accept(self, offered: Offered, reply: Reply) -> None:
         self._busy = False
         self._decided += 1
+        if self._decided <= self.consumer.plan.refuses:
+            self._answer(offered.question, self.machine.refuse(offered, "not at present"), reply)
+            return
         if offered.question in self._answered:
             raise BrokenPromiseError("no offer is taken twice", f"{self.name} takes {offered.offer}")
         start = self.consumer.start(offered.offer)

@@ -88,6 +88,7 @@ class Simulation:
         self._promises = Promises(scenario, source, sender=self._sender, receivers=receivers, faults=faults)
         self._peer = Peer(network=network, sender=self._sender, receivers=receivers)
         self._sender.check = self._promises.check_sender
+        self._sender.check_error = self._promises.check_error
         for receiver in receivers:
             receiver.acknowledged, receiver.aborts = self._sender.acknowledged, self._sender.aborts
             receiver.check = partial(self._promises.check_receiver, receiver)
@@ -106,7 +107,7 @@ class Simulation:
         for node in self._nodes.values():
             node.begin()
         self.world.run(over=self._over)
-        self._promises.check_end(self._sender.ended_ns)
+        self._promises.check_end(self._sender.ended_ns, self.world.now_ns)
 
     def errors(self) -> tuple[str, ...]:
         """Return what sender and consumers stated as their reasons to give up."""

@@ -75,6 +75,7 @@ class ConsumerPlan:
     durable_every: int  # messages
     waiting_bytes: int
     decide_ns: int = 0  # whether to accept the first offer; the next takes half as long
+    refuses: int = 0  # offers, the first ones
 
 
 @dataclass(frozen=True)
@@ -89,6 +90,7 @@ class Scenario:
     batch_size: int
     latency_ns: int
     gap_ns: int  # between messages of the source
+    wait_s: float  # for each consumer
     counted: bool  # whether the offer gives the number of messages
     calm: bool  # nothing goes wrong
     gentle: bool  # no outage is as long as anybody's patience, nobody fails for good: the first sender gets through
@@ -111,6 +113,7 @@ def draw_scenario(seed: int) -> Scenario:
         batch_size=draw.randint(1, window) if draw.random() < 0.7 else 1,
         latency_ns=MS // 10 if calm else draw.choice((MS // 10, 2 * MS, 30 * MS)),
         gap_ns=draw.choice((0, 0, 5 * MS, 200 * MS)),
+        wait_s=0.2 if calm else 10.0,
         counted=draw.random() < 0.7,
         calm=calm,
         gentle=gentle,
@@ -125,7 +128,8 @@ def _draw_consumer(draw: random.Random, name: str, *, calm: bool, gentle: bool) 
         consume_ns=draw.choice((0, MS // 10, 20 * MS)),
         durable_every=draw.choice((1, 5, 1_000)),
         waiting_bytes=1 << 20 if calm else draw.choice((3_000, 1 << 20)),
-        decide_ns=0 if calm else draw.choice((0, 0, 20 * MS, SECOND, 3 * SECOND if gentle else 15 * SECOND)),
+        decide_ns=300 * MS if calm else draw.choice((0, 0, 20 * MS, SECOND, 3 * SECOND if gentle else 15 * SECOND)),
+        refuses=0 if calm or gentle else draw.choice((0, 0, 1)),
     )
 
 

@@ -1,7 +1,8 @@
 """The simulated sender: the protocol's sending machine, what it sends from, and the operator who starts it again."""
 
+import math
 from collections import Counter
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -15,11 +16,10 @@ from simulation.network import Network
 from simulation.node import Node
 from simulation.receiver_node import ReceiverNode
 from simulation.scenario import KEY, SENDER, Fault, Scenario
-from simulation.world import SECOND, World, draws
+from simulation.world import SECOND, BrokenPromiseError, World, draws
 
 _FORGED = Progress(error="forged").to_json()
 
-WAIT_S = 10.0
 PATIENCE_S = 30.0
 
 
@@ -32,8 +32,12 @@ class SenderNode(Node):
         Those of the attempt under way.
     begun_s : float
         When that began, on the sender's clock.
-    questions_asked, acknowledgements : counter of str
-        How often it asked each consumer how far it is, and how often something was published as its answer.
+    questions_asked, acknowledgements : counter of (str, str), counter of str
+        How often it asked each consumer what, and how often something was published as its acknowledgement.
+    waits_since_s : float
+        Since when messages, or the end, wait for the consumers, on its clock.
+    doubted : set of str
+        The consumers in whose name somebody else has answered.
     aborts : dict of Packet to str
         The senders that gave up, by what they published of it.
     errors : list of str
@@ -68,12 +72,15 @@ class SenderNode(Node):
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
-        self.questions_asked: Counter[str] = Counter()
+        self.waits_since_s = math.inf
+        self.questions_asked: Counter[tuple[str, str]] = Counter()
         self.acknowledgements: Counter[str] = Counter()
+        self.doubted: set[str] = set()
         self.aborts: dict[Packet, str] = {}
         self.errors: list[str] = []
         self.ended_ns = 0
         self.results: dict[str, dict[str, Any]] | None = None
+        self.check_error: Callable[[str], None]
 
     def on_begin(self) -> None:
         """Offer the stream, as a sender of its own."""
@@ -88,6 +95,9 @@ class SenderNode(Node):
         )
         self._asked = {}
         self.begun_s = self.now_s
+        self.waits_since_s = math.inf
+        self._refused = 0
+        self.doubted.clear()
         self.questions_asked.clear()
         self.acknowledgements.clear()
         self.machine = SenderMachine(
@@ -95,8 +105,9 @@ class SenderNode(Node):
             tuple(self._receivers),
             key=KEY,
             batched=plan.batch_size > 1,
-            wait_s=WAIT_S,
+            wait_s=plan.wait_s,
             patience_s=PATIENCE_S,
+            refuse=self._note_refusal,
         )
         self.machine.start(self.now_s)
 
@@ -111,6 +122,7 @@ class SenderNode(Node):
             self.ended_ns = self.world.now_ns
         elif self.machine.state is SenderState.FAILED:
             self.errors.append(str(self.machine.error))
+            self.check_error(self.errors[-1])
             self.world.note(f"{self.name} states: {self.errors[-1]}")
             self.end(self._draw.randint(SECOND, 10 * SECOND))
 
@@ -132,10 +144,19 @@ class SenderNode(Node):
 
     def answered(self, ask: Ask, packet: Packet | None) -> None:
         """Take an answer to a question, or that there are no more."""
-        if self._asked.get(ask.number) is ask:
-            self.machine.on_answer(ask, packet, self.now_s)
-            if not self.machine.awaits(ask):
-                del self._asked[ask.number]
+        if self._asked.get(ask.number) is not ask:
+            return
+        counted, was_over = self._refused, self.machine.is_over
+        self.machine.on_answer(ask, packet, self.now_s)
+        if not self.machine.awaits(ask):
+            del self._asked[ask.number]
+        elif packet is not None and not was_over:
+            self.doubted.add(ask.consumer)
+            if self._refused == counted:
+                raise BrokenPromiseError("what is refused is counted", f"the answer {packet} is not")
+
+    def _note_refusal(self, what: str, why: str) -> None:
+        self._refused += 1
 
     def _answered_by_consumer(self, ask: Ask, packet: Packet) -> None:
         """Take the last answer that is to be expected, changed on its way or not."""
@@ -167,7 +188,7 @@ class SenderNode(Node):
                     self._network.carry("data", receiver.name, action.topic, action.packet, deliver)
             else:
                 self._asked[action.number] = action
-                self.questions_asked[action.consumer] += action.verb == "status"
+                self.questions_asked[action.consumer, action.verb] += 1
                 self.world.after(int(action.timeout_s * 1e9), self._time_out, action)
                 if self.world.now_ns < self._impostors_until_ns.get(action.consumer, 0):
                     self.world.after(0, self.hand, self.answered, action, Packet(_FORGED, action.packet.attachment))
@@ -187,6 +208,7 @@ class SenderNode(Node):
         machine, messages = self.machine, self._source.messages
         if machine.sent == len(messages):
             machine.end()
+            self.waits_since_s = self.now_s
             return True
         self._meet_source_fault(machine.sent)
         if machine.state is not SenderState.SENDING:
@@ -198,7 +220,9 @@ class SenderNode(Node):
             return False
         chunk = tuple(messages[machine.sent : machine.sent + self._scenario.batch_size])
         if not machine.send(chunk):
+            self.waits_since_s = min(self.waits_since_s, self.now_s)
             return False
+        self.waits_since_s = math.inf
         self._ready_ns = self.world.now_ns + self._scenario.gap_ns * len(chunk)
         return True
 
