@@ -57,7 +57,7 @@ class Answers:
         if offered.seals.question_number("hello", packet) is None:
             self._refuse("hello", f"an offer that is {_NOT_SEALED}")
             return Packet(Progress(error=f"the offer is {_NOT_SEALED}").to_json())
-        if not offered.seals.is_for_this(packet):
+        if not self._keys.is_for_this(packet):
             return offered.answer(Progress())  # it is to be offered to this instance
         return self.to_offer(offered, taken) or offered
 
@@ -68,7 +68,10 @@ class Answers:
             return offered.answer(current.beginning)
         if (ended := self._streams.find(sender)) is not None:
             return offered.answer(ended)
-        return None if current is None else self.refusal(offered, taken)
+        if current is not None:
+            self._streams.offered.pop(offered.offer.identity, None)
+            return offered.answer(Progress(error=taken))
+        return None if self._keys.is_for_this(offered.question) else offered.answer(Progress())
 
     def refusal(self, offered: Offered, reason: str) -> Packet:
         """Return the answer to an offer that is turned down, now and whenever it comes again."""

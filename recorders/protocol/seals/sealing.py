@@ -97,10 +97,6 @@ class ReceiverSeals:
         instance, seal = _split(packet.attachment)
         return self._verifier.number(seal, verb.encode(), self._consumer, instance, packet.payload)
 
-    def is_for_this(self, packet: Packet) -> bool:
-        """Whether a question names this instance of the consumer."""
-        return _split(packet.attachment)[0] == self._instance
-
     def answer(self, question: Packet, payload: bytes) -> Packet:
         """Return the answer to a question, sealed."""
         return Packet(payload, self._instance + self._signer.seal(b"answer", question.attachment, payload))
@@ -133,6 +129,10 @@ class ConsumerKeys:
         """Be another instance from now on, which no offer names that was ever made before."""
         number = (int.from_bytes(self._instance, "big") + 1) % (1 << 8 * INSTANCE_BYTES)
         self._instance = number.to_bytes(INSTANCE_BYTES, "big")
+
+    def is_for_this(self, packet: Packet) -> bool:
+        """Whether a question names this instance of the consumer."""
+        return _split(packet.attachment)[0] == self._instance
 
     def seals(self, sender: bytes) -> ReceiverSeals:
         """Return the seals for a sender; one count goes through all of them, so that no number comes twice."""

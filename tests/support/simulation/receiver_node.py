@@ -103,7 +103,7 @@ class ReceiverNode(Node):
         offer, error = self.machine.offer, self.machine.on_time(self.now_s)
         if error is None:
             return
-        if offer is not None and offer.sender in self._gave_up and "silent" in str(error):
+        if offer is not None and offer.sender in self._gave_up and str(error).startswith("the sender fell silent"):
             raise BrokenPromiseError("who gives up is not awaited", f"{self.name} states: {error}")
         self._lose(str(error))
 
