@@ -5,6 +5,7 @@ import re
 import time
 from collections.abc import Callable
 from contextlib import ExitStack
+from functools import partial
 from types import TracebackType
 from typing import NamedTuple, NoReturn, Self, TypeAlias
 
@@ -120,8 +121,8 @@ class RobotNode:
             stack.enter_context(self._producer)
             self._describe(stack)
             for verb in ("command", "reset", "joints", "hands", "status"):
-                answering = on_network_thread(self._on_query(verb))
-                stack.enter_context(self._session.declare_queryable(robot_key(self._namespace, verb), answering))
+                declare = partial(self._session.declare_queryable, robot_key(self._namespace, verb))
+                stack.enter_context(on_network_thread(declare, self._on_query(verb)))
             take, kind = self._on_sample, JointState.TYPE
             subscribing = self._keys.subscribing(self._session, JOINT_COMMANDS, kind, take, at_once=True)
             stack.enter_context(subscribing)
@@ -197,7 +198,7 @@ class RobotNode:
         robot = self._backend.robot
         for topic, text in ((ROBOT_DESCRIPTION, robot.urdf_text), (ROBOT_CONFIG, robot.toml_text)):
             key, data = message_key(self._namespace, topic), encode(String(text))
-            stack.enter_context(self._session.declare_queryable(key, on_network_thread(_replier(data))))
+            stack.enter_context(on_network_thread(partial(self._session.declare_queryable, key), _replier(data)))
             publisher = self._keys.publishing(
                 self._session,
                 topic,

@@ -133,8 +133,10 @@ class SenderChannels:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        key, handler = table_key(self._namespace, "*"), on_network_thread(self._on_table)
-        subscriber = self._session.declare_subscriber(key, handler, allowed_origin=zenoh.Locality.REMOTE)
+        key, remote = table_key(self._namespace, "*"), zenoh.Locality.REMOTE
+        subscriber = on_network_thread(
+            lambda call: self._session.declare_subscriber(key, call, allowed_origin=remote), self._on_table
+        )
         self._stack.enter_context(subscriber)
         return self
 

@@ -265,7 +265,8 @@ def watching_tokens(
     def on_token(sample: zenoh.Sample) -> None:
         on_change(str(sample.key_expr), sample.kind == zenoh.SampleKind.PUT)
 
-    with session.liveliness().declare_subscriber(key, on_network_thread(on_token), history=history):
+    liveliness = session.liveliness()
+    with on_network_thread(lambda call: liveliness.declare_subscriber(key, call, history=history), on_token):
         yield
 
 

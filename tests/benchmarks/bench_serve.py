@@ -18,7 +18,8 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import ExitStack
+from contextlib import AbstractContextManager, ExitStack
+from functools import partial
 from itertools import chain
 from pathlib import Path
 from typing import Any
@@ -45,13 +46,14 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
 
 Handler = Callable[[zenoh.Sample], None]
+Declare = Callable[[Any], AbstractContextManager[Any]]
 
 NAMESPACE = "reenact"
 TARGETS, PERIOD_NS = 200, 1_000_000
 ROUNDS = 60
-ECHOES: dict[str, Callable[[Handler], Any]] = {
-    "echo": lambda handler: handler,
-    "direct echo": lambda handler: zenoh.handlers.Callback(handler, indirect=False),
+ECHOES: dict[str, Callable[[Declare, Handler], AbstractContextManager[Any]]] = {
+    "echo": lambda declare, handler: declare(handler),
+    "direct echo": lambda declare, handler: declare(zenoh.handlers.Callback(handler, indirect=False)),
     "best echo": on_network_thread,
 }
 DOMAIN = 7
@@ -95,22 +97,22 @@ def echo(name: str, session_config: SessionConfig) -> None:
 
     if name == "best echo" and not session_config.listen:
         use_single_network_thread()
-    with open_session(session_config) as session:
+    with open_session(session_config) as session, ExitStack() as stack:
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
-            session.declare_subscriber(message_key(NAMESPACE, topic), ECHOES[name](handler))
+            subscribe = partial(session.declare_subscriber, message_key(NAMESPACE, topic))
+            stack.enter_context(ECHOES[name](subscribe, handler))
         sys.stdin.read()
 
 
 class Driver:
     """Puts targets at 1 kHz and notes when their commands are back."""
 
-    def __init__(self, session: zenoh.Session, keys: TopicKeys) -> None:
+    def __init__(self, session: zenoh.Session, keys: TopicKeys, stack: ExitStack) -> None:
         self._back: dict[int, int] = {}
         self._in_ros = isinstance(keys, RosKeys)
-        self._commands = session.declare_subscriber(
-            keys.key(JOINT_COMMANDS, JointState.TYPE), on_network_thread(self._on_command)
-        )
+        subscribe = partial(session.declare_subscriber, keys.key(JOINT_COMMANDS, JointState.TYPE))
+        stack.enter_context(on_network_thread(subscribe, self._on_command))
         targets = [keys.key(topic, PoseStamped.TYPE) for topic in (LEFT_TARGET, RIGHT_TARGET)]
         self._targets = [session.declare_publisher(key, **QUALITY) for key in targets]
         deadline = time.monotonic() + 60.0
@@ -183,7 +185,7 @@ def main(*, listens: bool) -> None:
             process = stack.enter_context(subprocess.Popen(command, stdin=subprocess.PIPE, stderr=subprocess.DEVNULL))
             stack.callback(process.kill)
             session = stack.enter_context(open_session(session_at(endpoint, listens=not listens)))
-            drivers[name] = Driver(session, keys)
+            drivers[name] = Driver(session, keys, stack)
         for driver in drivers.values():
             driver.round()
         turns = random.Random(0)

@@ -13,6 +13,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import asdict, dataclass
+from functools import partial
 
 import numpy as np
 import zenoh
@@ -60,7 +61,8 @@ def _states(session: zenoh.Session) -> Iterator[queue.Queue[bytes]]:
         """Queue a state."""
         waiting.put(sample.payload.to_bytes())
 
-    with session.declare_subscriber(message_key(DEFAULT_NAMESPACE, JOINT_STATES), on_network_thread(take)):
+    subscribe = partial(session.declare_subscriber, message_key(DEFAULT_NAMESPACE, JOINT_STATES))
+    with on_network_thread(subscribe, take):
         yield waiting
 
 

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
+from functools import partial
 from itertools import count
 from typing import Any
 
@@ -135,8 +136,9 @@ class RosKeys:
         key, qos = self.key(topic, type_name), usual_qos(topic)
         history = HistorySubscriber(session, [key] if qos.is_latched else [], take)
         deliver = history.deliver if qos.is_latched else take
+        declare = partial(session.declare_subscriber, key)
         with (
-            session.declare_subscriber(key, on_network_thread(deliver) if at_once else deliver),
+            on_network_thread(declare, deliver) if at_once else declare(deliver),
             history,
             self.announced(session, topic, type_name, qos=qos),  # last: who sees it may publish
         ):

@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple, Protocol, TypeAlias
 
 import zenoh
@@ -200,7 +201,8 @@ class NamespaceKeys:
         self, session: zenoh.Session, topic: str, type_name: str, take: TakeSample, *, at_once: bool = False
     ) -> Iterator[None]:
         """Have the samples of a topic taken, whatever their type."""
-        with session.declare_subscriber(self.key(topic), on_network_thread(take) if at_once else take):
+        declare = partial(session.declare_subscriber, self.key(topic))
+        with on_network_thread(declare, take) if at_once else declare(take):
             yield
 
     @contextmanager
