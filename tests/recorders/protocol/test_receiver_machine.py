@@ -216,7 +216,8 @@ def test_a_consumer_stays_the_instance_that_a_stream_under_way_or_on_offer_knows
     assert read(machine.refuse(first, "no")).error == "no"
     assert isinstance(machine.on_hello(other.question), Offered)
     machine.accept(other, 0, 0.0)
-    assert read(hello(machine)).error == machine.taken
+    assert read(hello(machine)).error == "no"
+    assert read(hello(machine, replace(OFFER, sender="12" * 16))).error == machine.taken
     assert read(machine.on_hello(other.question)) == Progress(OTHER.run)
     machine.abandon()
     assert read(machine.on_hello(other.question)) == Progress()  # it is to be offered to the next instance
