@@ -23,6 +23,7 @@ from waiting import wait_for_arrival, wait_for_subscriber
 
 import pipeline
 from pipeline.cli import app as cli
+from pipeline.cli.ros_domain import with_domain
 from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.topics import LEARNER_DIGEST, LEARNER_ERROR, LEARNER_OUTPUT, LEARNER_STATUS, LEARNER_TOPICS
 from recorders.reading.reader import LogReader
@@ -49,14 +50,16 @@ def commands(text: str) -> list[list[str]]:
 
 
 @pytest.mark.parametrize(
-    "page", [*PAGES, GUIDES / "golden_logs_in_ci.md"], ids=lambda page: page.relative_to(ROOT).as_posix()
+    "page",
+    [*PAGES, GUIDES / "golden_logs_in_ci.md", GUIDES / "ros2.md"],
+    ids=lambda page: page.relative_to(ROOT).as_posix(),
 )
 def test_every_command_has_the_options_it_names(page: Path) -> None:
     verbs: Any = typer.main.get_command(cli.app)
     found = commands(page.read_text())
     assert found
     for verb, *arguments in found:
-        verbs.commands[verb].make_context(verb, arguments)
+        verbs.commands[verb].make_context(verb, with_domain(arguments))
 
 
 def test_every_page_and_picture_of_the_network_is_linked() -> None:
