@@ -87,7 +87,9 @@ def _run(module: MutatedModule, options: argparse.Namespace, before: list[dict[s
     from mutant_session import OPTIONS, MutantSession, Outcome
 
     # Each mutant meets the same examples, none from another's failure, and no time goes into making one small.
-    settings.register_profile("mutants", derandomize=True, database=None, phases=(Phase.explicit, Phase.generate))
+    settings.register_profile(
+        "mutants", derandomize=True, deadline=None, database=None, phases=(Phase.explicit, Phase.generate)
+    )
     settings.load_profile("mutants")
     known = equivalents()
     jobs = module.jobs()
