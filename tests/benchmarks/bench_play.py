@@ -1,9 +1,9 @@
 """The page of `reenact play`: frames that a visitor gets and draws, when it is there, and what it costs a command.
 
-    PYTHONPATH=tests/support python tests/benchmarks/bench_play.py
+    python tests/benchmarks/bench_play.py
 
-Needs Debian's Chromium; without a GPU it draws in software, on the same processors as all the rest, which is why what
-arrives and what is drawn are counted apart. Nothing is asserted.
+Needs Debian's Chromium, and measures nothing where that is missing. Without a GPU it draws in software, on the same
+processors as all the rest, which is why what arrives and what is drawn are counted apart. Nothing is asserted.
 
 - *to the address*, *to a moving robot*: from the start of `reenact play` until it prints where the page is, and until
   the simulated robot's hands have moved by a centimetre. Compiled kernels are there already.
@@ -18,22 +18,21 @@ import json
 import subprocess
 import sys
 import tempfile
-import threading
 import time
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import zstandard
-from chromium import chromium
-from small_inverse import taught
-from waiting import wait_until
 
-from pipeline.browser.page.gate import Gate
-from pipeline.browser.page.page import Page, served_page
-from pipeline.browser.session.play import FIRST_MOTION, PlayConfig, playing
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+from chromium import chromium, find_chromium
+from small_inverse import taught
+from visit import shown_page, wait_until
+
+from pipeline.browser.page.page import Page
+from pipeline.browser.session.play import FIRST_MOTION, PlayConfig
 from recorders.nodes.keys import controller_key
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
 
@@ -61,19 +60,6 @@ def time_to_address() -> float:
         process.terminate()
     assert "http://" in line
     return passed_s
-
-
-@contextmanager
-def shown(config: PlayConfig) -> Iterator[Page]:
-    """Show a page while the block runs."""
-    with playing(config) as play, served_page(play, Gate(), port=None) as page:
-        thread = threading.Thread(target=page.run)
-        thread.start()
-        try:
-            yield page
-        finally:
-            page.end()
-            thread.join()
 
 
 def time_to_move(page: Page, began_s: float) -> float:
@@ -125,14 +111,17 @@ def visited(page: Page) -> tuple[list[float], dict[str, float]]:
 
 
 def main() -> None:
+    if find_chromium() is None:
+        print("the page is not measured: no Chromium on this machine")
+        return
     print(f"to the address {time_to_address():.1f} s")
     with tempfile.TemporaryDirectory() as name:
         controller = Path(name) / "learned.npz"
         taught().save(controller)
         began_s = time.monotonic()
-        with shown(PlayConfig(folder=Path(name))) as page:
+        with shown_page(PlayConfig(folder=Path(name))) as page:
             print(f"to a moving robot {time_to_move(page, began_s):.1f} s (imports aside)")
-        with shown(PlayConfig(robot="asimo", controllers=(controller,), folder=Path(name))) as page:
+        with shown_page(PlayConfig(robot="asimo", controllers=(controller,), folder=Path(name))) as page:
             wait_until(lambda: page.play.link.controller == "learned")
             page.play.go_through(FIRST_MOTION)
             (states,) = counted(page, list)

@@ -25,9 +25,14 @@ _ARGUMENTS = [
 ]
 
 
+def find_chromium() -> str | None:
+    """Return where Chromium is, None where there is none."""
+    return shutil.which("chromium") or shutil.which("chromium-browser")
+
+
 def executable() -> str:
     """Return where Chromium is; without one the test is skipped, or fails where everything is to be tested."""
-    found = shutil.which("chromium") or shutil.which("chromium-browser")
+    found = find_chromium()
     if found is None:
         reason = "no Chromium on this machine (Debian: apt-get install chromium): the page is not tested"
         if os.environ.get("REENACT_TEST_EVERYTHING"):
