@@ -20,6 +20,7 @@ from recorders.errors import ConfigError, ReenactError
 if TYPE_CHECKING:
     from pipeline.learner_node.live_learner import LiveConfig
     from pipeline.training.checkpoints import CheckpointConfig
+    from recorders.wire.receiver import ReceiverConfig
 
 
 @dataclass(frozen=True)
@@ -79,6 +80,19 @@ class LiveOptions:
         if self.use_sim_time and not self.live:
             raise ConfigError("--use-sim-time: expected --live beside it: a stream that awaits this has its own times")
 
+    def receiver(self, name: str, node: StreamingNode, own: frozenset[str]) -> "ReceiverConfig":
+        """Return the settings of a receiver of a name, with its own topics."""
+        from recorders.wire.receiver import ReceiverConfig
+
+        return ReceiverConfig(
+            name=name,
+            keys=node.keys(name),
+            live=self.live,
+            extra_topics=own,
+            key_file=node.key,
+            use_sim_time=self.use_sim_time,
+        )
+
     def config(self, alignment: AlignmentOptions, *, overwrite: bool) -> "LiveConfig":
         """Return the settings of live learning."""
         from pipeline.learner_node.live_learner import LiveConfig
@@ -125,7 +139,6 @@ def learn(
     from pipeline.terminal.training_lines import training_lines
     from pipeline.training.pairing_choice import pairing_of
     from recorders.nodes.metrics import check_metrics
-    from recorders.wire.receiver import ReceiverConfig
 
     live.check()
     if not live.live:
@@ -135,15 +148,7 @@ def learn(
     learner, pairs = learner_settings(settings, rule, pairs, seed)
     config = None if robot is None else load_robot(robot)
     own = own_topics(pairing_of(learner, pairs), config)
-    keys = node.keys(name)
-    receiver = ReceiverConfig(
-        name=name,
-        keys=keys,
-        live=live.live,
-        extra_topics=own,
-        key_file=node.key,
-        use_sim_time=live.use_sim_time,
-    )
+    receiver = live.receiver(name, node, own)
     session = node.config()
     with (
         note_on_interrupt(checkpoints.note),

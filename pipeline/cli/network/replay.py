@@ -1,7 +1,7 @@
 """The verb replay."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -9,7 +9,7 @@ import typer
 
 from pipeline.cli.alignment import AlignmentOptions
 from pipeline.cli.groups import grouped
-from pipeline.cli.network.ros_playing import RosPlayOptions, note_hashes
+from pipeline.cli.network.ros_playing import RosPlayOptions
 from pipeline.cli.options import AsRecorded, Json, Logs, StreamsRobot
 from pipeline.cli.project_settings import of_settings
 from pipeline.cli.sessions import ConnectingNode, Wait
@@ -142,7 +142,6 @@ def replay(
     from pipeline.learner_node.node import replay as run
     from pipeline.terminal.replay_controls import VerifiedSource, keyboard
     from recorders.nodes.metrics import check_metrics
-    from replay.sources.playback import Playback
     from replay.transports.clock import Paced, Pausable, Unpaced
 
     check_metrics(node.prometheus)
@@ -154,12 +153,7 @@ def replay(
     )
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
     singly = rate is not None or (playing.play and node.ros is not None)  # nodes of ROS know no batches
-    sender = sending.config(consumers, node, singly=singly, wait_s=wait)
-    sender = replace(sender, wait_for=in_domain.subscriptions())
-    channels = source.channels if isinstance(source, Playback) else ()
-    if isinstance(source, Playback) and node.ros is not None:
-        note_hashes(sender.keys, channels)
-        sender = replace(sender, qos=source.qos)
+    sender, channels = in_domain.applied(sending.config(consumers, node, singly=singly, wait_s=wait), source)
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
     pace = Unpaced() if rate is None else Paced(rate)

@@ -1,7 +1,7 @@
 """Options of replay that mean something in a ROS domain: whom it waits for there, and the time that it publishes."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
 import typer
@@ -11,7 +11,9 @@ from recorders.text.wording import names_text
 
 if TYPE_CHECKING:
     from recorders.mcap_format.channels import DeclaredChannel
-    from recorders.wire.keys.topic_keys import TopicKeys
+    from recorders.wire.keys.ros_keys import RosKeys
+    from replay.transports.sender_config import SenderConfig
+    from replay.transports.transport import Source
 
 _NS_PER_S = 10**9
 _MAX_RATE_HZ = 10_000.0
@@ -62,8 +64,27 @@ class RosPlayOptions:
             raise ConfigError(f"--clock-rate: expected 0.001 to {_MAX_RATE_HZ:g} Hz, found {self.clock_rate:g}")
         return round(_NS_PER_S / self.clock_rate)
 
+    def applied(self, sender: "SenderConfig", source: "Source") -> tuple["SenderConfig", "tuple[DeclaredChannel, ...]"]:
+        """Return a sender's settings with what is awaited and offered in a domain, and the channels that it declares.
 
-def note_hashes(keys: "TopicKeys", channels: Iterable["DeclaredChannel"]) -> None:
+        Raises
+        ------
+        ConfigError, LogError
+            If an option is malformed, or what is played cannot be offered in a domain.
+        """
+        from recorders.wire.keys.ros_keys import RosKeys
+        from replay.sources.playback import Playback
+
+        sender = replace(sender, wait_for=self.subscriptions())
+        if not isinstance(source, Playback):
+            return sender, ()
+        if isinstance(sender.keys, RosKeys):
+            _note_hashes(sender.keys, source.channels)
+            sender = replace(sender, qos=source.qos)
+        return sender, source.channels
+
+
+def _note_hashes(keys: "RosKeys", channels: Iterable["DeclaredChannel"]) -> None:
     """Have the keys of a ROS domain take over the hashes of types that the recordings define.
 
     Raises
@@ -72,10 +93,7 @@ def note_hashes(keys: "TopicKeys", channels: Iterable["DeclaredChannel"]) -> Non
         If the hash of a type is not known: it is a part of the key.
     """
     from recorders.containers.definitions import definition_hash
-    from recorders.wire.keys.ros_keys import RosKeys
 
-    if not isinstance(keys, RosKeys):
-        return
     unknown = []
     for channel in channels:
         if found := definition_hash(channel):
