@@ -180,7 +180,13 @@ def test_a_session_with_a_client_of_others_is_one_state_and_goes_back_to_it(
         assert received(peer, topic, len(before) + TICKS) == before + data
 
 
-def test_a_client_that_dies_is_no_longer_listed(router: zenoh.Session, endpoint: str) -> None:
+@pytest.mark.parametrize(
+    "how",
+    [signal.SIGKILL, pytest.param(signal.SIGSTOP, marks=pytest.mark.campaign)],  # after its lease: 60 s
+)
+def test_a_client_that_dies_or_falls_silent_is_no_longer_listed(
+    router: zenoh.Session, endpoint: str, how: signal.Signals
+) -> None:
     def listed() -> list[str]:
         nodes: list[str] = run("status", "--ros", DOMAIN, "--connect", endpoint)["nodes"]
         return nodes
@@ -188,6 +194,6 @@ def test_a_client_that_dies_is_no_longer_listed(router: zenoh.Session, endpoint:
     with RosKeys(DOMAIN, NodeName("stays")).joined(router), ros_peer(endpoint, domain=DOMAIN) as mortal:
         mortal.ask("publisher", topic="/mortal", type_name=JointState.TYPE, name="mortal")
         wait_until(lambda: {"/mortal", "/stays"} <= set(listed()))
-        mortal.process.kill()
+        mortal.process.send_signal(how)
         wait_until(lambda: "/mortal" not in listed())
         assert "/stays" in listed()
