@@ -272,8 +272,6 @@ def check_place(path: Path, *, overwrite: bool) -> None:
         replaced.
     """
     try:
-        if not path.name:
-            raise _no_file(path)
         if not path.parent.is_dir():
             raise LogError(f"cannot write {path}: expected a folder {path.parent}, found none")
         _refuse_taken(path, overwrite=overwrite)

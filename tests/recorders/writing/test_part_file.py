@@ -154,6 +154,15 @@ def test_a_file_has_its_name_once_all_of_it_is_on_the_disk(tmp_path, synced, ove
     assert (tmp_path / "log.mcap").read_bytes() == b"what was recorded"
 
 
+def test_a_log_that_cannot_be_read_is_not_replaced(tmp_path, monkeypatch):
+    path = tmp_path / "log.mcap"
+    path.write_bytes(b"another's")
+    monkeypatch.setattr("recorders.writing.part_file.begins_with", fail)
+    with pytest.raises(LogError, match=r"cannot write .*log.mcap: Input/output error$"):
+        PartFile(path, overwrite=True)
+    assert [(entry, entry.read_bytes()) for entry in tmp_path.iterdir()] == [(path, b"another's")]
+
+
 def test_a_failure_names_the_file_that_is_there(tmp_path):
     file = PartFile(tmp_path / "log.mcap", overwrite=False)
     for _ in range(2):
