@@ -75,3 +75,11 @@ def test_multiples_of_a_period_lie_between_samples_that_are_near_or_at_one(
         )
     ]
     assert _multiples(np.array(stamps, np.int64), period, tolerance, after, limit).tolist() == expected
+
+
+@pytest.mark.parametrize(("at", "kept"), [(-1, [0, 10, 20]), (9, [0, 10, 20]), (10, [10, 20]), (25, [20])])
+def test_the_last_sample_before_a_tick_is_kept_and_none_before_it(at: int, kept: list[int]) -> None:
+    track = Track(1, turns=False)
+    track.add(np.array([0, 10, 20]), np.zeros((3, 1)), np.zeros(3, np.int64))
+    track.forget_before(at)
+    assert track.stamps_ns.tolist() == kept
