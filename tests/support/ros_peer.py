@@ -20,6 +20,10 @@ class RosPeer:
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
 
+    def know_subscriptions(self) -> None:
+        """Have it know of the subscriptions that were declared before: an answer of the router comes behind those."""
+        self.ask("topics")
+
     def ask(self, verb: str, **arguments: Any) -> Any:
         """Have it do something, and return what it answers."""
         assert self.process.stdin is not None

@@ -112,6 +112,7 @@ def test_targets_of_a_client_of_others_are_answered_in_its_type(
     config, topic = ServeConfig(keys=keys(command), serving=ServingConfig(commands=command)), f"/robot{command.topic}"
     with serving(session, controller, config):
         peer.ask("subscribe", topic=topic, type_name=command.type_name, name="robot")
+        peer.know_subscriptions()
         for each, pose in poses():
             sent(peer, each, pose)
         assert commands(peer, topic, TICKS) == expected(controller, command)
@@ -126,6 +127,7 @@ def test_targets_in_a_frame_of_tf_static_are_turned_into_the_robots(ends: Ends, 
     table = TransformStamped(1, "world", "table", LIFT, np.array([0.0, 0.0, 0.0, 1.0]))
     with serving(session, controller, config):
         peer.ask("subscribe", topic=topic, type_name=command.type_name, name="robot")
+        peer.know_subscriptions()
         sent(peer, TF_STATIC, TFMessage((table,)))
         for each, pose in poses("table"):
             sent(peer, each, pose)

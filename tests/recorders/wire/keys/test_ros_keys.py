@@ -122,6 +122,7 @@ def test_what_a_client_of_others_publishes_reaches_us_numbered_and_named(ends: E
     with Receiver(session, config=config) as receiver:
         for topic, kind in (("/state", JointState.TYPE), ("/numbers", Float64MultiArray.TYPE)):
             peer.ask("publisher", topic=topic, type_name=kind, name="talker")
+        peer.know_subscriptions()
         numbers = Float64MultiArray(np.array([0.1, 2.0]))
         for topic, message in (("/state", _STATE), ("/state", _STATE), ("/numbers", numbers)):
             peer.ask("publish_cdr", topic=topic, payload=encode(message).hex())
