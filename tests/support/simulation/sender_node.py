@@ -218,10 +218,13 @@ class SenderNode(Node):
                 self._woken_ns = self._ready_ns
                 self.later(self._ready_ns - self.world.now_ns, lambda: None)
             return False
+        begun = machine.sent
         chunk = tuple(messages[machine.sent : machine.sent + self._scenario.batch_size])
         if not machine.send(chunk):
             self.waits_since_s = min(self.waits_since_s, self.now_s)
             return False
+        if machine.sent != begun + len(chunk):
+            raise BrokenPromiseError("what is sent counts", f"message {machine.sent} is due after {begun}")
         self.waits_since_s = math.inf
         self._ready_ns = self.world.now_ns + self._scenario.gap_ns * len(chunk)
         return True
