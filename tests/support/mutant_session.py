@@ -171,7 +171,10 @@ def _first_failure(items: Sequence[pytest.Item], seconds: Mapping[str, float]) -
     running = _run(items)
     for item in items:
         limit_processor_time(_MORE_S + int(_TIMES * seconds[item.nodeid]))
-        _, failed = next(running)
+        try:
+            _, failed = next(running)
+        except Exception as error:  # what pytest collects between tests, such as files that were left open
+            failed = f"{item.nodeid} ({type(error).__name__})"
         if failed:
             return failed
     return ""
