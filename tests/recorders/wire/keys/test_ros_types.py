@@ -83,7 +83,7 @@ def test_messages_of_each_type_reach_a_client_of_others(ends: Ends) -> None:
                 publisher.put(encode(message))
                 listed = peer.ask("info", topic=topic("ours", message))["publishers"]
                 assert [(each["node_namespace"], each["node_name"]) for each in listed] == [("/lab", "sender")]
-                assert topics("ours").items() <= dict(peer.ask("topics")).items()
+                wait_until(lambda: topics("ours").items() <= dict(peer.ask("topics")).items())
     expected = sorted((topic("ours", message), encode(message).hex()) for message in MESSAGES)
     wait_until(lambda: sorted(map(tuple, peer.ask("received"))) == expected)
 
