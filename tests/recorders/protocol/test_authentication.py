@@ -16,6 +16,7 @@ from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
 from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.incoming import IncomingStream
 from recorders.protocol.packets import Ask, Packet
 from recorders.protocol.receiver import ReceiverMachine
 from recorders.protocol.seals import authentication
@@ -212,6 +213,11 @@ def test_instances_of_a_consumer_count_up_from_the_first_and_are_never_the_same(
         found.append(int.from_bytes(keys.seals(SENDER).acknowledgement(b"").attachment[:16], "big"))
         keys.renew()
     assert found == [most - 1, most, 0, 1]
+
+
+def test_a_seal_is_news_once_and_never_behind_a_later_one() -> None:
+    stream = IncomingStream(OFFER, ConsumerKeys(KEY, "learner", INSTANCE).seals(SENDER), 0)
+    assert [stream.is_news(number) for number in (0, 0, 3, 1, 3, 4)] == [True, False, True, False, False, True]
 
 
 def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:

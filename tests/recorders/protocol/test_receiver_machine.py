@@ -6,16 +6,15 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from sealed import INSTANCE, KEY, Sealing, receiver
+from sealed import Sealing, receiver
 
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
-from recorders.protocol.incoming import MAX_REASON, IncomingStream
+from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.packets import Packet
 from recorders.protocol.receiver import FAREWELL_WAIT_S, ReceiverMachine
-from recorders.protocol.seals.sealing import ConsumerKeys
 from recorders.protocol.states import ReceiverState
 from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress, asking
 from recorders.protocol.stream_digest import StreamDigests
@@ -150,11 +149,6 @@ def test_what_was_looked_at_is_digested_only_if_it_is_queued() -> None:
     assert machine.progress.digest == digests.digest("learner")
 
 
-def test_a_seal_is_news_once_and_never_behind_a_later_one() -> None:
-    stream = IncomingStream(OFFER, ConsumerKeys(KEY, "learner", INSTANCE).seals(OFFER.identity[1]), 0)
-    assert [stream.is_news(number) for number in (0, 0, 3, 1, 3, 4)] == [True, False, True, False, False, True]
-
-
 def test_a_machine_without_a_stream_knows_nothing_and_waits_for_nobody() -> None:
     machine = receiver()
     assert (machine.progress, machine.offer, machine.released) == (Progress(), None, True)
@@ -193,6 +187,16 @@ def test_the_ends_of_a_hundred_streams_are_known() -> None:
     assert isinstance(hello(machine, offers[0]), Offered)
     for offer in offers[1:]:
         assert read(hello(machine, offer)).error == offer.sender
+
+
+def test_an_offer_to_an_instance_that_is_no_more_is_to_be_made_again() -> None:
+    machine = receiver()
+    first, other = hello(machine), hello(machine, OTHER)
+    assert isinstance(first, Offered)
+    assert isinstance(other, Offered)
+    machine.accept(other, 0, 0.0)
+    machine.abandon()
+    assert read(machine.answer(first)) == Progress()
 
 
 def test_a_hundred_offers_wait_and_no_more() -> None:
