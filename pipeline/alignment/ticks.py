@@ -170,7 +170,7 @@ class Aligner:
         """When the next tick may be, as far as is known [ns]; None if nothing is."""
         if self._period_ns is not None:
             if self._done_ns == NEVER:
-                return NEVER if any(len(track.stamps_ns) for track in self._tracks) else None
+                return None
             return (self._done_ns // self._period_ns + 1) * self._period_ns
         stamps = self._tracks[self._pivot].stamps_ns
         later = stamps[stamps > self._done_ns]
