@@ -135,7 +135,7 @@ def test_a_session_with_a_client_of_others_is_one_state_and_goes_back_to_it(
             wait_for_arrival(router, name)
         wait_until(lambda: "controller" in [node.name for node in find_nodes(router, namespace="reenact")])
         listed = dict(peer.ask("topics"))
-        status = run("status", "--ros", DOMAIN, "--connect", endpoint)
+        status = run("status", "--ros", DOMAIN, "--connect", endpoint, "--wait", 60)
         for record in sent:
             peer.ask("publish_cdr", topic=record.topic, payload=record.data.hex())
         answered = received(peer, JOINT_COMMANDS, TICKS)
@@ -173,6 +173,7 @@ def test_a_session_with_a_client_of_others_is_one_state_and_goes_back_to_it(
 
     for topic, kind in FROM_PEER.items():
         peer.ask("subscribe", topic=topic, type_name=kind, name="viewer")
+    peer.settle()
     waits = [f"--wait-for={topic}=1" for topic in TYPES]
     run("replay", tmp_path / "bag", "--play", "--ros", DOMAIN, "--connect", endpoint, *waits, "--wait", 60)
     for topic, data in expected.items():
@@ -188,7 +189,7 @@ def test_a_client_that_dies_or_falls_silent_is_no_longer_listed(
     router: zenoh.Session, endpoint: str, how: signal.Signals
 ) -> None:
     def listed() -> list[str]:
-        nodes: list[str] = run("status", "--ros", DOMAIN, "--connect", endpoint)["nodes"]
+        nodes: list[str] = run("status", "--ros", DOMAIN, "--connect", endpoint, "--wait", 60)["nodes"]
         return nodes
 
     with RosKeys(DOMAIN, NodeName("stays")).joined(router), ros_peer(endpoint, domain=DOMAIN) as mortal:

@@ -75,6 +75,7 @@ def test_messages_of_each_type_reach_a_client_of_others(ends: Ends) -> None:
     session, peer = ends
     for message in MESSAGES:
         peer.ask("subscribe", topic=topic("ours", message), type_name=message.TYPE, name="listener")
+    peer.settle()
     ours = RosKeys(DOMAIN, NodeName("sender", "/lab"))
     with ours.joined(session), RosGraph(session, DOMAIN) as graph:
         for message in MESSAGES:
@@ -94,6 +95,7 @@ def test_messages_of_each_type_come_from_a_client_of_others(ends: Ends) -> None:
     with RosGraph(session, DOMAIN) as graph, Receiver(session, config=config) as receiver:
         for message in MESSAGES:
             peer.ask("publisher", topic=topic("theirs", message), type_name=message.TYPE, name="talker")
+            peer.settle()
             for _ in range(2):
                 peer.ask("publish_cdr", topic=topic("theirs", message), payload=encode(message).hex())
         found = [receiver.next_event(60.0) for _ in range(2 * len(MESSAGES))]
