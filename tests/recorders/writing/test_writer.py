@@ -328,6 +328,14 @@ def test_a_type_of_several_topics_is_declared_once(tmp_path):
     assert {channel.schema_id for channel in summary.channels.values()} == {1}
 
 
+def test_bytes_that_are_no_ros_message_have_no_schema_whatever_topic_they_are_on(tmp_path):
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        log.write(LEFT_TARGET, b"anything", log_time_ns=0, type_name="pkg/msg/X", opaque=True)
+    with log.path.open("rb") as file:
+        (channel,) = make_reader(file).get_summary().channels.values()
+    assert (channel.topic, channel.message_encoding, channel.schema_id) == (LEFT_TARGET, "application/octet-stream", 0)
+
+
 def test_one_channel_more_than_can_be_numbered_is_refused(tmp_path, monkeypatch):
     assert MAX_CHANNELS == 65535
     monkeypatch.setattr("recorders.writing.writer.MAX_CHANNELS", 3)
