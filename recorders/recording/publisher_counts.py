@@ -18,7 +18,7 @@ class PublisherCount:
     node : str
         Full name of its node; empty if the graph names none.
     first, last : int
-        The lowest and the highest number that came.
+        The number that came first, and the highest that came.
     messages : int
         How many messages came.
     missing : int

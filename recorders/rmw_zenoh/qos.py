@@ -89,6 +89,11 @@ class Qos:
         """Whether a late joiner gets what was published before."""
         return self.durability is Durability.TRANSIENT_LOCAL
 
+    @property
+    def kept(self) -> int:
+        """How many messages a publisher that is latched keeps for late joiners, whatever depth a bag states."""
+        return MAX_DEPTH if self.history is History.KEEP_ALL else min(max(1, self.depth), MAX_DEPTH)
+
     def to_token(self) -> str:
         """Return the last part of a liveliness token, without what equals rmw_zenoh's defaults, as it writes it."""
         usual = Qos()

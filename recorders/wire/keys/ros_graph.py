@@ -1,6 +1,7 @@
 """The graph of a ROS domain: who is in it, by liveliness tokens."""
 
 import threading
+import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from typing import Any, Self
@@ -13,6 +14,8 @@ from recorders.wire.session import watching_tokens
 
 MAX_TOKENS = 10_000
 """As many tokens are remembered: anyone may declare them."""
+
+_LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
 @dataclass(frozen=True)
@@ -136,8 +139,10 @@ class RosGraph:
             ends = (token.endpoint for token in self.view.endpoints(topic, EntityType.SUBSCRIPTION))
             return sum(end is not None and type_name in ("", end.type) for end in ends)
 
+        deadline_s = time.monotonic() + timeout_s
         with self._changed:
-            self._changed.wait_for(lambda: found() >= number, timeout_s)
+            while found() < number and (left_s := deadline_s - time.monotonic()) > 0:
+                self._changed.wait(min(left_s, _LOOK_S))
         if (there := found()) < number:
             kind = f" to {type_name}" if type_name else ""
             raise WireError(f"{topic}: expected {number} subscriptions{kind} within {timeout_s:.3g} s, found {there}")

@@ -193,7 +193,7 @@ class NamespaceKeys:
     ) -> AbstractContextManager[MessagePublisher]:
         """Yield a publisher of a topic."""
         if qos is not None and qos.is_latched:
-            return publishing_latched(session, self.key(topic), depth=qos.depth, **options)
+            return publishing_latched(session, self.key(topic), depth=qos.kept, **options)
         return publishing(session, self.key(topic), **options)
 
     @contextmanager

@@ -166,6 +166,18 @@ def _only_qos(graph: RosGraph, topic: str) -> Qos:
     return token.endpoint.qos
 
 
+def test_a_topic_that_kept_all_is_played_with_what_was_published_before(tmp_path: Path, endpoint: str) -> None:
+    keeps_all = LATCHED._replace(history=QosHistory.KEEP_ALL, depth=0)
+    store = get_typestore(Stores.ROS2_JAZZY)
+    with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:
+        connection = writer.add_connection("/map", String.TYPE, typestore=store, offered_qos_profiles=[keeps_all])
+        for step in range(3):
+            writer.write(connection, START_NS + step * STEP_NS, MAP)
+    playback = Playback([tmp_path / "bag"], PlaybackConfig(latched_first=True, start_ns=2 * STEP_NS))
+    assert [record.log_time_ns for record in playback.stream()] == 3 * [START_NS + 2 * STEP_NS]
+    assert replay(tmp_path / "bag", endpoint)["messages"] == 3
+
+
 def test_a_type_of_ones_own_goes_by_the_hash_of_its_definition(tmp_path: Path, endpoint: str, peer: RosPeer) -> None:
     from rosbags.typesys import get_types_from_msg
 

@@ -37,6 +37,13 @@ profiles = st.builds(
     st.sampled_from([Liveliness.AUTOMATIC, Liveliness.MANUAL_BY_TOPIC]),
     times,
 )
+CASES = [
+    (History.KEEP_ALL, 0),
+    (History.KEEP_ALL, 7),
+    (History.KEEP_LAST, 0),
+    (History.KEEP_LAST, 7),
+    (History.KEEP_LAST, MAX_DEPTH + 1),
+]
 several = st.lists(profiles, min_size=1, max_size=3)
 
 
@@ -120,6 +127,11 @@ def test_a_topic_is_played_as_it_was_offered_and_else_as_ros_has_it() -> None:
     unstated = bag_channel("/chatter", String.TYPE, UNKNOWN_HASH, [])
     assert dict(unstated.metadata)[QOS_METADATA] == ""
     assert stated_qos([unstated], "/chatter") == Qos()
+
+
+def test_a_latched_topic_keeps_something_whatever_depth_a_bag_states() -> None:
+    kept = [Qos(durability=Durability.TRANSIENT_LOCAL, history=history, depth=depth).kept for history, depth in CASES]
+    assert kept == [MAX_DEPTH, MAX_DEPTH, 1, 7, MAX_DEPTH]
 
 
 def test_a_type_of_another_definition_has_none_in_the_bag() -> None:
