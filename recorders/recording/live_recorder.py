@@ -193,7 +193,13 @@ class LiveRecorder:
             self._leave(receiver, str(event))
         elif isinstance(event, LiveMessage):
             declared = _declared(receiver, event.sender, event.record)
-            self._write(event.record, numbered=event.numbered, declared=declared, origin=event.origin)
+            self._write(
+                event.record,
+                numbered=event.numbered,
+                declared=declared,
+                origin=event.origin,
+                type_hash=event.type_hash,
+            )
         elif isinstance(event, ReceivedOffer):
             self._note(event)
             self._streaming, self._ended = True, False
@@ -241,6 +247,7 @@ class LiveRecorder:
         numbered: bool,
         declared: DeclaredChannel | None,
         origin: Attachment | None = None,
+        type_hash: str = "",
     ) -> None:
         if self._sim_time is not None and record.topic == CLOCK:
             self._sim_time.take(record.data)
@@ -250,17 +257,16 @@ class LiveRecorder:
         if self._sim_time is not None and not self._sim_time.is_known:
             self.recording.refused[f"all topics: {NO_TIME}"] += 1
             return
-        if self._ros is not None and declared is None and record.type:
-            declared = self._ros.channel(record)
-            if not has_definition(declared):
-                self.recording.opaque[record.topic] += 1
         if numbered:
-            self._count_gap(record, origin)
+            self._count_gap(record, origin, type_hash)
         if self._is_full(len(record.data)):
             self._next_file()
         if self._first_ns is None:
             self._first_ns = time.monotonic_ns()
-        kind, declared = self._type(record, declared)
+        if self._ros is not None and declared is None and record.type:
+            kind, declared = record.type, self._graph_channel(self._ros, record, type_hash)
+        else:
+            kind, declared = self._type(record, declared)
         if self._config.for_rosbag2:
             declared = with_schema(record.topic, kind, declared)
         try:
@@ -285,6 +291,14 @@ class LiveRecorder:
         self._warnings.warn(f"refused a message on {_TOO_MANY}")
         self.recording.refused[_TOO_MANY] += 1
 
+    def _graph_channel(self, graph: RosChannels, record: RecordedMessage, type_hash: str) -> DeclaredChannel:
+        """Return the channel of a message as its key and the graph state it; bytes of no such type are counted."""
+        channel = graph.channel(record, type_hash)
+        is_of_type = decodes if record.type == type_of(record.topic) else is_standard
+        if not (has_definition(channel) and is_of_type(record.type, record.data)):
+            self.recording.opaque[record.topic] += 1
+        return channel
+
     def _type(self, record: RecordedMessage, declared: DeclaredChannel | None) -> tuple[str, DeclaredChannel | None]:
         """Return the type of a message, an empty string if it is unknown, and the channel of another log to take over.
 
@@ -301,11 +315,11 @@ class LiveRecorder:
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: RecordedMessage, origin: Attachment | None) -> None:
+    def _count_gap(self, record: RecordedMessage, origin: Attachment | None, type_hash: str) -> None:
         """Count what is missing before a message: of its publisher's, if that is named, else of its topic's."""
         if origin is not None:
             missing = self.recording.publishers.note(
-                record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(record, origin)
+                record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(record, origin, type_hash)
             )
             if missing:
                 self.recording.gaps[record.topic] += missing
@@ -317,8 +331,8 @@ class LiveRecorder:
         if not late:
             self._last[record.topic] = record.sequence
 
-    def _node_of(self, record: RecordedMessage, origin: Attachment) -> str:
-        return "" if self._ros is None else self._ros.node_of(record, origin.gid)
+    def _node_of(self, record: RecordedMessage, origin: Attachment, type_hash: str) -> str:
+        return "" if self._ros is None else self._ros.node_of(record, origin.gid, type_hash)
 
     def _is_full(self, more: int) -> bool:
         """Whether a message of so many bytes belongs into another file; there is none without a message."""

@@ -3,6 +3,7 @@
 import logging
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from typing import TypeAlias
 
 from recorders.errors import WireError
 from recorders.mcap_format.channels import DeclaredChannel
@@ -19,6 +20,8 @@ from recorders.wire.session import Session
 from recorders.writing.writer import MAX_CHANNELS
 
 logger = logging.getLogger(__name__)
+
+_Key: TypeAlias = tuple[str, str, str]  # topic, type, and hash of its definition
 
 _MAX_LINES = 100  # anyone may publish on as many topics as they like
 
@@ -37,13 +40,21 @@ class RosChannels:
     def __init__(self, view: Callable[[], GraphView], graph_name: Callable[[str], str]) -> None:
         self._view = view
         self._graph_name = graph_name
-        self._channels: dict[tuple[str, str], DeclaredChannel] = {}
-        self._offered: dict[tuple[str, str], frozenset[Qos]] = {}
+        self._channels: dict[_Key, DeclaredChannel] = {}
+        self._offered: dict[_Key, frozenset[Qos]] = {}
         self._warnings = OnceWarner(logger, limit=_MAX_LINES)
 
-    def channel(self, record: RecordedMessage) -> DeclaredChannel:
-        """Return the channel of a message."""
-        key = record.topic, record.type
+    def channel(self, record: RecordedMessage, type_hash: str = "") -> DeclaredChannel:
+        """Return the channel of a message.
+
+        Parameters
+        ----------
+        record : RecordedMessage
+            The message.
+        type_hash : str
+            RIHS01 hash of its type's definition, as its key states it; that of the first publisher if it is left out.
+        """
+        key = record.topic, record.type, type_hash
         found = self._channels.get(key)
         if found is None:
             found = self._declared(*key)
@@ -51,13 +62,13 @@ class RosChannels:
                 self._channels[key] = found
         return found
 
-    def node_of(self, record: RecordedMessage, gid: bytes) -> str:
+    def node_of(self, record: RecordedMessage, gid: bytes, type_hash: str = "") -> str:
         """Return the name of the node that published a message, the first of its publisher; empty if none is known.
 
         It is reported if by now another quality of service is offered on the topic than its channel states.
         """
-        publishers = self._publishers(record.topic, record.type)
-        stated = self._offered.get((record.topic, record.type))
+        key = record.topic, record.type, type_hash
+        publishers, stated = self._publishers(*key), self._offered.get(key)
         others = [token for token, end in publishers if stated is not None and end.qos not in stated]
         if others:
             self._warnings.warn(
@@ -66,27 +77,31 @@ class RosChannels:
             )
         return next((token.node.full_name for token, _ in publishers if token.gid == gid), "")
 
-    def _declared(self, topic: str, kind: str) -> DeclaredChannel:
-        publishers = [end for _, end in self._publishers(topic, kind)]
+    def _declared(self, topic: str, kind: str, type_hash: str) -> DeclaredChannel:
+        publishers = [end for _, end in self._publishers(topic, kind, type_hash)]
         profiles = [end.qos for end in publishers]
         if len(self._offered) < MAX_CHANNELS:
-            self._offered[topic, kind] = frozenset(profiles)
+            self._offered[topic, kind, type_hash] = frozenset(profiles)
         hashes = dict.fromkeys(end.type_hash for end in publishers)
         if len(hashes) > 1:
             self._warnings.warn(
                 f"{escape_control(topic)}: its publishers have different definitions of {kind}: their messages are "
                 "recorded as those of the first"
             )
-        return bag_channel(topic, kind, next(iter(hashes), ""), profiles)
+        return bag_channel(topic, kind, type_hash or next(iter(hashes), ""), profiles)
 
-    def _publishers(self, topic: str, kind: str) -> list[tuple[Token, Endpoint]]:
+    def _publishers(self, topic: str, kind: str, type_hash: str) -> list[tuple[Token, Endpoint]]:
         try:
             name = self._graph_name(topic)
         except WireError:
             return []
         tokens = self._view().endpoints(name, EntityType.PUBLISHER)
         ends = [(token, token.endpoint) for token in tokens]
-        return [(token, end) for token, end in ends if end is not None and end.type == kind]
+        return [
+            (token, end)
+            for token, end in ends
+            if end is not None and end.type == kind and type_hash in ("", end.type_hash)
+        ]
 
 
 @contextmanager

@@ -27,13 +27,14 @@ class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
     A replay that does not await this consumer is received so, too: then `sender` identifies it. The `origin` is what a
-    publisher in a ROS domain attached.
+    publisher in a ROS domain attached, the `type_hash` that of its type's definition, as the key there states it.
     """
 
     record: RecordedMessage
     numbered: bool
     sender: bytes = NO_RUN
     origin: Attachment | None = None
+    type_hash: str = ""
 
 
 class Received(NamedTuple):
@@ -205,15 +206,15 @@ class Subscription:
 
 def live_messages(received: Received) -> Iterator[LiveMessage]:
     """Yield what a sample is when it is of no stream."""
-    (topic, stated, _), sample, frame, origin, time_ns = received
+    (topic, stated, _, type_hash), sample, frame, origin, time_ns = received
     kind = received.type
     if frame is None:
         number = 0 if origin is None else origin.short_sequence
         record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time_ns)
-        yield LiveMessage(record, numbered=origin is not None, origin=origin)
+        yield LiveMessage(record, numbered=origin is not None, origin=origin, type_hash=type_hash)
         return
     for record in frame.messages:
-        yield LiveMessage(record._replace(type=stated or record.type or kind), True, frame.sender, origin)
+        yield LiveMessage(record._replace(type=stated or record.type or kind), True, frame.sender, origin, type_hash)
 
 
 def schema_of(sample: zenoh.Sample) -> str:

@@ -101,11 +101,11 @@ class RosKeys:
         return TopicKey(self.domain, self.graph_name(topic), kind, self._hash(kind)).to_text()
 
     def read_key(self, key: str) -> KeyedTopic:
-        """Return topic and type of a key."""
+        """Return topic, type and hash of a key."""
         if key == batch_key(self.namespace):
             return KeyedTopic(batch_topic(), "", batch_topic())
         found = TopicKey.from_text(key)
-        return KeyedTopic(self._own_name(found.topic), found.type, found.topic)
+        return KeyedTopic(self._own_name(found.topic), found.type, found.topic, found.type_hash)
 
     def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
         """Return the two parts of an attachment; ours alone on the key of batches."""

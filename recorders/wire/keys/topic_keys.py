@@ -33,11 +33,14 @@ class KeyedTopic(NamedTuple):
         ROS 2 type of its messages; empty if the key states none.
     sent_as : str
         Topic, as whoever published there names it.
+    type_hash : str
+        RIHS01 hash of that type's definition; empty if the key states none.
     """
 
     topic: str
     type: str
     sent_as: str
+    type_hash: str = ""
 
 
 class Attached(NamedTuple):

@@ -92,6 +92,20 @@ def test_definitions_that_differ_are_reported(caplog: pytest.LogCaptureFixture) 
     assert (dict(channel.metadata)[HASH_METADATA], channel.schema) == (OTHER_HASH, (String.TYPE, "", b""))
 
 
+def test_what_a_key_states_is_stated_by_the_channel_and_each_definition_has_its_own() -> None:
+    qos, other_qos = Qos(depth=3), Qos(depth=4)
+    graph = Graph(
+        publisher("/chatter", String.TYPE, qos), publisher("/chatter", String.TYPE, other_qos, OTHER_HASH, number=2)
+    )
+    channels = graph.channels()
+    ours, other = (channels.channel(record("/chatter"), text) for text in (type_hash(String.TYPE), OTHER_HASH))
+    assert dict(ours.metadata) == {QOS_METADATA: qos_text([qos]), HASH_METADATA: type_hash(String.TYPE)}
+    assert dict(other.metadata) == {QOS_METADATA: qos_text([other_qos]), HASH_METADATA: OTHER_HASH}
+    assert other.schema == (String.TYPE, "", b"")
+    unlisted = Graph().channels().channel(record("/chatter"), OTHER_HASH)
+    assert (dict(unlisted.metadata)[HASH_METADATA], unlisted.schema) == (OTHER_HASH, (String.TYPE, "", b""))
+
+
 @pytest.mark.parametrize("topic", ["/nobody", "/not a name"])
 def test_a_topic_of_nobody_states_nothing(topic: str) -> None:
     if topic == "/not a name":

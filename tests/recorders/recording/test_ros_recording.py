@@ -25,6 +25,7 @@ from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
 from recorders.recording.ros_channels import domain_channels
 from recorders.rmw_zenoh.attachment import Attachment
+from recorders.rmw_zenoh.bag_channels import HASH_METADATA, has_definition
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.wire.keys.ros_keys import RosKeys
@@ -132,6 +133,38 @@ def test_what_does_not_come_of_one_of_two_publishers_is_counted(beside: Beside, 
         ("/grip", gids[0].hex(), 1, 1, 0),
     ]
     assert (log.topics["/grip"], stats.opaque) == ("lab/msg/Grip", {"/grip": 1})
+
+
+def test_what_is_no_message_of_the_type_that_its_key_states_is_counted_and_keeps_its_channel(
+    beside: Beside, tmp_path: Path
+) -> None:
+    """Bytes of no message, and a definition that is not ours."""
+    session, _, other = beside
+    keys = RosKeys(DOMAIN, NodeName("talker"))
+    foreign = RosKeys(DOMAIN, NodeName("talker"), hashes={JointState.TYPE: "RIHS01_" + 64 * "a"})
+    state = encode(JointState(1, ("a",), [0.5]))
+    sent = [
+        ("/chatter", keys.key("/chatter", String.TYPE), b"\xff\xff"),
+        ("/chatter", keys.key("/chatter", String.TYPE), encode(String("a"))),
+        ("/arm", foreign.key("/arm", JointState.TYPE), state),
+        (JOINT_STATES, foreign.key(JOINT_STATES, JointState.TYPE), state),
+        (JOINT_STATES, keys.key(JOINT_STATES, JointState.TYPE), state),
+        (JOINT_STATES, keys.key(JOINT_STATES, JointState.TYPE), b"\xff\xff"),
+    ]
+    with recording(session, tmp_path / "log.mcap") as stats:
+        for number, (_, key, data) in enumerate(sent):
+            other.put(key, data, attachment=Attachment(number + 1, 7, bytes(16)).pack())
+        wait_until(came(stats, len(sent)))
+    assert stats.opaque == {"/chatter": 1, "/arm": 1, JOINT_STATES: 2}
+    log = LogReader(tmp_path / "log.mcap")
+    assert sorted((record.topic, record.data) for record in log) == sorted((topic, data) for topic, _, data in sent)
+    found = sorted((each.topic, dict(each.metadata)[HASH_METADATA], has_definition(each)) for each in log.channels)
+    assert found == [
+        ("/arm", "RIHS01_" + 64 * "a", False),
+        ("/chatter", type_hash(String.TYPE), True),
+        (JOINT_STATES, type_hash(JointState.TYPE), True),
+        (JOINT_STATES, "RIHS01_" + 64 * "a", False),
+    ]
 
 
 def test_log_times_are_those_of_the_domain_where_asked(beside: Beside, tmp_path: Path) -> None:

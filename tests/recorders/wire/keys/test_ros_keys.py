@@ -36,7 +36,7 @@ def keys(*rules: str, domain: int = 7, name: str = "ours") -> RosKeys:
 def test_a_key_is_read_back_as_topic_and_type(topic: str) -> None:
     key = keys().key(topic, JointState.TYPE)
     assert key == f"7{topic}/sensor_msgs::msg::dds_::JointState_/{type_hash(JointState.TYPE)}"
-    assert keys().read_key(key) == (topic, JointState.TYPE, topic)
+    assert keys().read_key(key) == (topic, JointState.TYPE, topic, type_hash(JointState.TYPE))
 
 
 def test_remapping_and_namespace_are_undone_when_a_key_is_read() -> None:
@@ -51,13 +51,14 @@ def test_remapping_and_namespace_are_undone_when_a_key_is_read() -> None:
     }.items():
         key = ours.key(topic, JointState.TYPE)
         assert key.startswith(f"7{named}/sensor_msgs")
-        assert ours.read_key(key) == (topic, JointState.TYPE, named)
+        assert ours.read_key(key) == (topic, JointState.TYPE, named, type_hash(JointState.TYPE))
 
 
 def test_a_topic_whose_name_is_taken_by_remapping_has_none_here() -> None:
     ours, others = keys("/camera:=/eye", "__ns:=/lab"), keys()
     for topic in ("/camera", JOINT_STATES):
-        assert ours.read_key(others.key(topic, JointState.TYPE)) == ("", JointState.TYPE, topic)
+        found = ours.read_key(others.key(topic, JointState.TYPE))
+        assert found == ("", JointState.TYPE, topic, type_hash(JointState.TYPE))
     odd = "7/no name/sensor_msgs::msg::dds_::JointState_/" + type_hash(JointState.TYPE)
     assert ours.read_key(odd).topic == "/no name"
 
