@@ -15,7 +15,7 @@ from recorders.wire.keys.namespace import control_key
 from recorders.wire.session import publishing
 
 MAX_CONTROL = 16 << 20
-"""Larger questions and attachments are refused unread [bytes]: an offer with a robot's description takes some 30 KB."""
+"""Larger questions, answers and attachments are refused unread [bytes]: an offer with a robot takes some 30 KB."""
 
 _NAMESAKE_WAIT_S = 2.0  # a consumer that was killed is forgotten within milliseconds of its connection's end
 _POLL_NAMESAKE_S = 0.1
@@ -111,9 +111,14 @@ def _answering(take: TakeQuery) -> Callable[[zenoh.Query], None]:
             with query:
                 query.reply(query.key_expr, packet.payload, attachment=packet.attachment or None)
 
-        take(Packet(_bytes(query.payload), _bytes(query.attachment)), answer)
+        take(read_packet(query.payload, query.attachment), answer)
 
     return on_query
+
+
+def read_packet(payload: zenoh.ZBytes | None, attachment: zenoh.ZBytes | None) -> Packet:
+    """Return what came as a packet; a part of more than `MAX_CONTROL` bytes is left unread, and so never authentic."""
+    return Packet(_bytes(payload), _bytes(attachment))
 
 
 def _bytes(found: zenoh.ZBytes | None) -> bytes:

@@ -17,6 +17,7 @@ from recorders.protocol.states import SenderState
 from recorders.rmw_zenoh.qos import Qos
 from recorders.wire.keys.namespace import control_key
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher, TopicKeys
+from recorders.wire.queries import read_packet
 from recorders.wire.session import has_subscribers
 
 Batches: TypeAlias = Iterator[tuple[RecordedMessage, ...]]
@@ -238,8 +239,7 @@ class StreamSender:
 
         def on_reply(reply: zenoh.Reply) -> None:
             if reply.ok is not None:
-                attachment = b"" if reply.ok.attachment is None else reply.ok.attachment.to_bytes()
-                self._take_answer(ask, Packet(reply.ok.payload.to_bytes(), attachment))
+                self._take_answer(ask, read_packet(reply.ok.payload, reply.ok.attachment))
 
         self._session.get(
             control_key(self._keys.namespace, ask.consumer, ask.verb),
@@ -261,8 +261,7 @@ class StreamSender:
 
     def _on_ack(self, name: str) -> Callable[[zenoh.Sample], None]:
         def note(sample: zenoh.Sample) -> None:
-            attachment = b"" if sample.attachment is None else sample.attachment.to_bytes()
-            packet = Packet(sample.payload.to_bytes(), attachment)
+            packet = read_packet(sample.payload, sample.attachment)
             with self._lock:
                 self._machine.on_acknowledgement(name, packet, time.monotonic())
                 self._notify()

@@ -3,6 +3,7 @@
 from collections.abc import Callable
 
 from recorders.errors import WireError
+from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.packets import Ask, Packet, read_progress
 from recorders.protocol.seals.sealing import SenderSeals
 from recorders.protocol.stream import Progress
@@ -39,7 +40,8 @@ class Opening:
             return True
         self._refuse(f"{ask.consumer}/{ask.verb}", "an answer that is not sealed by the consumer")
         answer = read_progress(packet)
-        self._doubts[ask.consumer] = (answer and answer.error) or "nothing that can be trusted"
+        error = "" if answer is None else (answer.error or "")[:MAX_REASON]
+        self._doubts[ask.consumer] = error or "nothing that can be trusted"
         return False
 
     def acknowledgement(self, consumer: str, packet: Packet) -> Progress | None:

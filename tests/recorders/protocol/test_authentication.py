@@ -16,7 +16,7 @@ from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
 from recorders.protocol.frames import Frame, FrameType
-from recorders.protocol.incoming import IncomingStream
+from recorders.protocol.incoming import MAX_REASON, IncomingStream
 from recorders.protocol.packets import Ask, Packet
 from recorders.protocol.receiver import ReceiverMachine
 from recorders.protocol.seals import authentication
@@ -239,6 +239,16 @@ def test_a_consumer_with_another_key_is_named_with_what_it_says() -> None:
     assert "learner: it answers, but not with the key of this replay" in str(machine.error)
     assert "the offer is not sealed with the key of this consumer" in str(machine.error)
     assert set(refused) == {"learner/hello: an answer that is not sealed by the consumer"}
+
+
+def test_what_anybody_answers_in_a_consumers_name_makes_no_long_line() -> None:
+    opening = Opening(SenderSeals(KEY, SENDER), lambda what, why: None)
+    ask = Ask(0, "learner", "hello", Packet(b""), 1.0)
+    for error in ("a" * 10**6, None):
+        assert not opening.is_answer(ask, Packet(Progress(error=error).to_json()))
+        line = str(opening.unanswered("learner", 1.0))
+        assert ("a" * MAX_REASON in line, "nothing that can be trusted" in line) == (error is not None, error is None)
+        assert len(line) < MAX_REASON + 300
 
 
 def test_no_nonce_is_used_twice_although_the_stream_goes_back_and_consumers_start_anew(

@@ -9,9 +9,11 @@ import zenoh
 from collector import Collector
 from visitor import COUNT, OFFER, await_ready, outcome, stream_from, visitor
 
+from recorders.protocol.packets import Packet
 from recorders.protocol.stream import Progress
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, control_key
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.queries import MAX_CONTROL, read_packet
 from recorders.wire.receiver import Receiver
 from recorders.wire.session import SessionConfig, open_session
 from replay.transports.sender_config import SenderConfig
@@ -37,6 +39,14 @@ def test_the_end_of_a_process_waits_for_every_thread_of_a_stream(monkeypatch: py
     assert results["learner"]["count"] == COUNT
     assert len(began) >= 3  # for the time, the acknowledgements, and the answers
     assert [thread.name for thread in began if thread.daemon] == []
+
+
+def test_a_part_that_is_too_long_is_left_unread() -> None:
+    """Of what anybody answers or acknowledges in a consumer's name, as of what anybody asks."""
+    most, more = (zenoh.ZBytes(bytes(MAX_CONTROL + extra)) for extra in (0, 1))
+    assert read_packet(most, None) == Packet(bytes(MAX_CONTROL), b"")
+    assert read_packet(more, zenoh.ZBytes(b"seal")) == Packet(b"", b"seal")
+    assert read_packet(zenoh.ZBytes(b"answer"), more) == Packet(b"answer", b"")
 
 
 def test_whoever_answers_in_a_consumers_place_changes_nothing() -> None:
