@@ -18,7 +18,6 @@ from recorders.cdr.codec import decode_as
 from recorders.errors import LearningError, MessageError
 from recorders.messages.message_types import Float64MultiArray
 from recorders.messages.topics import LEARNER_ERROR
-from recorders.wire.keys.namespace import message_key
 from recorders.wire.session import Sample
 
 EXPLORING_RULE = "forward-inverse"
@@ -174,8 +173,7 @@ class _LiveCurve(Curve):
     @contextmanager
     def following(self, place: Place) -> Iterator[None]:
         """Take the errors that are published while the block runs."""
-        key = message_key(place.namespace, LEARNER_ERROR)
-        with place.session.declare_subscriber(key, self._take):
+        with place.keys.subscribing(place.session, LEARNER_ERROR, Float64MultiArray.TYPE, self._take):
             yield
 
     def _take(self, sample: Sample) -> None:

@@ -9,13 +9,15 @@ from waiting import wait_until
 from pipeline.browser.session.controllers import Place
 from pipeline.browser.session.drive import Drive
 from pipeline.browser.session.robot_link import RobotLink
+from pipeline.browser.teaching.lessons import _LiveCurve
 from pipeline.cli.ros_domain import topic_keys
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import decode_as, encode
-from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.topics import JOINT_STATES, LEFT_TARGET
+from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
+from recorders.messages.topics import JOINT_STATES, LEARNER_ERROR, LEFT_TARGET
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.publisher import TopicPublisher
 from recorders.wire.session import SessionConfig, open_session
 
 pytest.importorskip("zenoh_ros2_sdk")
@@ -60,3 +62,17 @@ def test_what_is_started_has_the_same_names_of_topics(tmp_path: Path) -> None:
     assert isinstance(again, RosKeys)
     assert (again.domain, again.node.name.rules) == (keys.domain, keys.node.name.rules)
     assert again.node.name.full_name == "/lab/recorder"
+
+
+def test_errors_of_a_learner_in_the_domain_are_points_of_the_curve(tmp_path: Path) -> None:
+    robot, keys = load_robot("asimo"), topic_keys("play", "reenact", DOMAIN, [f"{LEARNER_ERROR}:=/lab/error"])
+    with open_session(SessionConfig()) as session, keys.joined(session):
+        curve = _LiveCurve(Drive(robot), per_round=False)
+        learner = topic_keys("learner", "reenact", DOMAIN, [f"{LEARNER_ERROR}:=/lab/error"])
+        with (
+            curve.following(Place(session, (), keys, tmp_path, robot.hand_names)),
+            TopicPublisher(session, keys=learner) as publisher,
+        ):
+            publisher.publish(LEARNER_ERROR, Float64MultiArray((0.01, 0.03)), log_time_ns=1)
+            wait_until(lambda: curve.last_cm is not None)
+    assert curve.last_cm == pytest.approx(2.0)
