@@ -108,8 +108,9 @@ class MotionPart:
         self._show_sheet()
 
     def _show_sheet(self) -> None:
+        names, hand = self._play.robot.hand_names, self._hand.value
         self._hand.visible = self._draw.value
-        self._on_sheet(self._draw.value, self._play.robot.hand_names.index(self._hand.value))
+        self._on_sheet(self._draw.value, names.index(hand) if hand in names else len(names) - 1)
 
 
 class ControllerPart:
@@ -136,7 +137,7 @@ class ControllerPart:
         name = event.target.value
         if event.client_id is None or name == self._play.link.controller:
             return
-        if self._allowed(event.client_id):
+        if self._allowed(event.client_id) and name in self._choice.options:
             self._play.choose(name)
         else:
             self._choice.value = self._play.link.controller

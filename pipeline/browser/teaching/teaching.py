@@ -15,11 +15,15 @@ from recorders.errors import LearningError, ReenactError
 from recorders.files.anonymous_file import write_whole
 from recorders.files.disk import make_folders
 from recorders.nodes.keys import node_name
+from recorders.text.wording import names_text
 
 logger = logging.getLogger(__name__)
 
 RULES = ("forward-inverse", "reservoir")
 """Rules that are taught on the page."""
+
+LEAST_S, MOST_S = 5, 600
+"""How long a learner may lead the robot by itself [s]."""
 
 SELF_TAUGHT = "self-taught"
 """First part of the names of controllers that explored by themselves."""
@@ -85,6 +89,7 @@ class Teaching:
 
     def learn(self, rule: str, logs: tuple[str, ...]) -> None:
         """Begin to learn by a rule from logs of the folder; raises LearningError, LogError."""
+        _check_rule(rule)
         paths = [self._play.recordings.path(name) for name in logs]
         if not paths:
             raise LearningError("expected a recording to learn from, found none: record one")
@@ -93,6 +98,7 @@ class Teaching:
 
     def learn_live(self, rule: str) -> None:
         """Begin to learn by a rule from what the robot does; raises LearningError if nothing is asked of it."""
+        _check_rule(rule)
         play = self._play
         if play.drive.snapshot().mode is Mode.AT_REST:
             raise LearningError("expected a robot that moves, found one of which nothing is asked: choose a motion")
@@ -101,13 +107,15 @@ class Teaching:
     def explore(self, duration_s: float) -> None:
         """Let a learner lead the robot by itself for so long [s]; raises LearningError where it cannot."""
         play = self._play
+        if not LEAST_S <= duration_s <= MOST_S:
+            raise LearningError(f"expected {LEAST_S} to {MOST_S} s to explore, found {duration_s!r:.60}")
         if play.controllers is None:
             raise LearningError(
                 "expected a robot of this page's own, found one that others lead: use `reenact explore`"
             )
         if play.recordings.under_way is not None:
             raise LearningError(f"expected no recording under way, found {play.recordings.under_way.name}: end it")
-        self._begin(SELF_TAUGHT, lambda out: ExploringLesson(duration_s, out, play.recordings.place, play.drive))
+        self._begin(SELF_TAUGHT, lambda out: ExploringLesson(float(duration_s), out, play.recordings.place, play.drive))
 
     def finish(self) -> None:
         """End the lesson with what was learned so far."""
@@ -215,3 +223,9 @@ class Teaching:
         self.line = f"{name} learned{off}"
         play.controllers.add(path, name)
         play.choose(name)
+
+
+def _check_rule(rule: str) -> None:
+    """Raise LearningError unless the page teaches a rule: a browser may send any text."""
+    if rule not in RULES:
+        raise LearningError(f"rule: expected one of {names_text(RULES)}, found {rule!r:.60}")

@@ -59,6 +59,22 @@ def test_nothing_teaches_nothing(play, teaching):
             ask()
 
 
+@pytest.mark.parametrize("rule", ["x\0y", "../../esc", "", "-", "Reservoir", "r" * 10**6])
+def test_a_rule_that_the_page_does_not_teach_begins_nothing(rule, play, teaching):
+    for ask in (lambda: teaching.learn(rule, ()), lambda: teaching.learn_live(rule)):
+        with pytest.raises(LearningError, match=r"^rule: expected one of .*reservoir.*found '.{0,60}$"):
+            ask()
+    assert teaching.lesson is None
+
+
+@pytest.mark.parametrize("seconds", [4.9, 600.1, -1, 0, float("nan"), float("inf"), 10**400])
+def test_a_time_that_the_page_does_not_offer_begins_no_exploration(seconds, play, teaching):
+    with pytest.raises(LearningError, match=r"^expected 5 to 600 s to explore, found .{1,60}$"):
+        teaching.explore(seconds)
+    assert teaching.lesson is None
+    assert play.drive.snapshot().mode is Mode.HANDLES
+
+
 def test_what_a_log_teaches_leads_and_is_kept_under_a_name(play, teaching):
     folder = play.recordings.folder
     folder.mkdir()

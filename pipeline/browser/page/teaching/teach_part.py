@@ -9,11 +9,11 @@ from pipeline.browser.page.panel import Allowed
 from pipeline.browser.page.teaching.learning_plot import LearningPlot
 from pipeline.browser.page.texts import paragraph
 from pipeline.browser.session.play import Play
-from pipeline.browser.teaching.teaching import RULES, Teaching
+from pipeline.browser.teaching.teaching import LEAST_S, MOST_S, RULES, Teaching
 from recorders.errors import ReenactError
 
 _LIVE, _ALL = "what the robot does now", "all recordings"
-_EXPLORING_S, _LEAST_S, _MOST_S = 60, 5, 600
+_EXPLORING_S = 60
 
 
 class TeachPart:
@@ -39,7 +39,7 @@ class TeachPart:
             self._rule: Any = gui.add_dropdown("Rule", RULES)
             self._learn: Any = gui.add_button("Learn")
             self._seconds: Any = gui.add_number(
-                "Alone for [s]", _EXPLORING_S, min=_LEAST_S, max=_MOST_S, step=1, visible=play.controllers is not None
+                "Alone for [s]", _EXPLORING_S, min=LEAST_S, max=MOST_S, step=1, visible=play.controllers is not None
             )
             self._explore: Any = gui.add_button("Explore by itself", visible=play.controllers is not None)
             self._line: Any = gui.add_html("")
@@ -53,7 +53,7 @@ class TeachPart:
         self._offered = ""
         for button, work in (
             (self._learn, self._begin),
-            (self._explore, lambda: teaching.explore(float(self._seconds.value))),
+            (self._explore, lambda: teaching.explore(self._seconds.value)),
             (self._finish, teaching.finish),
             (self._cancel, teaching.cancel),
             (self._keep, lambda: teaching.keep(str(self._name.value))),
