@@ -40,7 +40,7 @@ UseSimTime = Annotated[
     bool, typer.Option("--use-sim-time", help="Take the time from /clock, and not from the clock on the wall.")
 ]
 
-_NO_NAME = re.compile(r"[^A-Za-z0-9_]+|_{2,}")
+_NO_NAME = re.compile(r"[^A-Za-z0-9]+")  # with every `_` beside it: two in a row are none of ROS 2's either
 
 
 def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | None) -> "TopicKeys":

@@ -40,6 +40,8 @@ def cat(
         raise ConfigError("expected a recording, or --connect or --listen for what is published now; found neither")
     if log is not None and session.is_given and not (of_settings("connect") or of_settings("listen")):
         raise ConfigError("--connect, --listen, --ros: expected no recording beside them")
+    if log is not None and session.remap and not of_settings("remap"):
+        raise ConfigError("--remap: expected no recording beside it: its topics are printed as they are")
     patterns = frozenset(topic or ())
     if log is not None:
         _print_log(log, patterns, count, as_json=as_json)

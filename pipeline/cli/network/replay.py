@@ -92,7 +92,10 @@ class SendOptions:
 
     window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1, metavar="N")] = 1024
     batch_size: Annotated[
-        int | None, typer.Option(help="Messages in one payload: 64, or 1 when paced.", min=1, metavar="N")
+        int | None,
+        typer.Option(
+            help="Messages in one payload: 64, or 1 when paced, or with --ros and --play.", min=1, metavar="N"
+        ),
     ] = None
 
     def config(
@@ -152,7 +155,12 @@ def replay(
         else _presented(logs, schedule, playing, robot, alignment)
     )
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    singly = rate is not None or (playing.play and node.ros is not None)  # nodes of ROS know no batches
+    to_ros = playing.play and node.ros is not None
+    if to_ros and (sending.batch_size or 1) > 1:
+        raise ConfigError(
+            f"--batch-size: expected 1 with --ros and --play, as nodes of ROS know no batches, found {sending.batch_size}"
+        )
+    singly = rate is not None or to_ros
     sender, channels = in_domain.applied(sending.config(consumers, node, singly=singly, wait_s=wait), source)
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.project_settings import of_settings
 from recorders.errors import ConfigError
 from recorders.text.wording import names_text
 
@@ -26,7 +27,7 @@ class RosPlayOptions:
     wait_for: Annotated[
         list[str] | None,
         typer.Option(
-            help="With --ros: begin when a topic has so many subscriptions; within --wait. May be repeated.",
+            help="With --ros and --play: begin when a topic has so many subscriptions; within --wait. May be repeated.",
             metavar="TOPIC=N",
         ),
     ] = None
@@ -75,9 +76,11 @@ class RosPlayOptions:
         from recorders.wire.keys.ros_keys import RosKeys
         from replay.sources.playback import Playback
 
-        sender = replace(sender, wait_for=self.subscriptions())
         if not isinstance(source, Playback):
+            if self.wait_for and not of_settings("wait-for"):
+                raise ConfigError("--wait-for: expected --play beside it: a schedule is sent to those whom it awaits")
             return sender, ()
+        sender = replace(sender, wait_for=self.subscriptions())
         if isinstance(sender.keys, RosKeys):
             _note_hashes(sender.keys, source.channels)
             sender = replace(sender, qos=source.qos)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import typer
 
 from pipeline.cli.options import Json
+from pipeline.cli.project_settings import of_settings
 from pipeline.cli.ros_domain import RosDomain
 from pipeline.cli.sessions import NAMESPACE, Namespace, Wait, ZenohConfig, session_config
 from pipeline.terminal import console
@@ -82,12 +83,16 @@ def status(
     --json then prints an object a second.
     """
     from pipeline.terminal.signals import until_stopped
-    from recorders.errors import UnreachedError
+    from recorders.errors import ConfigError, UnreachedError
     from recorders.wire.session import open_session
 
     session = session_config(None, connect, zenoh_config, listens=False, wait_s=0.0 if watch else wait)
     where = ", ".join(session.connect or session.listen)
     timeout_s = max(wait, _WAIT_S)
+    if namespace != NAMESPACE and not of_settings("namespace") and ros is not None:
+        if not of_settings("ros"):
+            raise ConfigError("--namespace: expected none beside --ros: a ROS domain is shown as a whole")
+        ros = None
     look = _at_namespace(namespace, where, timeout_s) if ros is None else _at_domain(ros, where, timeout_s)
     if watch:
         with until_stopped() as stopped, ExitStack() as stack:

@@ -196,9 +196,10 @@ def _read(
     from recorders.reading.parts import is_log, one_session
 
     in_ros = session.ros is not None and not of_settings("ros")
-    if session.listen or session.connect or session.zenoh_config or in_ros or live.wanted:
+    renamed = session.remap and not of_settings("remap")
+    if session.listen or session.connect or session.zenoh_config or in_ros or renamed or live.wanted:
         raise ConfigError(
-            "--listen, --connect, --zenoh-config, --ros, --duration, --idle-timeout and --wait: expected the source "
+            "--listen, --connect, --zenoh-config, --ros, --remap, --duration, --idle-timeout and --wait: expected the source "
             f"{LIVE} beside them, found {source!r:.80}"
         )
     path, hands = drawings().get(source, Path(source)), robot.hand_names

@@ -64,6 +64,7 @@ class RosKeys:
         self.node = RosNode(domain, node)
         self.namespace = namespace
         self.hashes = dict(hashes or {})
+        self._named: dict[str, str] = {}  # topics of this node, by their names in the graph
 
     @property
     def renames(self) -> bool:
@@ -149,7 +150,7 @@ class RosKeys:
         self, session: zenoh.Session, topic: str, type_name: str, *, qos: Qos | None = None
     ) -> Iterator[None]:
         """Be in the graph as a subscription of a topic."""
-        name, requested = self.graph_name(topic), qos or usual_qos(topic)
+        name, requested = self._only_name(topic), qos or usual_qos(topic)
         kind = type_name or type_of(topic)
         subscription = EntityType.SUBSCRIPTION
         with self.node.declared(session, subscription, name, kind, requested, definition_hash=self._hash(kind)):
@@ -159,7 +160,7 @@ class RosKeys:
     def _publishing(
         self, session: zenoh.Session, topic: str, type_name: str, qos: Qos, options: dict[str, Any]
     ) -> Iterator[MessagePublisher]:
-        key, name = self.key(topic, type_name), self.graph_name(topic)
+        key, name = self.key(topic, type_name), self._only_name(topic)
         if qos.reliability is Reliability.BEST_EFFORT:
             options = {"reliability": zenoh.Reliability.BEST_EFFORT, **options}
         opened = (
@@ -173,6 +174,13 @@ class RosKeys:
             opened as inner,
         ):
             yield RosPublisher(inner, token.gid)
+
+    def _only_name(self, topic: str) -> str:
+        """Return the name of a topic in the graph; raises WireError if another of this node has it too."""
+        name, own = self.graph_name(topic), "/" + topic.removeprefix("/")
+        if (other := self._named.setdefault(name, own)) != own:
+            raise WireError(f"--remap: expected a name of its own for each topic, found {name} for {other} and {own}")
+        return name
 
     def _own_name(self, graph_name: str) -> str:
         """Return a topic's name as this node has it, `graph_name` the other way; empty where it has none."""

@@ -57,6 +57,11 @@ def test_a_drawing_out_of_reach_is_one_clear_line(tmp_path: Path) -> None:
     [
         ("line.csv", {"topic": "/a"}, "--topic and --map: expected a log or the source live, found 'line.csv'"),
         ("line.csv", {"duration": 1.0}, "--idle-timeout and --wait: expected the source live beside them"),
+        (
+            "line.csv",
+            {"remap": ["a:=b"]},
+            "--ros, --remap, --duration, --idle-timeout and --wait: expected the source live",
+        ),
         ("line.csv", {"wait": 1.0}, "--idle-timeout and --wait: expected the source live beside them"),
         ("line.csv", {"hand": "third"}, "--hand: expected left or right, found 'third'"),
         ("line.csv", {"plane": "y"}, "--plane: expected two axes, such as --plane=-x,y, found 'y'"),

@@ -115,6 +115,7 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
     [
         (("--rate", 0.01), "rate: expected 0.1 to 1000"),
         (("--play", "--epochs", 3), "--play: expected none"),
+        (("--ros", 2, "--rate", 1, "--wait-for", f"{LEFT_TARGET}=1"), "--wait-for: expected --play beside it"),
         (("--loop", 2), "expected --play beside them"),
         (("--play", "--topic", "/nothing"), "no topic /nothing"),
         (("--play", "--map", f"{LEFT_TARGET}=/a//b*"), "topic: expected names with '/' between them"),

@@ -1,10 +1,14 @@
 """`--ros` and `--remap`: which keys of topics they choose, and what is refused in one line."""
 
+import json
+from contextvars import copy_context
 from pathlib import Path
 
 import pytest
 from processes import complaint, reenact
+from typer.testing import CliRunner
 
+from pipeline.cli.app import app
 from pipeline.cli.robot.explore import DriveOptions
 from pipeline.cli.ros_domain import topic_keys
 from pipeline.cli.sessions import ListeningNode, LookingSession
@@ -12,6 +16,7 @@ from recorders.errors import ConfigError, ReenactError
 from recorders.messages.topics import JOINT_STATES, LEFT_TARGET
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import NamespaceKeys
+from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import DEFAULT_ENDPOINT
 
 
@@ -21,7 +26,14 @@ def test_without_a_domain_topics_are_below_the_namespace() -> None:
 
 @pytest.mark.parametrize(
     ("name", "in_ros"),
-    [("controller", "/controller"), ("arm-2.left", "/arm_2_left"), ("2nd", "/_2nd"), ("a__b", "/a_b")],
+    [
+        ("controller", "/controller"),
+        ("arm-2.left", "/arm_2_left"),
+        ("2nd", "/_2nd"),
+        ("a__b", "/a_b"),
+        ("a._b", "/a_b"),
+        ("__", "/_"),
+    ],
 )
 def test_a_node_has_its_name_as_ros_takes_it(name: str, in_ros: str) -> None:
     keys = topic_keys(name, "lab", 3, [])
@@ -57,6 +69,28 @@ def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
     )
     printed = reenact("cat", "log.mcap", "--ros", "2", cwd=tmp_path)
     assert complaint(printed) == "reenact: --connect, --listen, --ros: expected no recording beside them"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "expected"),
+    [
+        ("cat log.mcap --remap a:=b", "--remap: expected no recording beside it"),
+        ("status --ros 2 --namespace foo", "--namespace: expected none beside --ros"),
+        ("status --ros 2 --namespace foo/**", "--namespace: expected none beside --ros"),
+    ],
+)
+def test_an_option_of_no_use_is_refused(arguments: str, expected: str) -> None:
+    assert str(CliRunner().invoke(app, arguments.split()).exception).startswith(expected)
+
+
+def test_a_namespace_on_the_command_line_counts_for_more_than_a_domain_of_the_settings(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "reenact.toml").write_text("ros = 2\n")
+    monkeypatch.chdir(tmp_path)
+    arguments = ["status", "--connect", free_endpoint(), "--namespace", "lab", "--wait", "0", "--json"]
+    looked = copy_context().run(CliRunner().invoke, app, arguments)  # settings are of a context
+    assert (looked.exit_code, json.loads(looked.stdout)) == (1, {"nodes": []})
 
 
 def test_in_a_domain_every_verb_connects_to_the_router_unless_it_is_to_listen() -> None:

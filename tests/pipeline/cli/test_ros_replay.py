@@ -122,6 +122,7 @@ def test_nobody_is_played_to_who_does_not_come(bag: Path, endpoint: str) -> None
         (["--wait-for", "/map"], "--wait-for: expected TOPIC=N, such as"),
         (["--wait-for", "/map=many"], "--wait-for: expected TOPIC=N, such as"),
         (["--wait-for", "/map=0"], "--wait-for /map: expected 1 subscription or more, found 0"),
+        (["--batch-size", 64], "--batch-size: expected 1 with --ros and --play, .*, found 64"),
         (["--clock-rate", 10], "--clock-rate: expected --play and --rate beside it"),
         (["--clock-rate", 0, "--rate", 1], r"--clock-rate: expected 0\.001 to 10000 Hz, found 0"),
     ],

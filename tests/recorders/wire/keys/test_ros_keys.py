@@ -1,6 +1,7 @@
 """Topics of a ROS domain: messages of ours reach a client of others to the bit, and theirs reach us, numbered."""
 
 from collections.abc import Iterator
+from contextlib import ExitStack
 
 import numpy as np
 import pytest
@@ -12,7 +13,7 @@ from zenoh.ext import CacheConfig, declare_advanced_publisher
 from recorders.cdr.codec import encode
 from recorders.errors import MessageError, WireError
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped, String
-from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, ROBOT_DESCRIPTION, TF_STATIC
+from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, RIGHT_TARGET, ROBOT_DESCRIPTION, TF_STATIC
 from recorders.rmw_zenoh.attachment import Attachment, unpack
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.type_hashes import type_hash
@@ -52,6 +53,16 @@ def test_remapping_and_namespace_are_undone_when_a_key_is_read() -> None:
         key = ours.key(topic, JointState.TYPE)
         assert key.startswith(f"7{named}/sensor_msgs")
         assert ours.read_key(key) == (topic, JointState.TYPE, named, type_hash(JointState.TYPE))
+
+
+def test_two_topics_of_a_node_under_one_name_are_refused() -> None:
+    ours = keys(f"{LEFT_TARGET}:={RIGHT_TARGET}")
+    with open_session(SessionConfig(listen=(free_endpoint(),))) as session, ExitStack() as stack:
+        for topic in (LEFT_TARGET, LEFT_TARGET, JOINT_STATES):
+            stack.enter_context(ours.announced(session, topic, JointState.TYPE))
+        for declare in (ours.announced, ours.publishing):
+            with pytest.raises(WireError, match=f"found {RIGHT_TARGET} for {LEFT_TARGET} and {RIGHT_TARGET}"):
+                stack.enter_context(declare(session, RIGHT_TARGET, JointState.TYPE))
 
 
 def test_a_topic_whose_name_is_taken_by_remapping_has_none_here() -> None:
