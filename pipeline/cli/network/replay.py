@@ -93,9 +93,7 @@ class SendOptions:
     window: Annotated[int, typer.Option(help="Messages under way unacknowledged.", min=1, metavar="N")] = 1024
     batch_size: Annotated[
         int | None,
-        typer.Option(
-            help="Messages in one payload: 64, or 1 when paced, or with --ros and --play.", min=1, metavar="N"
-        ),
+        typer.Option(help="Messages in one payload: 64, or 1 when paced, or played with --ros.", min=1, metavar="N"),
     ] = None
 
     def config(
@@ -158,7 +156,8 @@ def replay(
     to_ros = playing.play and node.ros is not None
     if to_ros and (sending.batch_size or 1) > 1:
         raise ConfigError(
-            f"--batch-size: expected 1 with --ros and --play, as nodes of ROS know no batches, found {sending.batch_size}"
+            "--batch-size: expected 1 with --ros and --play, as nodes of ROS know no batches, "
+            f"found {sending.batch_size}"
         )
     singly = rate is not None or to_ros
     sender, channels = in_domain.applied(sending.config(consumers, node, singly=singly, wait_s=wait), source)

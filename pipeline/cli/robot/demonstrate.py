@@ -199,8 +199,8 @@ def _read(
     renamed = session.remap and not of_settings("remap")
     if session.listen or session.connect or session.zenoh_config or in_ros or renamed or live.wanted:
         raise ConfigError(
-            "--listen, --connect, --zenoh-config, --ros, --remap, --duration, --idle-timeout and --wait: expected the source "
-            f"{LIVE} beside them, found {source!r:.80}"
+            "--listen, --connect, --zenoh-config, --ros, --remap, --duration, --idle-timeout and --wait: expected the "
+            f"source {LIVE} beside them, found {source!r:.80}"
         )
     path, hands = drawings().get(source, Path(source)), robot.hand_names
     if is_log(path):
