@@ -1,8 +1,10 @@
 """Transient-local samples (of ROS 2's latched topics): publishers that keep them, and delivery to late joiners."""
 
+import logging
 import threading
+from collections import OrderedDict
 from collections.abc import Callable, Iterable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, suppress
 from types import TracebackType
 from typing import Any, Self, TypeAlias
 
@@ -16,13 +18,21 @@ from zenoh.ext import (
     declare_advanced_subscriber,
 )
 
+from recorders.errors import MessageError
+from recorders.rmw_zenoh.attachment import unpack
+from recorders.text.once import OnceWarner
 from recorders.wire.session import watching_tokens
 
-_Source: TypeAlias = tuple[str, str]  # session and publisher; key and session of one that stamps
-_Number: TypeAlias = int | zenoh.NTP64
+logger = logging.getLogger(__name__)
+
+_Source: TypeAlias = tuple[str, ...]  # session and publisher; key, session and publisher of one that stamps
+_Number: TypeAlias = int  # of a sample there, or its time in the format of NTP
 
 _STAMPING = "/@adv/pub/"  # in the token of a publisher that keeps samples, before its session
 _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what arrives as it is published
+_MAX_TAKEN = 10_000  # cached samples; of no publisher more are asked for
+_TOO_MANY = f"of more than {_MAX_SOURCES} latched publishers only what arrives as it is published is taken"
+_TOO_LATE = "published while its earlier messages were asked for, of which at least one is not taken"
 
 
 def publishing_latched(
@@ -56,8 +66,10 @@ class HistorySubscriber:
     """Queries the last samples published on some keys before this came, beside a subscriber of all keys.
 
     Only publishers with a cache keep anything. They number their samples, or stamp them, as those of rmw_zenoh do, and
-    declare that in a token of theirs: anybody else's may be stamped on the way. Of each, one cached sample is taken,
-    and none if it was received already; the subscriber's own samples all pass, but for the one that was taken before.
+    declare that in a token of theirs: anybody else's may be stamped on the way. Of each, all is taken that it keeps,
+    until the subscriber has received a sample of its: what is older comes too late then, which is reported once. The
+    subscriber's own samples all pass, but for those that were taken before. Publishers of one session that stamp are
+    distinguished by what rmw_zenoh attaches.
 
     Parameters
     ----------
@@ -75,13 +87,14 @@ class HistorySubscriber:
         self._patterns = [zenoh.KeyExpr(key) for key in sorted(self._keys) if "*" in key]
         self._hand_over = hand_over
         self._lock = threading.Lock()
-        self._stamping: set[_Source] = set()  # those that stamp: key and session
-        self._sources: set[_Source] = set()
-        self._taken: set[tuple[_Source, _Number]] = set()  # and not received yet by the subscriber
+        self._stamping: set[tuple[str, str]] = set()  # sessions that stamp: with the key
+        self._first: dict[_Source, _Number] = {}  # the lowest number that the subscriber received
+        self._taken: OrderedDict[tuple[_Source, _Number], None] = OrderedDict()  # and not received yet by it
+        self._warnings = OnceWarner(logger, limit=2)
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        history = HistoryConfig(detect_late_publishers=True, max_samples=1)
+        history = HistoryConfig(detect_late_publishers=True, max_samples=_MAX_TAKEN)
         for key in sorted(self._keys):
             tokens = watching_tokens(self._session, f"{key}{_STAMPING}*/uhlc/**", self._on_token, history=True)
             self._stack.enter_context(tokens)  # first: what is cached comes after them
@@ -112,6 +125,8 @@ class HistorySubscriber:
                 self._stamping.discard(source)
             elif len(self._stamping) < _MAX_SOURCES:
                 self._stamping.add(source)
+            else:
+                self._warnings.warn(_TOO_MANY)
 
     def _number(self, sample: zenoh.Sample) -> tuple[_Source, _Number] | None:
         """Return who published a sample and its number there; None if its publisher keeps no samples."""
@@ -120,18 +135,22 @@ class HistorySubscriber:
             return (str(info.source_id.zid), str(info.source_id.eid)), int(info.source_sn)
         if stamp is None or not self._stamping:
             return None
-        source = str(sample.key_expr), str(stamp.get_id())
-        return (source, stamp.get_time_as_ntp64()) if source in self._stamping else None
+        place = str(sample.key_expr), str(stamp.get_id())
+        if place not in self._stamping:
+            return None
+        return (*place, _publisher_of(sample)), int(str(stamp.get_time_as_ntp64()))
 
     def _was_taken(self, sample: zenoh.Sample) -> bool:
         number = self._number(sample)
         if number is None:
             return False
+        source, place = number
         with self._lock:
-            self._note(number[0])
+            if source in self._first or self._has_room():
+                self._first[source] = min(place, self._first.get(source, place))
             if number not in self._taken:
                 return False
-            self._taken.remove(number)
+            del self._taken[number]
             return True
 
     def _on_history(self, sample: zenoh.Sample) -> None:
@@ -139,14 +158,31 @@ class HistorySubscriber:
         number = self._number(sample)
         if number is None:
             return
+        source, place = number
         with self._lock:
-            if number[0] in self._sources or not self._note(number[0]):
+            if number in self._taken:
                 return
-            self._taken.add(number)
+            first = self._first.get(source)
+            if first is not None and place < first:
+                self._warnings.warn(f"{sample.key_expr}: {_TOO_LATE}", kind=_TOO_LATE)
+            if first is not None or not self._has_room():
+                return
+            self._taken[number] = None
+            if len(self._taken) > _MAX_TAKEN:
+                self._taken.popitem(last=False)
         self._hand_over(sample)
 
-    def _note(self, source: _Source) -> bool:
-        """Note that a publisher is known; False if there are too many."""
-        if len(self._sources) < _MAX_SOURCES:
-            self._sources.add(source)
-        return source in self._sources
+    def _has_room(self) -> bool:
+        """Whether one publisher more can be known."""
+        if len(self._first) < _MAX_SOURCES:
+            return True
+        self._warnings.warn(_TOO_MANY)
+        return False
+
+
+def _publisher_of(sample: zenoh.Sample) -> str:
+    """Return how rmw_zenoh names the publisher of a sample; empty if it is not named."""
+    with suppress(MessageError):
+        if sample.attachment is not None:
+            return unpack(sample.attachment.to_bytes())[0].gid.hex()
+    return ""

@@ -218,6 +218,28 @@ def test_a_latched_publisher_that_stamps_rather_than_counts_is_taken_once(ends: 
             assert live(receiver).record.data == b"third"
 
 
+def test_latched_publishers_of_one_session_are_all_taken_with_all_that_each_keeps(ends: Ends) -> None:
+    """As those of a component container are, for late joiners; what comes then comes once."""
+    _, _, endpoint = ends
+    key = keys().key(TF_STATIC, String.TYPE)
+    config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({EVERY_TOPIC}))
+    with zenoh.open(stamping(endpoint)) as other, open_session(SessionConfig(connect=(endpoint,))) as late:
+        publishers = [
+            declare_advanced_publisher(other, key, cache=CacheConfig(max_samples=depth), publisher_detection=True)
+            for depth in (1, 1, 2)
+        ]
+        for name, number in ((0, 1), (1, 1), (2, 1), (2, 2), (2, 3)):
+            attached = Attachment(number, 5, bytes([name]) * 16).pack()
+            publishers[name].put(b"%d of %d" % (number, name), attachment=attached)
+        with Receiver(late, config=config) as receiver:
+            cached = sorted(live(receiver).record.data for _ in range(4))
+            assert cached == [b"1 of 0", b"1 of 1", b"2 of 2", b"3 of 2"]
+            for name, number in ((0, 2), (1, 2), (2, 4)):
+                attached = Attachment(number, 6, bytes([name]) * 16).pack()
+                publishers[name].put(b"%d of %d" % (number, name), attachment=attached)
+            assert [live(receiver).record.data for _ in range(3)] == [b"2 of 0", b"2 of 1", b"4 of 2"]
+
+
 def test_a_publisher_numbers_from_one_and_puts_its_part_first(ends: Ends) -> None:
     session, _, _ = ends
     found: list[zenoh.Sample] = []
