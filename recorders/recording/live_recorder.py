@@ -19,7 +19,7 @@ from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
 from recorders.recording.log_clock import LogClock
 from recorders.recording.message_checks import decodes, is_standard
-from recorders.recording.ros_channels import RosChannels
+from recorders.recording.ros_channels import TOO_MANY_TOKENS, RosChannels
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.bag_channels import has_definition, with_schema
 from recorders.text.once import OnceWarner
@@ -147,9 +147,11 @@ class LiveRecorder:
         return self.recording
 
     def _note_publishers(self) -> None:
-        """State in the log what came of each publisher, and what did not."""
+        """State in the log what came of each publisher, and what did not; count those that nothing is known of."""
         if counts := self.recording.publishers.to_dict():
             self._writer.note(counts)
+        if self._ros is not None and (number := self._ros.too_many()):
+            self.recording.refused[TOO_MANY_TOKENS] += number
 
     def source(self, name: str) -> NodeSource:
         """Return the fields of this recorder's status."""

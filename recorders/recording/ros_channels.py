@@ -21,6 +21,9 @@ from recorders.writing.writer import MAX_CHANNELS
 
 logger = logging.getLogger(__name__)
 
+TOO_MANY_TOKENS = "tokens of the graph: too many"
+"""Reason by which a recording counts those as refused."""
+
 _Key: TypeAlias = tuple[str, str, str]  # topic, type, and hash of its definition
 
 _MAX_LINES = 100  # anyone may publish on as many topics as they like
@@ -35,10 +38,15 @@ class RosChannels:
         The graph as it is now.
     graph_name : callable
         The name in the graph of a topic that is recorded; raises WireError if it can have none there.
+    too_many : callable
+        How many tokens are not in the view, as they were too many.
     """
 
-    def __init__(self, view: Callable[[], GraphView], graph_name: Callable[[str], str]) -> None:
+    def __init__(
+        self, view: Callable[[], GraphView], graph_name: Callable[[str], str], too_many: Callable[[], int] = int
+    ) -> None:
         self._view = view
+        self.too_many = too_many
         self._graph_name = graph_name
         self._channels: dict[_Key, DeclaredChannel] = {}
         self._offered: dict[_Key, frozenset[Qos]] = {}
@@ -111,4 +119,4 @@ def domain_channels(session: Session, keys: TopicKeys) -> Iterator[RosChannels |
         yield None
         return
     with RosGraph(session, keys.domain) as graph:
-        yield RosChannels(lambda: graph.view, keys.graph_name)
+        yield RosChannels(lambda: graph.view, keys.graph_name, lambda: graph.too_many)

@@ -1,5 +1,6 @@
 """The graph of a ROS domain: who is in it, by liveliness tokens."""
 
+import logging
 import threading
 import time
 from contextlib import ExitStack, suppress
@@ -10,11 +11,16 @@ import zenoh
 
 from recorders.errors import WireError
 from recorders.rmw_zenoh.liveliness import EntityType, Token, tokens_of
+from recorders.rmw_zenoh.names import MAX_DOMAIN
+from recorders.text.once import OnceWarner
 from recorders.wire.session import watching_tokens
+
+logger = logging.getLogger(__name__)
 
 MAX_TOKENS = 10_000
 """As many tokens are remembered: anyone may declare them."""
 
+_warnings = OnceWarner(logger, limit=MAX_DOMAIN + 1)
 _LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
@@ -66,6 +72,8 @@ class GraphView:
 def find_graph(session: zenoh.Session, domain: int, *, timeout_s: float = 5.0) -> GraphView:
     """Return the graph of a ROS domain as everybody whom a session reaches states it; what is no token is passed over.
 
+    It is reported if there are more tokens than are remembered.
+
     Parameters
     ----------
     session : zenoh.Session
@@ -77,11 +85,17 @@ def find_graph(session: zenoh.Session, domain: int, *, timeout_s: float = 5.0) -
     """
     found: dict[str, Token] = {}
     for reply in session.liveliness().get(tokens_of(domain), timeout=timeout_s):
-        if reply.ok is not None and len(found) < MAX_TOKENS:
+        if reply.ok is not None and len(found) >= MAX_TOKENS:
+            _warn_of_too_many(domain)
+        elif reply.ok is not None:
             key = str(reply.ok.key_expr)
             with suppress(WireError):
                 found[key] = Token.from_key(key)
     return GraphView(tuple(found[key] for key in sorted(found)))
+
+
+def _warn_of_too_many(domain: int) -> None:
+    _warnings.warn(f"ROS domain {domain}: more than {MAX_TOKENS} tokens in its graph: those beyond them are not known")
 
 
 class RosGraph:
@@ -98,6 +112,8 @@ class RosGraph:
     ----------
     refused : int
         How many tokens were none of rmw_zenoh, or too many.
+    too_many : int
+        How many of these were too many, which is also reported.
     """
 
     def __init__(self, session: zenoh.Session, domain: int) -> None:
@@ -107,7 +123,7 @@ class RosGraph:
         self._tokens: dict[str, Token] = {}
         self._view: GraphView | None = None  # of these tokens, once it is asked for
         self._stack = ExitStack()
-        self.refused = 0
+        self.refused = self.too_many = 0
 
     def __enter__(self) -> Self:
         watching = watching_tokens(self._session, tokens_of(self._domain), self._on_change, history=True)
@@ -145,7 +161,10 @@ class RosGraph:
                 self._changed.wait(min(left_s, _LOOK_S))
         if (there := found()) < number:
             kind = f" to {type_name}" if type_name else ""
-            raise WireError(f"{topic}: expected {number} subscriptions{kind} within {timeout_s:.3g} s, found {there}")
+            unknown = f"; {self.too_many} tokens beyond {MAX_TOKENS} are not known" if self.too_many else ""
+            raise WireError(
+                f"{topic}: expected {number} subscriptions{kind} within {timeout_s:.3g} s, found {there}{unknown}"
+            )
 
     # From here on: Zenoh's threads.
 
@@ -155,6 +174,8 @@ class RosGraph:
                 self._tokens.pop(key, None)
             elif len(self._tokens) >= MAX_TOKENS:
                 self.refused += 1
+                self.too_many += 1
+                _warn_of_too_many(self._domain)
             else:
                 self._add(key)
             self._view = None

@@ -23,11 +23,12 @@ from recorders.reading.reader import LogReader
 from recorders.recording.bag_folder import new_bag_folder, write_bag_metadata
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
-from recorders.recording.ros_channels import domain_channels
+from recorders.recording.ros_channels import TOO_MANY_TOKENS, domain_channels
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.bag_channels import HASH_METADATA, has_definition
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys import ros_graph
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import EVERY_TOPIC
 from recorders.wire.loopback import free_endpoint
@@ -165,6 +166,19 @@ def test_what_is_no_message_of_the_type_that_its_key_states_is_counted_and_keeps
         (JOINT_STATES, type_hash(JointState.TYPE), True),
         (JOINT_STATES, "RIHS01_" + 64 * "a", False),
     ]
+
+
+def test_publishers_that_are_too_many_for_the_graph_are_counted(
+    beside: Beside, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    session, _, other = beside
+    monkeypatch.setattr(ros_graph, "MAX_TOKENS", 0)
+    keys = RosKeys(DOMAIN, NodeName("talker"))
+    with recording(session, tmp_path / "log.mcap") as stats, keys.joined(other):
+        put(other, keys, "/chatter", String("a"), Attachment(1, 7, bytes(16)))
+        wait_until(came(stats, 1))
+    assert stats.refused.keys() == {TOO_MANY_TOKENS}
+    assert stats.refused[TOO_MANY_TOKENS] >= 1
 
 
 def test_log_times_are_those_of_the_domain_where_asked(beside: Beside, tmp_path: Path) -> None:

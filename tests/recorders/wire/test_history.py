@@ -9,6 +9,7 @@ from waiting import matches, wait_until
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from recorders.messages.topics import ROBOT_DESCRIPTION
+from recorders.wire import history
 from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
@@ -79,6 +80,19 @@ def test_messages_of_plain_publishers_all_pass(sessions: tuple[zenoh.Session, ze
             plain.put(text)
             plain.put(text, source_info=always_one)
         assert heard(receiver, 6) == [b"a", b"a", b"a", b"a", b"b", b"b"]
+
+
+def test_of_too_many_publishers_only_what_is_new_is_taken_and_that_is_reported(
+    sessions: tuple[zenoh.Session, zenoh.Session], monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr(history, "_MAX_SOURCES", 0)
+    with keeping(sessions[0]) as publisher:
+        publisher.put(b"kept")
+        with Receiver(sessions[1], config=KEPT) as receiver:
+            wait_until(lambda: "latched publishers only what arrives" in caplog.text)
+            publisher.put(b"new")
+            assert heard(receiver, 1) == [b"new"]
+    assert len(caplog.messages) == 1
 
 
 def test_without_being_told_so_it_asks_for_nothing(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:

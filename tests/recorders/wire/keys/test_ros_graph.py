@@ -92,8 +92,9 @@ def test_what_is_no_token_is_counted_and_does_no_harm(graph: Graph) -> None:
 
 
 def test_tokens_are_remembered_up_to_a_limit_however_many_there_are(
-    graph: Graph, monkeypatch: pytest.MonkeyPatch
+    graph: Graph, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:
+    """Of those beyond it there is one line, and an error that they may be the cause of counts them."""
     session, limit = graph[0], 20
     monkeypatch.setattr(ros_graph, "MAX_TOKENS", limit)
     with ExitStack() as many, RosGraph(session, 6) as ours:
@@ -102,5 +103,10 @@ def test_tokens_are_remembered_up_to_a_limit_however_many_there_are(
         many.enter_context(session.liveliness().declare_token("@ros2_lv/6/" + "x/" * 3000 + "x"))
         wait_until(lambda: ours.refused == 2 * limit + 1)
         assert len(ours.view.tokens) == len(find_graph(session, 6).tokens) == limit
+        (line,) = (message for message in caplog.messages if "ROS domain 6" in message)
+        assert line.startswith("ROS domain 6: more than 20 tokens in its graph")
+        assert ours.too_many == 2 * limit + 1
+        with pytest.raises(WireError, match="found 0; 41 tokens beyond 20 are not known"):
+            ours.wait_for("/chatter", 1, timeout_s=0.0)
         many.close()
         wait_until(lambda: not ours.view.tokens)
