@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
+from pipeline.cli.project_settings import SETTINGS_FILE, of_settings
 from recorders.errors import ConfigError
 from recorders.rmw_zenoh.names import MAX_DOMAIN
 
@@ -16,13 +17,25 @@ if TYPE_CHECKING:
 _OPTION = "--ros"
 _VARIABLE = "ROS_DOMAIN_ID"
 
+_NONE = "none"
+
+
+def _domain(text: str) -> int | None:
+    """Return the domain that an option states; None where it states that there is none, whatever a file sets."""
+    if text == _NONE:
+        return None
+    if not (text.isascii() and text.isdigit() and len(text) <= len(str(MAX_DOMAIN)) and int(text) <= MAX_DOMAIN):
+        raise typer.BadParameter(f"expected 0 to {MAX_DOMAIN}, or {_NONE}, found {text[:40]!r}")
+    return int(text)
+
+
 RosDomain = Annotated[
     int | None,
     typer.Option(
         _OPTION,
-        help=f"Topics of a ROS 2 domain, by rmw_zenoh, in place of a namespace's; without a number, {_VARIABLE} or 0.",
-        min=0,
-        max=MAX_DOMAIN,
+        help=f"Topics of a ROS 2 domain, by rmw_zenoh, in place of a namespace's; without a number, {_VARIABLE} or 0. "
+        f"{_OPTION}={_NONE}: of a namespace, whatever {SETTINGS_FILE} sets.",
+        parser=_domain,
         metavar="DOMAIN",
     ),
 ]
@@ -69,7 +82,7 @@ def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | No
     from recorders.wire.keys.topic_keys import NamespaceKeys
 
     if ros is None:
-        if remap:
+        if remap and not of_settings("remap"):
             raise ConfigError(f"--remap: expected {_OPTION} beside it, found {remap[0]!r:.100} alone")
         return NamespaceKeys(namespace)
     plain = _NO_NAME.sub("_", name)

@@ -87,8 +87,8 @@ class LookingSession:
     remap: Remap = None
 
     def keys(self, name: str) -> "TopicKeys":
-        """Return the keys of topics, for a node of a name."""
-        return topic_keys(name, self.namespace, self.ros, self.remap)
+        """Return the keys of topics, for a node of a name; where no session is asked for, those of a namespace."""
+        return topic_keys(name, self.namespace, self.ros if self.is_given else None, self.remap)
 
     @property
     def is_given(self) -> bool:

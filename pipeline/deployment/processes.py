@@ -6,7 +6,7 @@ from contextlib import ExitStack, contextmanager
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from pipeline.deployment.verb_process import VerbProcess
+from pipeline.deployment.verb_process import IN_NAMESPACE, VerbProcess
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
 from pipeline.robot_node.client import RemoteRobot
@@ -48,8 +48,10 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Ses
         (folder / TOML_FILE).write_text(controller.robot_toml, encoding="utf-8")
         (folder / URDF_FILE).write_text(controller.robot_urdf, encoding="utf-8")
         processes = [
-            stack.enter_context(VerbProcess(folder, "robot", "--robot", folder, "--listen", endpoint)),
-            stack.enter_context(VerbProcess(folder, "serve", folder / "controller.npz", "--connect", endpoint)),
+            stack.enter_context(VerbProcess(folder, "robot", "--robot", folder, "--listen", endpoint, *IN_NAMESPACE)),
+            stack.enter_context(
+                VerbProcess(folder, "serve", folder / "controller.npz", "--connect", endpoint, *IN_NAMESPACE)
+            ),
         ]
         try:
             session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=wait_s)))

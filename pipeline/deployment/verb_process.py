@@ -8,6 +8,9 @@ from typing import IO, Self
 
 from pipeline.deployment.child import PATIENCE_S, command
 
+IN_NAMESPACE = ("--ros=none",)
+"""Arguments by which a verb has its topics in a namespace, whatever the settings of the project are."""
+
 _PREFIX = "reenact: "
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from pipeline.browser.session import teacher_node
 from pipeline.browser.session.keys import renamed_targets
-from pipeline.deployment.verb_process import VerbProcess
+from pipeline.deployment.verb_process import IN_NAMESPACE, VerbProcess
 from recorders.errors import ConfigError, WireError
 from recorders.nodes.keys import controller_key, node_name
 from recorders.text.wording import names_text
@@ -67,9 +67,9 @@ class Place:
 
 
 def _of_domain(keys: TopicKeys) -> list[str]:
-    """Return the arguments by which a verb has the same keys of topics, if they are of a ROS domain."""
+    """Return the arguments by which a verb has the same keys of topics, whatever the settings of the project are."""
     if not isinstance(keys, RosKeys):
-        return []
+        return [*IN_NAMESPACE]
     node = keys.node.name
     rules = [f"__ns:={node.namespace}", *(f"{source}:={target}" for source, target in node.rules)]
     return ["--ros", str(keys.domain), *(part for rule in rules for part in ("--remap", rule))]

@@ -5,7 +5,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from pipeline.deployment.verb_process import VerbProcess
+from pipeline.deployment.verb_process import IN_NAMESPACE, VerbProcess
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
 
 _LOOK_S = 0.2
@@ -37,7 +37,16 @@ class OwnRobot:
         self._folder.mkdir()
         (self._folder / TOML_FILE).write_text(robot.toml_text, encoding="utf-8")
         (self._folder / URDF_FILE).write_text(robot.urdf_text, encoding="utf-8")
-        self._arguments = ("--robot", self._folder, "--listen", endpoint, "--namespace", namespace, "--real-time")
+        self._arguments = (
+            "--robot",
+            self._folder,
+            "--listen",
+            endpoint,
+            "--namespace",
+            namespace,
+            *IN_NAMESPACE,
+            "--real-time",
+        )
         self._over = threading.Event()
         self.report = ""
         self.restarts = 0

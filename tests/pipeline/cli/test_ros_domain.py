@@ -8,7 +8,7 @@ import pytest
 from processes import complaint, reenact
 from typer.testing import CliRunner
 
-from pipeline.cli.app import app
+from pipeline.cli.app import app, main
 from pipeline.cli.robot.explore import DriveOptions
 from pipeline.cli.ros_domain import topic_keys
 from pipeline.cli.sessions import ListeningNode, LookingSession
@@ -60,6 +60,15 @@ def test_a_rule_that_is_none_is_refused(rule: str) -> None:
 def test_rules_need_a_domain() -> None:
     with pytest.raises(ConfigError, match="--remap: expected --ros beside it, found 'a:=b' alone"):
         topic_keys("serve", "lab", None, ["a:=b"])
+
+
+@pytest.mark.parametrize("domain", ["233", "-1", "a", "", "1_0", "\u0663", "9" * 5000])
+def test_what_is_no_domain_is_refused(domain: str, capsys: pytest.CaptureFixture[str]) -> None:
+    with pytest.raises(SystemExit) as ended:
+        main(["cat", "--connect", "tcp/127.0.0.1:9", f"--ros={domain}"])
+    assert ended.value.code == 2
+    (line,) = capsys.readouterr().err.splitlines()
+    assert f"expected 0 to 232, or none, found {domain[:40]!r}" in line
 
 
 def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
