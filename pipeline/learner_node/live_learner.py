@@ -254,13 +254,14 @@ class LiveLearner:
         if isinstance(event, LiveMessage):
             yield from self._live(event)
         elif isinstance(event, ReceivedOffer):
-            yield from self._choice.settle(_topics_of(event.offer))
+            topics = _topics_of(event.offer)
+            yield from self._choice.settle(None if topics is None else [*map(self._receiver.own_name, topics)])
             self._receiver.accept(event, 0)
         elif event.kind is FrameType.ABORT:
             self._leave(event.reason)
         else:
             self._ended = event.kind is FrameType.END
-            for record in event.messages:
+            for record in self._receiver.own_records(event):
                 if not self._has_enough():
                     yield from self._choice.feed(record)
 

@@ -210,8 +210,8 @@ class LiveRecorder:
             self._take_frame(receiver, event)
 
     def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
-        for record in frame.messages:
-            self._write(record, numbered=True, declared=_declared(receiver, frame.sender, record))
+        for sent, record in zip(frame.messages, receiver.own_records(frame), strict=True):
+            self._write(record, numbered=True, declared=_declared(receiver, frame.sender, sent))
         if frame.kind is FrameType.END:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.totals())

@@ -232,6 +232,18 @@ class Receiver:
             answer = self._machine.refuse(event.offered, reason)
         event.answer(answer)
 
+    def own_name(self, topic: str) -> str:
+        """Return the name that this node has for a topic of a stream."""
+        return self._config.keys.received_as(topic)
+
+    def own_records(self, frame: Frame) -> Iterator[RecordedMessage]:
+        """Yield a frame's messages under the names that this node has for their topics."""
+        if not self._config.keys.renames:
+            yield from frame.messages
+            return
+        for record in frame.messages:
+            yield record._replace(topic=self.own_name(record.topic))
+
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""
         with self._lock:
@@ -321,7 +333,7 @@ class Receiver:
                     return
                 if event.kind is FrameType.ABORT:
                     raise WireError(event.reason)
-                yield from event.messages
+                yield from self.own_records(event)
                 self.consumed(event)
 
     def _is_answered(self, event: ReceivedOffer) -> bool:

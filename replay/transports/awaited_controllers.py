@@ -2,7 +2,7 @@
 
 import json
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from contextlib import ExitStack
 from typing import Any, Self
 
@@ -102,7 +102,11 @@ def controller_status(session: Session, name: str, *, namespace: str) -> dict[st
 
 
 def await_matching(
-    publisher_of: Callable[[str, str], MessagePublisher], status: dict[str, Any], *, wait_s: float
+    publisher_of: Callable[[str, str], MessagePublisher],
+    status: dict[str, Any],
+    *,
+    types: Mapping[str, str] | None,
+    wait_s: float,
 ) -> None:
     """Wait until what is put on a controller's topics reaches somebody: before, it would be lost without a word.
 
@@ -112,6 +116,8 @@ def await_matching(
         Returns the publisher of a topic and type.
     status : dict
         As `controller_status` returns it: the controller has subscribed already.
+    types : mapping of str to str, optional
+        Types of the topics that are sent, of which alone it waits; those of our topics if left out.
     wait_s : float
         How long that may take [s].
 
@@ -121,8 +127,11 @@ def await_matching(
         If it takes longer.
     """
     deadline_s = time.monotonic() + wait_s
+    known = {topic: kind for topic in status["topics"] if (kind := type_of(topic))} if types is None else types
     for topic in status["topics"]:
-        publisher = publisher_of(topic, type_of(topic))
+        if topic not in known:
+            continue
+        publisher = publisher_of(topic, known[topic])
         while not has_subscribers(publisher):
             if time.monotonic() > deadline_s:
                 raise WireError(

@@ -66,7 +66,7 @@ class SenderConfig:
         if self.consumers and self.keys.renames:
             raise ConfigError(
                 f"--remap: expected none where {names_text(self.consumers)} is awaited, as a stream states its topics "
-                "by name; rename at the other end"
+                "by name; rename at the other end, or with --map"
             )
         if not 1 <= self.batch_size <= self.window:
             raise ConfigError(

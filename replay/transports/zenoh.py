@@ -153,7 +153,8 @@ class ZenohTransport:
                 f"found batches of {self._config.batch_size}"
             )
         wait_s = max(self._config.wait_s, _SUBSCRIBED_S)
-        await_matching(sender.publisher, status, wait_s=wait_s)
+        types = {channel.topic: channel.type for channel in self._channels} or None
+        await_matching(sender.publisher, status, types=types, wait_s=wait_s)
         controllers.add(name)
         return True
 

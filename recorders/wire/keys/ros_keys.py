@@ -108,6 +108,13 @@ class RosKeys:
         found = TopicKey.from_text(key)
         return KeyedTopic(self._own_name(found.topic), found.type, found.topic, found.type_hash)
 
+    def received_as(self, sent_as: str) -> str:
+        """Return the name that a rule gives back to a topic of a stream, or the same.
+
+        The stream is for this node, so that one whose name another topic has here is not refused.
+        """
+        return self._own_name(sent_as) or sent_as
+
     def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
         """Return the two parts of an attachment; ours alone on the key of batches."""
         if topic == batch_topic() or attachment is None:

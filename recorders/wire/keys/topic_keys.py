@@ -112,6 +112,9 @@ class TopicKeys(Protocol):
     def read_key(self, key: str) -> KeyedTopic:
         """Return what a key states that matches `everything`; raises MessageError if it is of no topic."""
 
+    def received_as(self, sent_as: str) -> str:
+        """Return the name that this node has for a topic of a stream, which states topics as its sender names them."""
+
     def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
         """Return what is attached to a message; raises MessageError if that cannot be of this mapping."""
 
@@ -181,6 +184,10 @@ class NamespaceKeys:
         """Return the topic of a key."""
         topic = "/" + key.removeprefix(self.namespace + "/")
         return KeyedTopic(topic, "", topic)
+
+    def received_as(self, sent_as: str) -> str:
+        """Return the same name."""
+        return sent_as
 
     def read_attachment(self, topic: str, attachment: bytes | None) -> Attached:
         """Return the attachment, which is ours or somebody's own."""

@@ -21,6 +21,7 @@ from pipeline.serving.output.command_types import CommandFormat, CommandType
 from pipeline.serving.served_controller import ServedController
 from pipeline.training.trainer import train
 from recorders.cdr.codec import encode
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.message_types import PoseStamped, TFMessage, TransformStamped
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEFT_TARGET, RIGHT_TARGET, TF_STATIC
@@ -28,7 +29,10 @@ from recorders.rmw_zenoh.names import NodeName
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
+from replay.sources.live import live_offer
 from replay.sources.schedule import Schedule
+from replay.transports.sender_config import SenderConfig
+from replay.transports.zenoh import ZenohTransport
 
 pytest.importorskip("zenoh_ros2_sdk")
 
@@ -133,3 +137,24 @@ def test_targets_in_a_frame_of_tf_static_are_turned_into_the_robots(ends: Ends, 
             sent(peer, each, pose)
         found = commands(peer, topic, TICKS - 1)  # the last tick waits for what comes after it
     assert found == expected(controller, CommandFormat())[: len(found)]
+
+
+def test_a_replay_awaits_a_controller_whose_targets_have_names_of_others(
+    controller: Controller,
+) -> None:
+    endpoint, names = free_endpoint(), {"/goal": LEFT_TARGET, "/aim": RIGHT_TARGET}
+    alignment = AlignmentConfig(ticks_of=LEFT_TARGET)
+    ours = RosKeys(DOMAIN, NodeName("serve"))
+    config = ServeConfig(keys=ours, serving=ServingConfig(), alignment=alignment, renames=names)
+    pose = PoseStamped(PERIOD_NS, HANDS[LEFT_TARGET], frame_id="world")
+    message = RecordedMessage("/goal", PoseStamped.TYPE, encode(pose), 0, 0)
+    channel = DeclaredChannel("/goal", "cdr", schema=(PoseStamped.TYPE, "ros2msg", b""))
+    sending = SenderConfig(("controller",), keys=RosKeys(DOMAIN, NodeName("replay")), batch_size=1, wait_s=60.0)
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as other,
+        serving(session, controller, config),
+    ):
+        transport = ZenohTransport(other, config=sending, channels=[channel])
+        result = transport.deliver(live_offer("0" * 32, epochs=1, robot={}), lambda start: iter([message][start:]))
+    assert set(result["controller"]["topics"]) >= set(names)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
 
 import pytest
 import zenoh
@@ -11,6 +12,8 @@ from recorders.errors import ConfigError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.protocol.stream import Offer
+from recorders.reading.reader import LogReader
+from recorders.recording.live_recorder import LiveRecorder
 from recorders.rmw_zenoh.names import NodeName
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.loopback import free_endpoint
@@ -33,6 +36,10 @@ def stream_from(start: int) -> Iterator[RecordedMessage]:
     return (message(index) for index in range(start, COUNT))
 
 
+def renamed(record: RecordedMessage) -> RecordedMessage:
+    return record._replace(topic="/mine") if record.topic == LEARNER_TOPICS[0].name else record
+
+
 def keys(name: str, *rules: str) -> RosKeys:
     return RosKeys(9, NodeName.remapped(name, "/", rules))
 
@@ -50,7 +57,7 @@ def sessions() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
 
 @pytest.mark.parametrize("topics", [None, {"/mine": LEARNER_TOPICS[0].type}])
 @pytest.mark.parametrize("batch_size", [1, 64])
-def test_everything_arrives_in_order_whatever_the_receiver_calls_its_topics_and_wants_beside_the_stream(
+def test_everything_arrives_in_order_under_the_receivers_names_whatever_it_wants_beside_the_stream(
     sessions: tuple[zenoh.Session, zenoh.Session], batch_size: int, topics: dict[str, str] | None
 ) -> None:
     rules = f"/mine:={LEARNER_TOPICS[0].name}", "__ns:=/lab"
@@ -60,7 +67,24 @@ def test_everything_arrives_in_order_whatever_the_receiver_calls_its_topics_and_
         sent = pool.submit(ZenohTransport(sessions[0], config=sending).deliver, OFFER, stream_from)
         result = receiver.serve(Collector(), wait_s=60.0)
         assert sent.result() == {"learner": result}
-    assert result == Collector().consume(stream_from(0))
+    assert result == Collector().consume(map(renamed, stream_from(0)))
+
+
+def test_an_awaited_recorder_records_its_own_names(
+    sessions: tuple[zenoh.Session, zenoh.Session], tmp_path: Path
+) -> None:
+    config = ReceiverConfig(name="recorder", keys=keys("recorder", f"/mine:={LEARNER_TOPICS[0].name}"), live=True)
+    sending = SenderConfig(("recorder",), keys=keys("replay"), batch_size=1, wait_s=60.0, patience_s=60.0)
+    with (
+        Receiver(sessions[1], config=config) as receiver,
+        LiveRecorder(tmp_path / "log.mcap") as recorder,
+        ThreadPoolExecutor() as pool,
+    ):
+        sent = pool.submit(ZenohTransport(sessions[0], config=sending).deliver, OFFER, stream_from)
+        recorder.run(receiver, stop_at_stream_end=True)
+        assert sent.result()["recorder"]["messages"] == COUNT
+    found = [(record.topic, record.data) for record in LogReader(tmp_path / "log.mcap")]
+    assert found == [(record.topic, record.data) for record in map(renamed, stream_from(0))]
 
 
 def test_a_stream_that_nobody_need_await_is_ordinary_messages_with_our_numbers_and_rmw_zenohs(
@@ -79,8 +103,7 @@ def test_a_stream_that_nobody_need_await_is_ordinary_messages_with_our_numbers_a
     sent = [message(index) for index in range(COUNT) if index % 3 != 1]
     taken = f"{LEARNER_TOPICS[1].name}: another topic has that name here, by --remap"
     assert refused == {taken: COUNT - len(sent)}
-    renamed = [each._replace(topic="/mine") if each.topic == LEARNER_TOPICS[0].name else each for each in sent]
-    assert [each.record for each in found] == renamed
+    assert [each.record for each in found] == [*map(renamed, sent)]
     numbers = [each.origin.sequence for each in found if each.origin is not None]
     assert numbers == [index // 3 + 1 for index in range(COUNT) if index % 3 != 1]
 
