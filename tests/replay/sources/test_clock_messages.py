@@ -13,6 +13,7 @@ from recorders.errors import ConfigError, LogError
 from recorders.messages.message_types import Clock
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CLOCK
+from recorders.messages.validation import MAX_STAMP_NS
 from recorders.reading.reader import LogReader
 from recorders.rmw_zenoh.qos import Qos
 from recorders.writing.writer import LogWriter
@@ -77,5 +78,9 @@ def test_times_that_ros_cannot_hold_are_refused_at_the_start(tmp_path: Path) -> 
     assert list(Playback([tmp_path / "late.mcap"]).stream())
     with pytest.raises(LogError, match=r"/a #0: expected a log time that /clock can hold, up to .*without --clock"):
         Playback([tmp_path / "late.mcap"], PlaybackConfig(clock_period_ns=1))
+    with LogWriter(tmp_path / "last.mcap", manifest={}) as log:
+        log.write("/a", b"", log_time_ns=MAX_STAMP_NS, opaque=True)
+    clock, last = Playback([tmp_path / "last.mcap"], PlaybackConfig(clock_period_ns=10**9)).stream()
+    assert (decode_as(Clock, clock.data).clock_ns, last.log_time_ns) == (MAX_STAMP_NS // 10**9 * 10**9, MAX_STAMP_NS)
     with pytest.raises(ConfigError, match="clock: expected a period"):
         PlaybackConfig(clock_period_ns=0)

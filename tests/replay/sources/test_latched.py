@@ -1,9 +1,11 @@
 """Latched messages from before what is played come first, each as often as a late joiner would have had it."""
 
+from collections import Counter
 from dataclasses import replace
 from pathlib import Path
 
 import pytest
+from bags import ros1_bag
 from rosbags.interfaces import Qos as TheirQos
 from rosbags.interfaces import QosDurability, QosHistory, QosLiveliness, QosReliability, QosTime
 from rosbags.rosbag2 import StoragePlugin, Writer
@@ -121,3 +123,23 @@ def test_what_is_no_quality_of_service_is_one_clear_line(tmp_path: Path) -> None
     assert list(Playback([tmp_path / "log.mcap"]).stream())
     with pytest.raises(LogError, match=r"log\.mcap: /map: quality of service: expected a profile of rosbag2, found"):
         Playback([tmp_path / "log.mcap"], PlaybackConfig(latched_first=True))
+
+
+def test_a_message_of_time_0_is_before_a_start(
+    tmp_path: Path,
+) -> None:
+    with LogWriter(tmp_path / "log.mcap", manifest={}) as log:
+        for topic, text, time_ns in (("/map", "m", 0), ("/chatter", "a", 1), ("/chatter", "b", 2 * SECOND_NS)):
+            declared = bag_channel(topic, String.TYPE, UNKNOWN_HASH, [OFFERED[topic]])
+            log.write(topic, encode(String(text)), log_time_ns=time_ns, declared=declared)
+    config = PlaybackConfig(latched_first=True, start_ns=SECOND_NS)
+    found = [(text_of(record), record.log_time_ns) for record in Playback([tmp_path / "log.mcap"], config).stream()]
+    assert found == [("m", SECOND_NS), ("b", 2 * SECOND_NS)]
+
+
+def test_a_container_that_keeps_no_publish_times_is_played_whole(tmp_path: Path) -> None:
+    bag = ros1_bag(tmp_path / "session.bag")
+    early, plain = (Playback([bag], PlaybackConfig(latched_first=first)).stream() for first in (True, False))
+    assert Counter((record.topic, bytes(record.data)) for record in early) == Counter(
+        (record.topic, bytes(record.data)) for record in plain
+    )

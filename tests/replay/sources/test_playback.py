@@ -1,6 +1,7 @@
 """Plain playback: every message of the logs, unchanged, in one order; sliced, renamed, repeated as asked."""
 
 import hashlib
+import json
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from itertools import islice
@@ -303,3 +304,14 @@ def test_topics_are_chosen_by_patterns_as_record_chooses_them(log: Path) -> None
 def test_a_pattern_that_no_topic_matches_is_an_error(log: Path) -> None:
     with pytest.raises(LogError, match=r"--topic: no topic /foot/\* in the logs; there are: /hand/left/target"):
         Playback([log], PlaybackConfig(topics=frozenset({"/hand/*", "/foot/*"})))
+
+
+def test_the_run_of_a_plain_playback_is_the_hash_of_its_logs_and_options_alone(log: Path) -> None:
+    """Consumers go on with a stream by this name: it is the same in every version."""
+    stated = LogReader(log).manifest["content_sha256"]
+    plain = json.dumps([[stated], [], [], 0, None, 1])
+    assert Playback([log]).offer().run == hashlib.sha256(plain.encode()).hexdigest()[:32]
+    for option, more in ({"latched_first": True}, [True, None]), ({"clock_period_ns": 5}, [False, 5]):
+        named = json.dumps([[stated], [], [], 0, None, 1, *more])
+        found = Playback([log], PlaybackConfig(**option)).offer().run
+        assert found == hashlib.sha256(named.encode()).hexdigest()[:32]
