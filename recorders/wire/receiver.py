@@ -7,7 +7,7 @@ import threading
 import time
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from contextlib import ExitStack
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import TracebackType
@@ -277,9 +277,14 @@ class Receiver:
                 self._machine.on_time(time.monotonic())
             return self._machine.released
 
-    def reporting_failure(self) -> "_ReportingFailure":
-        """Return a context that reports an exception which leaves it to the sender."""
-        return _ReportingFailure(self)
+    @contextmanager
+    def reporting_failure(self) -> Iterator[None]:
+        """Report an exception that leaves the block to the sender, and let it pass."""
+        try:
+            yield
+        except BaseException as error:
+            self.fail(str(error) if isinstance(error, ReenactError) else f"stopped by {type(error).__name__}")
+            raise
 
     def fail(self, reason: str) -> None:
         """Inform the sender, if it still lives, that its stream is given up, and why."""
@@ -389,20 +394,3 @@ class Receiver:
         with self._lock:
             self._machine.on_status_answered(packet, progress, time.monotonic())
             self._released.notify_all()
-
-
-class _ReportingFailure:
-    """Reports an exception to the sender, and lets it pass."""
-
-    def __init__(self, receiver: Receiver) -> None:
-        self._receiver = receiver
-
-    def __enter__(self) -> None:
-        return None
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        if error is not None:
-            known = isinstance(error, ReenactError)
-            self._receiver.fail(str(error) if known else f"stopped by {type(error).__name__}")
