@@ -90,7 +90,7 @@ class Qos:
         return self.durability is Durability.TRANSIENT_LOCAL
 
     @property
-    def kept(self) -> int:
+    def cache_depth(self) -> int:
         """How many messages a publisher that is latched keeps for late joiners, whatever depth a bag states."""
         return MAX_DEPTH if self.history is History.KEEP_ALL else min(max(1, self.depth), MAX_DEPTH)
 

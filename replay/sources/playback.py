@@ -193,7 +193,7 @@ class Playback:
         everything = self._read(self._played, begin_ns, end_ns)
         if not config.latched_first:
             return everything
-        depths = {topic: qos.kept for topic, qos in self._recorded_qos().items() if qos.is_latched}
+        depths = {topic: qos.cache_depth for topic, qos in self._recorded_qos().items() if qos.is_latched}
         early = EarlyMessages(depths, max(begin_ns, self._first_ns))
         latched = frozenset(depths)
         return early.first(self._read(latched, 0, begin_ns), self._read(latched, begin_ns, end_ns), everything)

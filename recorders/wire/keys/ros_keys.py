@@ -171,7 +171,7 @@ class RosKeys:
         if qos.reliability is Reliability.BEST_EFFORT:
             options = {"reliability": zenoh.Reliability.BEST_EFFORT, **options}
         opened = (
-            publishing_latched(session, key, depth=qos.kept, **options)
+            publishing_latched(session, key, depth=qos.cache_depth, **options)
             if qos.is_latched
             else publishing(session, key, **options)
         )

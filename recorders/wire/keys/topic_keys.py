@@ -203,7 +203,7 @@ class NamespaceKeys:
     ) -> AbstractContextManager[MessagePublisher]:
         """Yield a publisher of a topic."""
         if qos is not None and qos.is_latched:
-            return publishing_latched(session, self.key(topic), depth=qos.kept, **options)
+            return publishing_latched(session, self.key(topic), depth=qos.cache_depth, **options)
         return publishing(session, self.key(topic), **options)
 
     @contextmanager

@@ -167,7 +167,7 @@ def _only_qos(graph: RosGraph, topic: str) -> Qos:
     return token.endpoint.qos
 
 
-def test_a_topic_that_kept_all_is_played_with_what_was_published_before(tmp_path: Path, endpoint: str) -> None:
+def test_a_topic_of_history_keep_all_is_played_with_what_was_published_before(tmp_path: Path, endpoint: str) -> None:
     keeps_all = LATCHED._replace(history=QosHistory.KEEP_ALL, depth=0)
     store = get_typestore(Stores.ROS2_JAZZY)
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.SQLITE3) as writer:

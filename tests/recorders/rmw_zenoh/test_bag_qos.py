@@ -130,8 +130,10 @@ def test_a_topic_is_played_as_it_was_offered_and_else_as_ros_has_it() -> None:
 
 
 def test_a_latched_topic_keeps_something_whatever_depth_a_bag_states() -> None:
-    kept = [Qos(durability=Durability.TRANSIENT_LOCAL, history=history, depth=depth).kept for history, depth in CASES]
-    assert kept == [MAX_DEPTH, MAX_DEPTH, 1, 7, MAX_DEPTH]
+    found = [
+        Qos(durability=Durability.TRANSIENT_LOCAL, history=history, depth=depth).cache_depth for history, depth in CASES
+    ]
+    assert found == [MAX_DEPTH, MAX_DEPTH, 1, 7, MAX_DEPTH]
 
 
 def test_a_type_of_another_definition_has_none_in_the_bag() -> None:
