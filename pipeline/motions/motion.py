@@ -3,6 +3,7 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
@@ -134,8 +135,11 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = 
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
         known = names_text([*MOTIONS.names(), *drawings()])
+        near = get_close_matches(str(name_or_path), [*MOTIONS.names(), *drawings()], n=1)
+        meant = f"; did you mean {near[0]}?" if near else ""
         raise MotionError(
-            f"unknown motion '{name_or_path}': expected one of {known}, or {or_file}; there is no file of this name"
+            f"unknown motion '{name_or_path}': expected one of {known}, or {or_file}; "
+            f"there is no file of this name{meant}"
         )
     middles = {hand.name: hand.orientation for hand in robot.hands if hand.orientation is not None}
     motion = read_motion_csv(path, robot.hand_names, middles=middles)

@@ -340,10 +340,11 @@ def _unreached(connect: Sequence[str], config: SessionConfig) -> WireError:
                 f"{endpoint} is there, but let no session in within {config.wait_s:g} s; "
                 "expected Zenoh over this protocol, and the user, password or certificates that it asks for"
             )
+    router = "; with --ros the router, as by `ros2 run rmw_zenoh_cpp rmw_zenohd`" if DEFAULT_ENDPOINT in connect else ""
     return UnreachedError(
         f"nothing listens at {', '.join(connect)} within {config.wait_s:g} s; "
         f"start the other end there, such as `reenact robot --listen {connect[0]}` or "
-        f"`reenact learn --listen {connect[0]}`, or give another --connect"
+        f"`reenact learn --listen {connect[0]}`{router}, or give another --connect"
     )
 
 

@@ -73,6 +73,7 @@ class RobotLink:
         self._warnings = OnceWarner(logger, limit=4)
         self._lock = threading.Lock()
         self._seen_s = -_SILENT_S
+        self._over = False
         self._stack = ExitStack()
         self.controller = ""
         self.deviations_m: Floats | None = None
@@ -86,6 +87,8 @@ class RobotLink:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
+        with self._lock:
+            self._over = True  # states that wait on a thread of Zenoh's are still handed over
         self._stack.close()
 
     @property
@@ -122,8 +125,8 @@ class RobotLink:
             self._warnings.warn(f"{JOINT_STATES}: {error}", kind=JOINT_STATES)
             return
         self._seen_s = time.monotonic()
-        if tick is not None:
-            with self._lock:
+        with self._lock:
+            if tick is not None and not self._over:
                 self._publish(tick, state)
 
     def _publish(self, tick: Tick, state: JointState) -> None:

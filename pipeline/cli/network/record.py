@@ -1,5 +1,6 @@
 """The verb record."""
 
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import partial
 from itertools import islice
@@ -86,7 +87,13 @@ def record(
         out = new_bag_folder(bag)
     if out is not None and config.split_bytes is None and config.split_ns is None:
         check_place(out, overwrite=overwrite)  # before anybody is waited for
-    recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
+    try:
+        recording = _record(out, name, config, node, overwrite=overwrite, stop_at_stream_end=stop_at_stream_end)
+    except BaseException:
+        with suppress(OSError):  # it holds what was recorded
+            if bag is not None:
+                bag.rmdir()
+        raise
     result = recording.to_dict() if as_json else recording.totals()
     if not (as_json or recording.left_out):
         del result["left_out"]

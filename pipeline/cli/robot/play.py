@@ -77,6 +77,8 @@ def play(
     from pipeline.browser.session.play import playing
     from pipeline.terminal.signals import until_stopped
 
+    if out.exists() and not out.is_dir():
+        raise ConfigError(f"--out: expected a folder for the recordings, found the file {out}")
     gate, config = page.gate(), _config(controllers or [], robot, session, out)
     with (
         playing(config) as running,

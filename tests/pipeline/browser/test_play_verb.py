@@ -26,3 +26,12 @@ def test_what_cannot_be_shown_is_one_clear_line(arguments, line, tmp_path: Path,
     assert printed.startswith("reenact: ")
     assert line in printed
     assert not list(tmp_path.iterdir())
+
+
+def test_a_file_takes_no_recordings(tmp_path: Path, capsys):
+    (tmp_path / "log.mcap").write_bytes(b"kept")
+    with pytest.raises(SystemExit) as ended:
+        main(["play", "--no-browser", "--out", str(tmp_path / "log.mcap")])
+    assert ended.value.code == 2
+    assert "--out: expected a folder for the recordings, found the file" in capsys.readouterr().err
+    assert (tmp_path / "log.mcap").read_bytes() == b"kept"

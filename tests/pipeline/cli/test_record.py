@@ -3,6 +3,7 @@
 import json
 import random
 import signal
+import socket
 import subprocess
 import sys
 import threading
@@ -160,6 +161,15 @@ def test_a_bag_takes_no_other_name_and_no_folder_with_files(tmp_path: Path) -> N
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "old").touch()
     assert "found old in it" in complaint(reenact("record", "--bag", "run", cwd=tmp_path))
+
+
+def test_nothing_is_left_of_a_bag_that_was_never_begun(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
+        assert "something else listens there" in complaint(
+            reenact("record", "--bag", "run", "--listen", endpoint, cwd=tmp_path)
+        )
+    assert not (tmp_path / "run").exists()
 
 
 def test_gaps_are_counted(tmp_path: Path) -> None:
