@@ -96,6 +96,7 @@ Ends = tuple[zenoh.Session, RosPeer, str]
 
 @pytest.fixture(scope="module")
 def ends() -> Iterator[Ends]:
+    pytest.importorskip("zenoh_ros2_sdk")
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))) as session, ros_peer(endpoint, domain=7) as peer:
         yield session, peer, endpoint
