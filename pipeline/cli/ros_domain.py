@@ -24,9 +24,13 @@ def _domain(text: str) -> int | None:
     """Return the domain that an option states; None where it states that there is none, whatever a file sets."""
     if text == _NONE:
         return None
-    if not (text.isascii() and text.isdigit() and len(text) <= len(str(MAX_DOMAIN)) and int(text) <= MAX_DOMAIN):
+    if not _is_domain(text):
         raise typer.BadParameter(f"expected 0 to {MAX_DOMAIN}, or {_NONE}, found {text[:40]!r}")
     return int(text)
+
+
+def _is_domain(text: str) -> bool:
+    return text.isascii() and text.isdigit() and len(text) <= len(str(MAX_DOMAIN)) and int(text) <= MAX_DOMAIN
 
 
 RosDomain = Annotated[
@@ -107,6 +111,6 @@ def with_domain(arguments: Sequence[str]) -> list[str]:
 
 def _usual_domain() -> int:
     text = os.environ.get(_VARIABLE, "") or "0"
-    if not (text.isascii() and text.isdigit() and int(text) <= MAX_DOMAIN):
+    if not _is_domain(text):
         raise ConfigError(f"{_VARIABLE}: expected 0 to {MAX_DOMAIN}, found {text[:40]!r}")
     return int(text)

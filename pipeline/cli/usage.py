@@ -1,6 +1,5 @@
 """Help without Python's types, and one line for each usage error."""
 
-import difflib
 from collections.abc import Callable
 from typing import Any
 
@@ -9,6 +8,7 @@ from typer.core import TyperArgument, TyperCommand, TyperGroup
 
 from pipeline.cli.renamed_options import present_name
 from pipeline.terminal import console
+from recorders.text.wording import did_you_mean
 
 
 class Verb(TyperCommand):
@@ -100,11 +100,7 @@ def _nearest_option(error: Any) -> str:
         return ""
     params = error.ctx.command.get_params(error.ctx)
     names = [name for param in params for name in (*param.opts, *param.secondary_opts) if name.startswith("-")]
-    wanted = error.option_name.lstrip("-")
-    near = [name for name in names if name.lstrip("-").startswith(wanted)] or difflib.get_close_matches(
-        error.option_name, names, n=1
-    )
-    return f"; did you mean {near[0]}?" if near else ""
+    return did_you_mean(error.option_name, names)
 
 
 def _expected(param: Any) -> str:

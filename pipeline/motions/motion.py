@@ -3,7 +3,6 @@
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from types import MappingProxyType
 
@@ -21,7 +20,7 @@ from recorders.errors import MessageError, MotionError
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.parts import is_log
 from recorders.registry import Registry
-from recorders.text.wording import hand_label, names_text
+from recorders.text.wording import did_you_mean, hand_label, names_text
 
 _SHORT = {"left": "l", "right": "r"}
 _IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
@@ -134,12 +133,10 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = 
     path = drawings().get(str(name_or_path), Path(name_or_path))
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
-        known = names_text([*MOTIONS.names(), *drawings()])
-        near = get_close_matches(str(name_or_path), [*MOTIONS.names(), *drawings()], n=1)
-        meant = f"; did you mean {near[0]}?" if near else ""
+        known = [*MOTIONS.names(), *drawings()]
         raise MotionError(
-            f"unknown motion '{name_or_path}': expected one of {known}, or {or_file}; "
-            f"there is no file of this name{meant}"
+            f"unknown motion '{name_or_path}': expected one of {names_text(known)}, or {or_file}; "
+            f"there is no file of this name{did_you_mean(str(name_or_path), known)}"
         )
     middles = {hand.name: hand.orientation for hand in robot.hands if hand.orientation is not None}
     motion = read_motion_csv(path, robot.hand_names, middles=middles)

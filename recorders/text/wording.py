@@ -2,7 +2,8 @@
 
 import datetime
 import json
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
+from difflib import get_close_matches
 
 _KINDS = {
     str: "a text",
@@ -102,3 +103,14 @@ def line_text(text: str, *, limit: int = 3000) -> str:
 def escape_control(text: str) -> str:
     """Return a text with everything that a terminal might obey, such as an escape, spelt out."""
     return "".join(c if c.isprintable() else c.encode("unicode_escape").decode() for c in text)
+
+
+def did_you_mean(wanted: str, known: Sequence[str]) -> str:
+    """Return the question whether another name was meant, if one is near or begins so; empty if none does.
+
+    >>> did_you_mean("circels", ["circles", "eight"])
+    '; did you mean circles?'
+    """
+    plain = wanted.lstrip("-")  # of an option, which may be named with one dash as well as with two
+    near = [name for name in known if name.lstrip("-").startswith(plain)] or get_close_matches(wanted, known, n=1)
+    return f"; did you mean {near[0]}?" if near else ""

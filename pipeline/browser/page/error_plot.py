@@ -11,6 +11,18 @@ from pipeline.browser.session.figures import TickError
 _POINTS = 200
 _SPAN_S = 20.0
 
+AXIS = uplot.Axis(stroke="#888888", grid={"stroke": "rgba(128,128,128,0.25)"})
+"""An axis that is seen on a dark page and on a light one."""
+
+
+def hand_series(unit: str, hands: Sequence[str]) -> tuple[uplot.Series, ...]:
+    """Return the series of a plot: of its x axis by unit, and the error of each hand [cm]."""
+    series = [uplot.Series(label=unit)]
+    for place, hand in enumerate(hands):
+        dash = () if place % 2 == 0 else (6.0, 3.0)  # told apart without their colours, too
+        series.append(uplot.Series(label=f"{hand} [cm]", stroke=css(hand_colour(place)), width=2, dash=dash))
+    return tuple(series)
+
 
 class ErrorPlot:
     """Plot of the distances of the hands from their targets.
@@ -26,17 +38,11 @@ class ErrorPlot:
     def __init__(self, server: ViserServer, hands: Sequence[str]) -> None:
         self._hands = len(hands)
         empty = np.zeros(1)
-        series: list[uplot.Series] = [uplot.Series(label="s")]
-        for place, hand in enumerate(hands):
-            dash = () if place % 2 == 0 else (6.0, 3.0)  # told apart without their colours, too
-            series.append(uplot.Series(label=f"{hand} [cm]", stroke=css(hand_colour(place)), width=2, dash=dash))
-        grey = "#888888"
-        axes = tuple(uplot.Axis(stroke=grey, grid={"stroke": "rgba(128,128,128,0.25)"}) for _ in range(2))
         self._plot: GuiUplotHandle = server.gui.add_uplot(
             (empty, *[empty] * self._hands),
-            tuple(series),
+            hand_series("s", hands),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
-            axes=axes,
+            axes=(AXIS, AXIS),
             height=150,
         )
 

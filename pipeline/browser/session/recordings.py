@@ -173,11 +173,16 @@ class Recordings:
 
     def _free(self, name: str) -> str:
         """Return a name that no log has."""
-        name = node_name(name.strip() or "demonstration")
-        number, free = 1, name
-        while self._file(free).exists():
-            number, free = number + 1, f"{name}_{number + 1}"
-        return free
+        return free_path(self._file(node_name(name.strip() or "demonstration"))).stem
+
+
+def free_path(path: Path) -> Path:
+    """Return a path, with a number behind its name if that is taken."""
+    number, free = 1, path
+    while free.exists():
+        number += 1
+        free = path.with_name(f"{path.stem}_{number}{path.suffix}")
+    return free
 
 
 def evaluated(controller: Path, log: Path) -> dict[str, Any]:

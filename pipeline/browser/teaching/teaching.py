@@ -9,6 +9,7 @@ from pathlib import Path
 from pipeline.browser.session.controllers import TEACHER
 from pipeline.browser.session.drive import Mode
 from pipeline.browser.session.play import Play
+from pipeline.browser.session.recordings import free_path
 from pipeline.browser.teaching.curve import Curve
 from pipeline.browser.teaching.lessons import ExploringLesson, Lesson, LiveLesson, LogLesson
 from recorders.errors import LearningError, ReenactError
@@ -140,9 +141,7 @@ class Teaching:
         taught, folder = self._last(), self._play.recordings.folder
         name = node_name(name.strip() or taught.name)
         make_folders(folder)
-        number, kept = 1, folder / f"{name}.npz"
-        while kept.exists():
-            number, kept = number + 1, folder / f"{name}_{number + 1}.npz"
+        kept = free_path(folder / f"{name}.npz")
         write_whole(kept, taught.path.read_bytes())
         self._taught.remove(taught)
         self.line, self.failure = f"{taught.name} is kept as {kept}", ""

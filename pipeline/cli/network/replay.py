@@ -97,11 +97,18 @@ class SendOptions:
     ] = None
 
     def config(
-        self, consumers: tuple[str, ...], node: ConnectingNode, *, singly: bool, wait_s: float
+        self, consumers: tuple[str, ...], node: ConnectingNode, *, plays: bool, paced: bool, wait_s: float
     ) -> "SenderConfig":
-        """Return the settings of the sender."""
+        """Return the settings of the sender; raises ConfigError for batches that are played to nodes of ROS."""
         from replay.transports.sender_config import SenderConfig
 
+        to_ros = plays and node.ros is not None
+        if to_ros and (self.batch_size or 1) > 1:
+            raise ConfigError(
+                "--batch-size: expected 1 with --ros and --play, as nodes of ROS know no batches, "
+                f"found {self.batch_size}"
+            )
+        singly = paced or to_ros
         batch_size = self.batch_size or min(64 if consumers and not singly else 1, self.window)
         return SenderConfig(
             consumers,
@@ -153,14 +160,8 @@ def replay(
         else _presented(logs, schedule, playing, robot, alignment)
     )
     consumers = tuple(awaited or (() if playing.play else ("learner",)))
-    to_ros = playing.play and node.ros is not None
-    if to_ros and (sending.batch_size or 1) > 1:
-        raise ConfigError(
-            "--batch-size: expected 1 with --ros and --play, as nodes of ROS know no batches, "
-            f"found {sending.batch_size}"
-        )
-    singly = rate is not None or to_ros
-    sender, channels = in_domain.applied(sending.config(consumers, node, singly=singly, wait_s=wait), source)
+    sender = sending.config(consumers, node, plays=playing.play, paced=rate is not None, wait_s=wait)
+    sender, channels = in_domain.applied(sender, source)
     if compare_with is not None:
         source = VerifiedSource(source, compare_with, everything=playing.play)
     pace = Unpaced() if rate is None else Paced(rate)

@@ -5,12 +5,11 @@ from collections.abc import Sequence
 import numpy as np
 from viser import GuiUplotHandle, ViserServer, uplot
 
-from pipeline.browser.page.colours import css, hand_colour
+from pipeline.browser.page.error_plot import AXIS, hand_series
 from pipeline.browser.teaching.curve import Curve
 
 _POINTS = 200
 _LEAST_CM = 1e-3  # errors below this are drawn as this: the scale is logarithmic
-_GREY, _GRID = "#888888", "rgba(128,128,128,0.25)"
 
 
 class LearningPlot:
@@ -27,10 +26,10 @@ class LearningPlot:
     def __init__(self, server: ViserServer, hands: Sequence[str]) -> None:
         self._hands, self._unit = hands, ""
         self._shown: tuple[int, float | None] = (0, None)
-        axis = uplot.Axis(stroke=_GREY, grid={"stroke": _GRID}, ticks={"show": False})
+        axis: uplot.Axis = {**AXIS, "ticks": {"show": False}}
         self._plot: GuiUplotHandle = server.gui.add_uplot(
             tuple(np.ones(2) for _ in range(1 + len(hands))),
-            self._series(),
+            hand_series(self._unit, hands),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True, distr=3)},  # logarithmic
             axes=(axis, axis),
             padding=(12, 12, 0, 0),  # for half of a number
@@ -50,14 +49,7 @@ class LearningPlot:
             return
         if curve.unit != self._unit:
             self._unit = curve.unit
-            self._plot.series = self._series()
+            self._plot.series = hand_series(self._unit, self._hands)
         columns = np.ascontiguousarray(points.T)
         columns[1:] = np.maximum(columns[1:], _LEAST_CM)
         self._plot.data = tuple(columns)
-
-    def _series(self) -> tuple[uplot.Series, ...]:
-        series = [uplot.Series(label=self._unit)]
-        for place, hand in enumerate(self._hands):
-            dash = () if place % 2 == 0 else (6.0, 3.0)  # told apart without their colours, too
-            series.append(uplot.Series(label=f"{hand} [cm]", stroke=css(hand_colour(place)), width=2, dash=dash))
-        return tuple(series)
