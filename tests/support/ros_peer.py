@@ -11,6 +11,11 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
+from waiting import wait_until
+
+from recorders.cdr.codec import encode
+from recorders.messages.message_types import TypedMessage
+
 READY = "ready"
 
 
@@ -19,10 +24,6 @@ class RosPeer:
 
     def __init__(self, process: subprocess.Popen[str]) -> None:
         self.process = process
-
-    def know_subscriptions(self) -> None:
-        """Have it know of the subscriptions that were declared before: an answer of the router comes behind those."""
-        self.ask("topics")
 
     def ask(self, verb: str, **arguments: Any) -> Any:
         """Have it do something, and return what it answers."""
@@ -35,6 +36,21 @@ class RosPeer:
     def settle(self) -> None:
         """Wait until both ends know of what either has declared: a question goes the same way, behind that."""
         self.ask("topics")
+
+    def publish(self, topic: str, message: TypedMessage) -> None:
+        """Have it publish a message."""
+        self.ask("publish_cdr", topic=topic, payload=encode(message).hex())
+
+    def received(self, topic: str, count: int) -> list[bytes]:
+        """Wait until it has received so many messages of a topic, and return all that it has."""
+        found: list[bytes] = []
+
+        def are_there() -> bool:
+            found[:] = [bytes.fromhex(data) for name, data in self.ask("received") if name == topic]
+            return len(found) >= count
+
+        wait_until(are_there)
+        return found
 
 
 @contextmanager

@@ -12,7 +12,7 @@ from pipeline.browser.session.robot_link import RobotLink
 from pipeline.browser.teaching.lessons import _LiveCurve
 from pipeline.cli.ros_domain import topic_keys
 from pipeline.robot.config import load_robot
-from recorders.cdr.codec import decode_as, encode
+from recorders.cdr.codec import decode_as
 from recorders.messages.message_types import Float64MultiArray, JointState, PoseStamped
 from recorders.messages.topics import JOINT_STATES, LEARNER_ERROR, LEFT_TARGET
 from recorders.wire.keys.ros_keys import RosKeys
@@ -44,7 +44,7 @@ def test_states_of_a_robot_of_others_are_answered_with_targets() -> None:
         def answers() -> list[PoseStamped]:
             """Publish one more state, and return the targets so far."""
             state = JointState(next(stamps) * PERIOD_NS, robot.joints, robot.comfort)
-            peer.ask("publish_cdr", topic="/arm/state", payload=encode(state).hex())
+            peer.publish("/arm/state", state)
             return [decode_as(PoseStamped, bytes.fromhex(data)) for _, data in peer.ask("received")]
 
         wait_until(lambda: len(answers()) >= 3)

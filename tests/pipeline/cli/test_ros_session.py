@@ -99,18 +99,6 @@ def stopped(process: Popen[str]) -> dict[str, Any]:
     return dict(json.loads(printed.splitlines()[-1]))
 
 
-def received(peer: RosPeer, topic: str, count: int) -> list[bytes]:
-    """Wait until the client has received so many messages of a topic, and return all that it has."""
-    found: list[bytes] = []
-
-    def are_there() -> bool:
-        found[:] = [bytes.fromhex(data) for name, data in peer.ask("received") if name == topic]
-        return len(found) >= count
-
-    wait_until(are_there)
-    return found
-
-
 def commands(controller: Controller, sent: Sequence[RecordedMessage]) -> list[bytes]:
     """Return what a controller answers that is given the same targets by hand."""
     served = ServedController(controller, config=ServingConfig(), report=lambda line: None)
@@ -138,7 +126,7 @@ def test_a_session_with_a_client_of_others_is_one_state_and_goes_back_to_it(
         status = run("status", "--ros", DOMAIN, "--connect", endpoint, "--wait", 60)
         for record in sent:
             peer.ask("publish_cdr", topic=record.topic, payload=record.data.hex())
-        answered = received(peer, JOINT_COMMANDS, TICKS)
+        answered = peer.received(JOINT_COMMANDS, TICKS)
         learned, said = started["learn"].communicate(timeout=120)
         assert started["learn"].returncode == 0, said
         served = stopped(started["serve"])
@@ -178,7 +166,7 @@ def test_a_session_with_a_client_of_others_is_one_state_and_goes_back_to_it(
     run("replay", tmp_path / "bag", "--play", "--ros", DOMAIN, "--connect", endpoint, *waits, "--wait", 60)
     for topic, data in expected.items():
         before = answered if topic == JOINT_COMMANDS else []
-        assert received(peer, topic, len(before) + TICKS) == before + data
+        assert peer.received(topic, len(before) + TICKS) == before + data
 
 
 @pytest.mark.parametrize(

@@ -8,7 +8,6 @@ from ros_peer import ros_peer
 from waiting import wait_until
 
 from pipeline.exploration.live_paths import ListenConfig, subscribe_paths
-from recorders.cdr.codec import encode
 from recorders.messages.message_types import JointState, PoseStamped
 from recorders.messages.topics import JOINT_STATES, RIGHT_TARGET
 from recorders.rmw_zenoh.names import NodeName
@@ -38,10 +37,10 @@ def test_poses_of_a_client_of_others_are_the_path() -> None:
             peer.ask("publisher", topic="/tracker/hand", type_name=PoseStamped.TYPE, name="tracker")
             peer.ask("publisher", topic=JOINT_STATES, type_name=JointState.TYPE, name="arm")
             wait_until(lambda: peer.ask("info", topic="/tracker/hand")["subscribers"])
-            peer.ask("publish_cdr", topic=JOINT_STATES, payload=encode(JointState(1, ("a",), np.zeros(1))).hex())
+            peer.publish(JOINT_STATES, JointState(1, ("a",), np.zeros(1)))
             for index in range(6):
                 pose = PoseStamped((index + 1) * PERIOD_NS, np.array([0.3, -0.2, 0.5 + 0.01 * index]))
-                peer.ask("publish_cdr", topic="/tracker/hand", payload=encode(pose).hex())
+                peer.publish("/tracker/hand", pose)
             paths = shown.result(timeout=120)
     assert set(paths.paths) == {"right"}
     points = [[0.3, -0.2, 0.5 + 0.01 * index] for index in range(6)]

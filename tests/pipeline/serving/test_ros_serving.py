@@ -8,7 +8,6 @@ import pytest
 import zenoh
 from episodes import write_episode
 from ros_peer import RosPeer, ros_peer
-from waiting import wait_until
 
 from pipeline.alignment.config import AlignmentConfig
 from pipeline.learner.controller import Controller
@@ -82,21 +81,6 @@ def poses(frame: str = "") -> list[tuple[str, PoseStamped]]:
     ]
 
 
-def sent(peer: RosPeer, topic: str, message: PoseStamped | TFMessage) -> None:
-    peer.ask("publish_cdr", topic=topic, payload=encode(message).hex())
-
-
-def commands(peer: RosPeer, topic: str, count: int) -> list[bytes]:
-    found: list[bytes] = []
-
-    def are_there() -> bool:
-        found[:] = [bytes.fromhex(data) for name, data in peer.ask("received") if name == topic]
-        return len(found) >= count
-
-    wait_until(are_there)
-    return found
-
-
 def expected(controller: Controller, command: CommandFormat) -> list[bytes]:
     """The commands of a controller that is given the same targets by hand."""
     served = ServedController(controller, config=ServingConfig(commands=command), report=lambda line: None)
@@ -116,10 +100,10 @@ def test_targets_of_a_client_of_others_are_answered_in_its_type(
     config, topic = ServeConfig(keys=keys(command), serving=ServingConfig(commands=command)), f"/robot{command.topic}"
     with serving(session, controller, config):
         peer.ask("subscribe", topic=topic, type_name=command.type_name, name="robot")
-        peer.know_subscriptions()
+        peer.settle()
         for each, pose in poses():
-            sent(peer, each, pose)
-        assert commands(peer, topic, TICKS) == expected(controller, command)
+            peer.publish(each, pose)
+        assert peer.received(topic, TICKS) == expected(controller, command)
 
 
 def test_targets_in_a_frame_of_tf_static_are_turned_into_the_robots(ends: Ends, controller: Controller) -> None:
@@ -131,11 +115,11 @@ def test_targets_in_a_frame_of_tf_static_are_turned_into_the_robots(ends: Ends, 
     table = TransformStamped(1, "world", "table", LIFT, np.array([0.0, 0.0, 0.0, 1.0]))
     with serving(session, controller, config):
         peer.ask("subscribe", topic=topic, type_name=command.type_name, name="robot")
-        peer.know_subscriptions()
-        sent(peer, TF_STATIC, TFMessage((table,)))
+        peer.settle()
+        peer.publish(TF_STATIC, TFMessage((table,)))
         for each, pose in poses("table"):
-            sent(peer, each, pose)
-        found = commands(peer, topic, TICKS - 1)  # the last tick waits for what comes after it
+            peer.publish(each, pose)
+        found = peer.received(topic, TICKS - 1)  # the last tick waits for what comes after it
     assert found == expected(controller, CommandFormat())[: len(found)]
 
 

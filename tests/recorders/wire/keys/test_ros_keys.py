@@ -102,17 +102,6 @@ def ends() -> Iterator[Ends]:
         yield session, peer, endpoint
 
 
-def received(peer: RosPeer, topic: str, count: int) -> list[bytes]:
-    found: list[bytes] = []
-
-    def are_there() -> bool:
-        found[:] = [bytes.fromhex(data) for name, data in peer.ask("received") if name == topic]
-        return len(found) >= count
-
-    wait_until(are_there)
-    return found
-
-
 def test_what_we_publish_reaches_a_client_of_others_to_the_bit(ends: Ends) -> None:
     session, peer, _ = ends
     for topic, kind in ((JOINT_STATES, JointState.TYPE), ("/goal", PoseStamped.TYPE)):
@@ -123,8 +112,8 @@ def test_what_we_publish_reaches_a_client_of_others_to_the_bit(ends: Ends) -> No
         for _ in range(2):
             publisher.publish(JOINT_STATES, _STATE, log_time_ns=5)
         publisher.publish(LEFT_TARGET, _POSE, log_time_ns=5)
-        assert received(peer, JOINT_STATES, 2) == [encode(_STATE)] * 2
-        assert received(peer, "/goal", 1) == [encode(_POSE)]
+        assert peer.received(JOINT_STATES, 2) == [encode(_STATE)] * 2
+        assert peer.received("/goal", 1) == [encode(_POSE)]
         info = peer.ask("info", topic="/goal")
         assert [publisher["node_name"] for publisher in info["publishers"]] == ["ours"]
 
@@ -135,10 +124,10 @@ def test_what_a_client_of_others_publishes_reaches_us_numbered_and_named(ends: E
     with Receiver(session, config=config) as receiver:
         for topic, kind in (("/state", JointState.TYPE), ("/numbers", Float64MultiArray.TYPE)):
             peer.ask("publisher", topic=topic, type_name=kind, name="talker")
-        peer.know_subscriptions()
+        peer.settle()
         numbers = Float64MultiArray(np.array([0.1, 2.0]))
         for topic, message in (("/state", _STATE), ("/state", _STATE), ("/numbers", numbers)):
-            peer.ask("publish_cdr", topic=topic, payload=encode(message).hex())
+            peer.publish(topic, message)
         found = [live(receiver) for _ in range(3)]
     assert [(message.record.topic, message.record.type, message.record.sequence) for message in found] == [
         (JOINT_STATES, JointState.TYPE, 0),
@@ -169,7 +158,7 @@ def test_a_late_joiner_gets_what_is_latched_whoever_it_is(ends: Ends) -> None:
     ):
         publisher.put(encode(text))
         peer.ask("subscribe", topic=ROBOT_DESCRIPTION, type_name=String.TYPE, name="viewer", latched=True)
-        assert received(peer, ROBOT_DESCRIPTION, 1) == [encode(text)]
+        assert peer.received(ROBOT_DESCRIPTION, 1) == [encode(text)]
         for latched in (EVERY_TOPIC, ROBOT_DESCRIPTION):
             config = ReceiverConfig(name="late", keys=keys(), live=True, latched_topics=frozenset({latched}))
             with Receiver(late, config=config) as receiver:

@@ -97,7 +97,7 @@ def test_messages_of_each_type_come_from_a_client_of_others(ends: Ends) -> None:
             peer.ask("publisher", topic=topic("theirs", message), type_name=message.TYPE, name="talker")
             peer.settle()
             for _ in range(2):
-                peer.ask("publish_cdr", topic=topic("theirs", message), payload=encode(message).hex())
+                peer.publish(topic("theirs", message), message)
         found = [receiver.next_event(60.0) for _ in range(2 * len(MESSAGES))]
         wait_until(lambda: topics("theirs").items() <= graph.view.topics.items())
         for message in MESSAGES:
