@@ -9,7 +9,7 @@ ALIVE_S = 1.0
 """How often each consumer is asked how far it is, which also shows it that its sender lives [s]."""
 
 _ANSWER_S = 5.0  # how long one answer may take
-_HELLOS = 5  # how often a hello is asked in the time that its answer may take: question or answer may be lost
+_HELLO_S = 0.5  # from one hello to the next while the consumer decides: any of them, or its answer, may be lost
 _RETRY_S = 0.05  # from one hello that nobody answers to the next
 
 
@@ -31,8 +31,8 @@ class Questions:
 
     def __init__(self, consumers: tuple[str, ...], wait_s: float) -> None:
         self._wait_s = wait_s
-        self._hello_at_s = self._hello_until_s = self._hello_asked_s = math.inf
-        self._hello_timeout_s = max(wait_s, _ANSWER_S) / _HELLOS
+        self._hello_at_s = math.inf
+        self._appeared: set[bytes] = set()  # instances of consumers
         self._ask_at_s: dict[str, float] = {}  # who has accepted, and when it is asked next: never while it is
         self._unconfirmed: set[str] = set()  # who has published that it is through
         self._asked: dict[int, Ask] = {}
@@ -51,14 +51,44 @@ class Questions:
 
     def greet_next(self, now_s: float) -> bool:
         """Begin to greet who is next; False if everybody has accepted."""
-        self._hello_at_s, self._hello_until_s = (now_s, now_s + self._wait_s) if self.ungreeted else (math.inf,) * 2
+        self._greet(now_s)
+        self._begin_to_wait(now_s)
         return bool(self.ungreeted)
 
-    def greet_later(self, now_s: float, *, at_once: bool = False) -> bool:
-        """Greet the same again, as nobody has taken the offer; False if that has taken too long."""
-        is_lost = now_s >= self._hello_asked_s + self._hello_timeout_s  # that nobody is there is known at once
-        self._hello_at_s = now_s if at_once else now_s + _RETRY_S
-        return now_s <= self._hello_until_s + (max(0.0, _ANSWER_S - self._wait_s) if is_lost else 0.0)
+    def greet_later(self, now_s: float) -> None:
+        """Greet the same again; soon if nobody is there, as no other hello may still be answered."""
+        if not self._hellos:
+            self._hello_at_s = now_s + _RETRY_S
+
+    def greet_instance(self, instance: bytes, now_s: float) -> None:
+        """Greet the instance that a consumer is by now; one that has just appeared may take its time."""
+        self._greet(now_s)
+        if instance not in self._appeared:
+            self._appeared.add(instance)
+            self._begin_to_wait(now_s)
+
+    def has_waited(self, now_s: float) -> bool:
+        """Whether the consumer that is greeted has taken too long to appear, or to answer."""
+        longest_s = max(self._wait_s, _ANSWER_S) if self._hellos else self._wait_s
+        return bool(self.ungreeted) and self._waited(now_s) > longest_s
+
+    @property
+    def _hellos(self) -> list[int]:
+        """The numbers of those that await their answers, all from the same consumer."""
+        return [number for number, ask in self._asked.items() if ask.verb == "hello"]
+
+    def _greet(self, now_s: float) -> None:
+        """Greet at once, and await no earlier hello: who answers it takes no offer."""
+        for number in self._hellos:
+            del self._asked[number]
+        self._hello_at_s = now_s if self.ungreeted else math.inf
+
+    def _begin_to_wait(self, now_s: float) -> None:
+        self._greeted_at_s, self._waited_s = now_s, 0.0  # when a hello was last due, and what was waited before that
+
+    def _waited(self, now_s: float) -> float:
+        """Return the time waited [s], in which a stall of this end, or a jump of its clock, is but one hello's."""
+        return self._waited_s + min(now_s - self._greeted_at_s, _HELLO_S)
 
     def has_accepted(self, name: str, now_s: float) -> None:
         """Note a consumer that has accepted the offer: from now on it is asked how far it is."""
@@ -86,7 +116,8 @@ class Questions:
     def take_due(self, now_s: float) -> Iterator[tuple[str, str]]:
         """Yield whom to ask for what now."""
         if self._hello_at_s <= now_s:
-            self._hello_at_s, self._hello_asked_s = math.inf, now_s
+            self._waited_s, self._greeted_at_s = self._waited(now_s), now_s
+            self._hello_at_s = now_s + _HELLO_S
             yield self.ungreeted[0], "hello"
         for name, at_s in self._ask_at_s.items():
             if at_s <= now_s:
@@ -103,8 +134,7 @@ class Questions:
     def ask(self, name: str, verb: str, packet: Packet) -> Ask:
         """Return a question, of which the answer is awaited."""
         self._number += 1
-        timeout_s = self._hello_timeout_s if verb == "hello" else _ANSWER_S
-        ask = self._asked[self._number] = Ask(self._number, name, verb, packet, timeout_s)
+        ask = self._asked[self._number] = Ask(self._number, name, verb, packet, _ANSWER_S)
         return ask
 
     def is_open(self, ask: Ask) -> bool:

@@ -13,7 +13,7 @@ from recorders.protocol.packets import Ask, Packet, read_progress
 from recorders.protocol.patience import Patience
 from recorders.protocol.questions import Questions
 from recorders.protocol.seals.opening import Opening
-from recorders.protocol.seals.sealing import SenderSeals
+from recorders.protocol.seals.sealing import SenderSeals, instance_of
 from recorders.protocol.send_window import Rewind, SendWindow
 from recorders.protocol.states import SENDER_TRANSITIONS, SenderState
 from recorders.protocol.stream import Offer, Progress, asking
@@ -133,10 +133,11 @@ class SenderMachine:
             self._move("failed")
 
     def on_time(self, now_s: float) -> None:
-        """Ask whom it is time to ask."""
-        if not self.is_over:
-            for name, verb in self._questions.take_due(now_s):
-                self._ask(name, verb, self._offer.to_json() if verb == "hello" else asking(self._offer))
+        """Ask whom it is time to ask, and give up if who is greeted has taken too long."""
+        if self._questions.has_waited(now_s):
+            self._fail(self._opening.unanswered(self._questions.ungreeted[0], self._wait_s))
+        for name, verb in () if self.is_over else self._questions.take_due(now_s):
+            self._ask(name, verb, self._offer.to_json() if verb == "hello" else asking(self._offer))
 
     def on_acknowledgement(self, consumer: str, packet: Packet, now_s: float) -> None:
         """Take in what was published as a consumer's progress; that it is through counts once it has confirmed it."""
@@ -156,18 +157,16 @@ class SenderMachine:
         if not self.awaits(ask) or (packet is not None and not self._opening.is_answer(ask, packet)):
             return
         self._questions.close(ask)
-        answer = None if packet is None else read_progress(packet)
         if ask.verb == "hello":
-            self._take_hello(ask.consumer, answer, now_s)
+            self._take_hello(ask.consumer, packet, now_s)
         elif self.state is SenderState.LEAVING:
             self._conclude()
         else:
-            self._take_status(ask.consumer, answer, now_s)
+            self._take_status(ask.consumer, None if packet is None else read_progress(packet), now_s)
 
     def exempt(self, ask: Ask, now_s: float) -> None:
         """Take in that whoever has the name that was greeted acknowledges nothing, and need not be greeted."""
         if self.awaits(ask):
-            self._questions.close(ask)
             self._questions.ungreeted.remove(ask.consumer)
             self._greet_next(now_s)
 
@@ -178,12 +177,14 @@ class SenderMachine:
             self._move("greeted")
         self.on_time(now_s)
 
-    def _take_hello(self, name: str, answer: Progress | None, now_s: float) -> None:
-        if answer is not None and answer.error is not None:
+    def _take_hello(self, name: str, packet: Packet | None, now_s: float) -> None:
+        answer = None if packet is None else read_progress(packet)
+        if packet is None or answer is None:
+            self._questions.greet_later(now_s)
+        elif answer.error is not None:
             self._fail(WireError(f"{name}: {answer.error}"))
-        elif answer is None or answer.run != self._offer.run:  # an offer to another instance is not taken
-            if not self._questions.greet_later(now_s, at_once=answer is not None):
-                self._fail(self._opening.unanswered(name, self._wait_s))
+        elif answer.run != self._offer.run:  # an offer to another instance is not taken
+            self._questions.greet_instance(instance_of(packet), now_s)
         elif self._offer.messages is not None and answer.next > self._offer.messages:
             self._fail(WireError(f"{name}: wants message {answer.next} of a stream that has {self._offer.messages}"))
         else:

@@ -2,6 +2,7 @@
 
 import logging
 from collections.abc import Sequence
+from dataclasses import replace
 
 import pytest
 from simulation.run import simulate
@@ -10,6 +11,7 @@ from simulation.world import MS
 
 LEARNER = ConsumerPlan("learner", "learner", consume_ns=MS // 10, durable_every=1, waiting_bytes=1 << 20)
 RECORDER = ConsumerPlan("recorder", "recorder", consume_ns=20 * MS, durable_every=1_000, waiting_bytes=1 << 20)
+SLOW = replace(LEARNER, decide_ns=3_000 * MS)
 
 
 def world(*consumers: ConsumerPlan, messages: int = 50) -> Scenario:
@@ -86,6 +88,42 @@ FOUND = {
             Fault("lost", "answer learner-2", 17),
             Fault("lost", "acknowledgement learner-2", 0),
             Fault("kill", "learner-2", 98, 1_068_655_288),
+        ],
+    ),
+    # Seed 17018: who decides for longer than an offer awaits its answer has answered nobody. The next ones likewise.
+    "an answer that comes after the next offer is not taken": (
+        replace(world(SLOW), latency_ns=30 * MS),
+        [
+            Fault("lost", "question learner", 3),
+            Fault("lost", "question learner", 6),
+            Fault("kill", "learner", 6, 961_649_153),
+        ],
+    ),
+    "nor is that of a consumer that was stalled": (  # 10543
+        world(SLOW),
+        [
+            Fault("lost", "question learner", 1),
+            Fault("altered", "question learner", 4, 18_015),
+            Fault("lost", "answer learner", 1),
+            Fault("lost", "answer learner", 4),
+            Fault("stall", "learner", 1_746_752_898, 2_443_158_192),
+        ],
+    ),
+    "a clock that jumps counts as time that the consumer took": (  # 19588
+        world(SLOW),
+        [
+            Fault("lost", "question learner", 0),
+            Fault("clock jump", "replay", 357_630_579, 3_000 * MS),
+            Fault("clock jump", "replay", 4_044_358_797, 3_000 * MS),
+        ],
+    ),
+    "so it does while the connection is cut": (  # 10969
+        world(replace(RECORDER, decide_ns=3_000 * MS)),
+        [
+            Fault("lost", "question recorder", 0),
+            Fault("lost", "question recorder", 4),
+            Fault("cut", "recorder", 1_110_738_999, 957_809_981),
+            Fault("clock jump", "replay", 180_069_152, 3_000 * MS),
         ],
     ),
 }

@@ -141,6 +141,11 @@ class ConsumerKeys:
         return ReceiverSeals(self._shared, sender, self._consumer, self._instance, signer)
 
 
+def instance_of(answer: Packet) -> bytes:
+    """Return the instance of the consumer that has sealed an answer, which has been found authentic."""
+    return _split(answer.attachment)[0]
+
+
 def question_number(question: Packet) -> int:
     """Return the number of a question's seal, which has been found authentic."""
     return seal_number(_split(question.attachment)[1])

@@ -5,7 +5,7 @@ import math
 import pytest
 
 from recorders.errors import WireError
-from recorders.protocol.packets import Packet
+from recorders.protocol.packets import Ask, Packet
 from recorders.protocol.patience import Patience
 from recorders.protocol.questions import Questions
 
@@ -27,13 +27,12 @@ def greeted(*names: str, wait_s: float = 10.0) -> Questions:
     return questions
 
 
-def test_nothing_is_due_before_the_first_is_greeted_nor_while_an_answer_is_awaited() -> None:
+def test_nothing_is_due_before_the_first_is_greeted() -> None:
     questions = Questions(("anna", "bob"), 10.0)
     assert (questions.deadline_s, due(questions, 1e9)) == (math.inf, [])
     assert questions.greet_next(3.0)
     assert (questions.deadline_s, due(questions, 2.9)) == (3.0, [])
     assert due(questions, 3.0) == [("anna", "hello")]
-    assert (questions.deadline_s, due(questions, 1e9)) == (math.inf, [])
 
 
 def test_each_is_asked_a_second_after_its_last_answer_and_once_at_a_time() -> None:
@@ -89,45 +88,103 @@ def test_an_answer_counts_once_and_each_question_has_a_number_of_its_own() -> No
     assert not questions.are_all_answered
 
 
-@pytest.mark.parametrize(("wait_s", "hello_s"), [(0.0, 1.0), (5.0, 1.0), (10.0, 2.0)])
-def test_an_offer_is_repeated_five_times_in_the_time_that_its_answer_may_take(wait_s: float, hello_s: float) -> None:
-    questions = Questions(("anna",), wait_s)
-    assert questions.ask("anna", "hello", NOTHING).timeout_s == hello_s
-    assert questions.ask("anna", "status", NOTHING).timeout_s == 5.0
+def offered(questions: Questions, name: str, now_s: float) -> Ask:
+    """Make the offer that is due."""
+    assert due(questions, now_s) == [(name, "hello")]
+    return questions.ask(name, "hello", NOTHING)
 
 
-def test_an_offer_that_nobody_takes_is_made_again_soon_and_one_of_another_instance_at_once() -> None:
+def test_an_offer_is_repeated_each_half_second_and_an_answer_to_any_of_them_counts() -> None:
+    questions = Questions(("anna",), 10.0)
+    questions.greet_next(3.0)
+    offers = []
+    for now_s in (3.0, 3.5, 4.0, 4.5):
+        assert questions.deadline_s == now_s
+        assert due(questions, now_s - 0.01) == []
+        offers.append(offered(questions, "anna", now_s))
+    assert all(questions.is_open(offer) for offer in offers)
+    assert {offer.timeout_s for offer in offers} == {5.0}
+    questions.has_accepted("anna", 4.6)
+    assert not questions.greet_next(4.6)
+    assert not any(questions.is_open(offer) for offer in offers)
+    assert questions.deadline_s == 5.6
+
+
+def test_an_offer_that_nobody_takes_is_made_again_soon_unless_another_may_still_be_taken() -> None:
     questions = Questions(("anna",), 10.0)
     questions.greet_next(0.0)
-    due(questions, 0.0)
-    assert questions.greet_later(0.0)
-    assert questions.deadline_s == 0.05
-    due(questions, 0.05)
-    assert questions.greet_later(0.06, at_once=True)
-    assert questions.deadline_s == 0.06
+    questions.close(offered(questions, "anna", 0.0))
+    questions.greet_later(1.0)
+    assert questions.deadline_s == 1.05
+    taken = offered(questions, "anna", 1.25)
+    questions.close(offered(questions, "anna", 1.75))
+    questions.greet_later(2.0)
+    assert (questions.is_open(taken), questions.deadline_s) == (True, 2.25)
 
 
-@pytest.mark.parametrize(
-    ("wait_s", "asked_s", "answered_s", "goes_on"),
-    [
-        (2.0, 101.5, 102.0, True),  # that nobody is there is known at once: it may appear up to 102 s
-        (2.0, 101.5, 102.01, False),
-        (2.0, 101.5, 102.49, False),
-        (2.0, 101.5, 102.5, True),  # or the answer was lost, and takes as long as any other
-        (2.0, 101.5, 105.0, True),
-        (2.0, 101.5, 105.01, False),
-        (10.0, 104.0, 110.0, True),
-        (10.0, 104.0, 110.01, False),
-        (10.0, 109.0, 110.01, False),
-    ],
-)
-def test_a_consumer_that_does_not_appear_is_given_up(
-    wait_s: float, asked_s: float, answered_s: float, goes_on: bool
-) -> None:
+def test_another_instance_is_offered_the_stream_at_once_and_no_answer_of_the_one_before_counts() -> None:
+    questions = Questions(("anna",), 10.0)
+    questions.greet_next(0.0)
+    earlier = offered(questions, "anna", 0.0)
+    status = questions.ask("bob", "status", NOTHING)
+    questions.greet_instance(b"first", 0.2)
+    assert (questions.deadline_s, questions.is_open(earlier), questions.is_open(status)) == (0.2, False, True)
+
+
+def pass_time(questions: Questions, begin_s: float, end_s: float, *, by_s: float = 0.5) -> float:
+    """Let nobody answer until the consumer is given up, or until `end_s`; returns when that was."""
+    now_s = begin_s
+    while now_s < end_s and not questions.has_waited(now_s):
+        for name, verb in questions.take_due(now_s):
+            questions.ask(name, verb, NOTHING)
+        now_s += by_s
+    return now_s
+
+
+@pytest.mark.parametrize(("wait_s", "given_up_s"), [(0.0, 5.5), (2.0, 5.5), (5.0, 5.5), (10.0, 10.5)])
+def test_a_consumer_that_answers_nothing_is_given_up_once_one_answer_had_time(wait_s: float, given_up_s: float) -> None:
     questions = Questions(("anna",), wait_s)
     questions.greet_next(100.0)
-    due(questions, asked_s)
-    assert questions.greet_later(answered_s) == goes_on
+    assert pass_time(questions, 100.0, 200.0) == 100.0 + given_up_s
+
+
+@pytest.mark.parametrize(("wait_s", "given_up_s"), [(0.0, 0.25), (2.0, 2.25), (10.0, 10.25)])
+def test_a_consumer_that_is_not_there_is_given_up_after_its_wait(wait_s: float, given_up_s: float) -> None:
+    questions = Questions(("anna",), wait_s)
+    questions.greet_next(100.0)
+    now_s = 100.0
+    while not questions.has_waited(now_s):
+        questions.close(offered(questions, "anna", now_s))
+        questions.greet_later(now_s)
+        now_s += 0.25
+    assert now_s == 100.0 + given_up_s
+
+
+@pytest.mark.parametrize("overslept_s", [0.5, 3.0, 3_600.0])
+def test_a_stall_or_a_jump_of_the_clock_is_waited_no_longer_than_for_one_offer(overslept_s: float) -> None:
+    questions = Questions(("anna",), 10.0)
+    questions.greet_next(0.0)
+    now_s = pass_time(questions, 0.0, 4.0)
+    assert pass_time(questions, now_s - 0.5 + overslept_s, 9_999.0) == 10.0 + overslept_s
+
+
+def test_whoever_appears_is_waited_for_anew_but_once() -> None:
+    questions = Questions(("anna", "bob"), 10.0)
+    questions.greet_next(0.0)
+    assert pass_time(questions, 0.0, 8.0) == 8.0
+    questions.greet_instance(b"first", 8.0)
+    assert pass_time(questions, 8.0, 17.0) == 17.0
+    questions.greet_instance(b"second", 17.0)
+    assert pass_time(questions, 17.0, 20.0) == 20.0
+    questions.greet_instance(b"first", 20.0)
+    assert pass_time(questions, 20.0, 99.0) == 27.5
+    questions.has_accepted("anna", 27.5)
+    questions.greet_next(27.5)
+    assert pass_time(questions, 27.5, 99.0) == 38.0
+
+
+def test_nobody_is_given_up_who_is_not_greeted() -> None:
+    assert not greeted("anna").has_waited(1e9)
 
 
 def test_patience_is_tried_by_what_is_lacking_for_long_and_by_nothing_else() -> None:

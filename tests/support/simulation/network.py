@@ -10,7 +10,7 @@ from recorders.protocol.packets import Packet
 from simulation.scenario import PACKET_FAULTS, Fault
 from simulation.world import World
 
-Deliver: TypeAlias = Callable[[Packet], None]
+Deliver: TypeAlias = Callable[..., None]
 
 
 class Overheard(NamedTuple):
@@ -51,8 +51,10 @@ class Network:
         """Cut the connection to a consumer for a time: what would arrive meanwhile never does."""
         self._cut_until_ns[consumer] = max(self._cut_until_ns.get(consumer, 0), self._world.now_ns + duration_ns)
 
-    def carry(self, channel: str, consumer: str, topic: str, packet: Packet, deliver: Deliver) -> None:
-        """Send a packet; it is handed to `deliver` when it arrives, once, twice or never."""
+    def carry(
+        self, channel: str, consumer: str, topic: str, packet: Packet, deliver: Deliver, *, type_name: str = ""
+    ) -> None:
+        """Send a packet; it is handed to `deliver` when it arrives, once, twice or never, and its type beside it."""
         where = f"{channel} {consumer}"
         self.overheard[where].append(Overheard(topic, packet))
         fault = self._faults.get((where, self._sent[where]))
@@ -64,17 +66,19 @@ class Network:
             self._occurred[f"{channel} {fault.kind}"] += 1
             if fault.kind == "lost":
                 return
-            if fault.kind == "altered":
+            if fault.kind == "altered" and type_name and fault.amount % 4 == 0:
+                type_name = type_name[:-1]
+            elif fault.kind == "altered":
                 packet = altered(packet, fault.amount)
             elif fault.kind == "late":
                 delay_ns += fault.amount
             else:
-                self._world.after(delay_ns + fault.amount, self._arrive, consumer, packet, deliver)
-        self._world.after(delay_ns, self._arrive, consumer, packet, deliver)
+                self._world.after(delay_ns + fault.amount, self._arrive, consumer, packet, deliver, type_name)
+        self._world.after(delay_ns, self._arrive, consumer, packet, deliver, type_name)
 
-    def _arrive(self, consumer: str, packet: Packet, deliver: Deliver) -> None:
+    def _arrive(self, consumer: str, packet: Packet, deliver: Deliver, type_name: str) -> None:
         if self._world.now_ns >= self._cut_until_ns.get(consumer, 0):
-            deliver(packet)
+            deliver(packet, type_name=type_name) if type_name else deliver(packet)
 
 
 def altered(packet: Packet, where: int) -> Packet:

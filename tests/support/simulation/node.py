@@ -90,7 +90,8 @@ class Node:
 
     def later(self, delay_ns: int, do: Callable[..., None], *arguments: Any) -> None:
         """Let the process do something after a time, unless it is gone by then."""
-        self.world.after(delay_ns, self._hand, self._life, do, arguments)
+        if self.is_up:
+            self.world.after(delay_ns, self._hand, self._life, do, arguments)
 
     def step(self) -> None:
         """Count a step; it may be the last one."""

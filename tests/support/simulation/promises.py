@@ -1,6 +1,6 @@
 """The promises of the protocol, checked after every event of a simulated world."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 
 from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.states import SenderState
@@ -8,14 +8,16 @@ from recorders.wire.bounded_queue import ITEM_BYTES
 from simulation.consumers import Source
 from simulation.limits import PAST_STREAMS
 from simulation.receiver_node import ReceiverNode
-from simulation.scenario import Fault, Scenario
+from simulation.scenario import SENDER, Fault, Scenario
 from simulation.sender_node import PATIENCE_S, SenderNode
-from simulation.world import MS, BrokenPromiseError
+from simulation.world import MS, SECOND, BrokenPromiseError
 
 _CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
 _AWAKE_NS = 2_000 * MS  # until a consumer that has ended is there again
 _SHORT_NS = 4_000 * MS  # together; a sender waits 10 s for a consumer, and some of that goes to offers that are lost
 _ABORT_BYTES = ITEM_BYTES + MAX_REASON + 100  # it is queued whatever waits
+_OFFER_S, _ANSWER_S = 0.5, 5.0  # from one offer to the next, and for an answer to one
+_UNANSWERED = " answered within ", "it answers, but not with the key "
 _COUNTING = (SenderState.SENDING, SenderState.ENDING)
 
 
@@ -29,12 +31,15 @@ class Promises:
         *,
         sender: SenderNode,
         receivers: Sequence[ReceiverNode],
-        faults: Iterable[Fault],
+        faults: Sequence[Fault],
     ) -> None:
         self._scenario = scenario
         self._source = source
         self._whole = len(source.messages)
         self._outages_ns = sum(fault.amount for fault in faults if fault.kind in ("kill", "cut", "stall"))
+        of_sender = [fault for fault in faults if fault.where == SENDER]
+        self._jumps = sum(fault.kind == "clock jump" and fault.amount > 0 for fault in of_sender)
+        self._stalls_s = sum(fault.amount for fault in of_sender if fault.kind == "stall") / SECOND
         self._most = max(scenario.window, scenario.batch_size)
         self._most_bytes = max(scenario.window_bytes, scenario.batch_size * scenario.most_bytes)
         self._sender = sender
@@ -76,9 +81,19 @@ class Promises:
         waited_s = self._sender.now_s - self._sender.waits_since_s
         if "the rest of the stream is unconfirmed" in error and waited_s < PATIENCE_S:
             _break("a pause tries nobody's patience", f"{error}, and it waited {waited_s} s")
+        if any(unanswered in error for unanswered in _UNANSWERED):
+            self._check_greeted(error)
         for name in self._sender.doubted:
             if f"no consumer named {name!r} answered" in error:
                 _break("what others answer is reported", f"found {error}")
+
+    def _check_greeted(self, error: str) -> None:
+        """Check how long a consumer was greeted: all its time, of which a jump of the clock takes one offer's."""
+        greeted_s = (self._sender.world.now_ns - self._sender.greeted_since_ns) / SECOND
+        if greeted_s < self._scenario.wait_s - self._jumps * _OFFER_S:
+            _break("who is awaited has its time", f"{error}, and it had {greeted_s} s")
+        if greeted_s > max(self._scenario.wait_s, _ANSWER_S) + self._stalls_s + 2 * _OFFER_S:
+            _break("nobody is awaited for ever", f"{error}, and it had {greeted_s} s")
 
     def check_receiver(self, receiver: ReceiverNode) -> None:
         """Check what holds whenever a consumer's process has done something."""

@@ -76,9 +76,9 @@ class ReceiverNode(Node):
         """How much waits in the queue."""
         return self._queue._waiting
 
-    def published(self, topic: str, packet: Packet) -> None:
-        """Take what came on a data key."""
-        self.hand(self._on_sample, topic, packet)
+    def published(self, topic: str, packet: Packet, *, type_name: str = "") -> None:
+        """Take what came on a data key, with the type of a message that travels alone."""
+        self.hand(self._on_sample, topic, packet, type_name)
 
     def asked(self, verb: str, reply: Reply, packet: Packet) -> None:
         """Answer a question."""
@@ -115,14 +115,14 @@ class ReceiverNode(Node):
         if is_refused and self._refused == counted:
             raise BrokenPromiseError("what is refused is counted", f"{self.name} answers {answer}")
 
-    def _on_sample(self, topic: str, packet: Packet) -> None:
+    def _on_sample(self, topic: str, packet: Packet, type_name: str) -> None:
         sender = self.aborts.get(packet)
         if sender in self._offered:
             self._gave_up.add(sender)
         if not self.machine.concerns(packet.attachment):
             return
         try:
-            frame = self.machine.on_sample(topic, packet, self.now_s)
+            frame = self.machine.on_sample(topic, packet, self.now_s, type_name=type_name)
         except MessageError:
             return  # refused, and counted
         if frame is None:

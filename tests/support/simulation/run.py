@@ -21,6 +21,7 @@ from simulation.world import SECOND, BrokenPromiseError, World, draws
 _MOST_EVENTS = 100_000  # a hundred times those of a common seed
 _MOST_NS = 1_000 * SECOND  # after the last fault that has its time
 _TOPICS = ("/hand/left/target", "/hand/right/target", "/sample/joints", "/of/others")
+_OTHER_TYPE = "others/msg/Other"  # of a topic of which the type is not known
 
 
 class Outcome(NamedTuple):
@@ -148,5 +149,7 @@ def draw_source(scenario: Scenario) -> Source:
     messages = []
     for index in range(scenario.messages):
         topic, data = draw.choice(_TOPICS), draw.randbytes(draw.randint(0, scenario.most_bytes))
-        messages.append(RecordedMessage(topic, type_of(topic), data, index, 10 * index + draw.randrange(10)))
+        messages.append(
+            RecordedMessage(topic, type_of(topic) or _OTHER_TYPE, data, index, 10 * index + draw.randrange(10))
+        )
     return Source(draw.randbytes(16).hex(), messages)

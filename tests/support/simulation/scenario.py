@@ -175,7 +175,8 @@ def _outages(draw: random.Random, scenario: Scenario) -> Iterator[Fault]:
         jump = draw.choice((-3_600, -1, 1, 3 if scenario.gentle else 3_600)) * SECOND
         yield Fault("clock jump", draw.choice([*names, SENDER]), _moment(draw), jump)
     if draw.random() < 0.3:
-        yield Fault("source pauses", SENDER, draw.randrange(scenario.messages), draw.randint(SECOND, 60 * SECOND))
+        message = draw.choice((0, draw.randrange(scenario.messages)))
+        yield Fault("source pauses", SENDER, message, draw.randint(SECOND, 60 * SECOND))
     if not scenario.gentle and draw.random() < 0.2:
         yield Fault("source fails", SENDER, draw.randrange(scenario.messages))
 

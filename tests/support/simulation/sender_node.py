@@ -8,6 +8,7 @@ from typing import Any
 
 from recorders.protocol.frames import FrameType
 from recorders.protocol.packets import Ask, Packet, Publish
+from recorders.protocol.seals.authentication import INSTANCE_BYTES
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
 from recorders.protocol.stream import Offer, Progress
@@ -36,6 +37,8 @@ class SenderNode(Node):
         How often it asked each consumer what, and how often something was published as its acknowledgement.
     waits_since_s : float
         Since when messages, or the end, wait for the consumers, on its clock.
+    greeted_since_ns : int
+        Since when the consumer that is greeted could answer: it was that one's turn, or it had just appeared.
     doubted : set of str
         The consumers in whose name somebody else has answered.
     aborts : dict of Packet to str
@@ -72,6 +75,7 @@ class SenderNode(Node):
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
+        self.greeted_since_ns, self._greeted = 0, ""
         self.waits_since_s = math.inf
         self.questions_asked: Counter[tuple[str, str]] = Counter()
         self.acknowledgements: Counter[str] = Counter()
@@ -94,6 +98,8 @@ class SenderNode(Node):
             window=plan.window,
         )
         self._asked = {}
+        self._greeted = ""
+        self._appeared: set[bytes] = set()
         self.begun_s = self.now_s
         self.waits_since_s = math.inf
         self._refused = 0
@@ -150,10 +156,26 @@ class SenderNode(Node):
         self.machine.on_answer(ask, packet, self.now_s)
         if not self.machine.awaits(ask):
             del self._asked[ask.number]
+            self._note_appearance(ask, packet)
         elif packet is not None and not was_over:
             self.doubted.add(ask.consumer)
             if self._refused == counted:
                 raise BrokenPromiseError("what is refused is counted", f"the answer {packet} is not")
+
+    def _note_appearance(self, ask: Ask, packet: Packet | None) -> None:
+        """Note an answer that was taken: a consumer that had not appeared yet may take its time from now on."""
+        if ask.verb == "hello" and packet is not None and packet.payload == Progress().to_json():
+            instance = packet.attachment[:INSTANCE_BYTES]
+            if instance not in self._appeared:
+                self._appeared.add(instance)
+                self.greeted_since_ns = self.world.now_ns
+
+    def _note_question(self, ask: Ask) -> None:
+        self.questions_asked[ask.consumer, ask.verb] += 1
+        if ask.verb != "hello":
+            self._greeted = "" if ask.consumer == self._greeted else self._greeted
+        elif ask.consumer != self._greeted:
+            self._greeted, self.greeted_since_ns = ask.consumer, self.world.now_ns
 
     def _note_refusal(self, what: str, why: str) -> None:
         self._refused += 1
@@ -183,12 +205,13 @@ class SenderNode(Node):
             if isinstance(action, Publish):
                 if action.frame.kind is FrameType.ABORT:
                     self.aborts[action.packet] = self.offer.sender
+                kind = action.frame.messages[0].type if action.frame.kind is FrameType.MESSAGE else ""
                 for receiver in self._receivers.values():
                     deliver = partial(receiver.published, action.topic)
-                    self._network.carry("data", receiver.name, action.topic, action.packet, deliver)
+                    self._network.carry("data", receiver.name, action.topic, action.packet, deliver, type_name=kind)
             else:
                 self._asked[action.number] = action
-                self.questions_asked[action.consumer, action.verb] += 1
+                self._note_question(action)
                 self.world.after(int(action.timeout_s * 1e9), self._time_out, action)
                 if self.world.now_ns < self._impostors_until_ns.get(action.consumer, 0):
                     self.world.after(0, self.hand, self.answered, action, Packet(_FORGED, action.packet.attachment))
