@@ -85,6 +85,7 @@ class LearnerPublisher:
         for stamp_ns, outputs in zip(steps.stamps_ns, steps.outputs, strict=True):
             data = encode(Float64MultiArray(outputs))
             record = RecordedMessage(LEARNER_OUTPUT, Float64MultiArray.TYPE, data, self._outputs_sent, stamp_ns)
-            payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self._outputs_sent, (record,)))
+            frame = Frame(FrameType.MESSAGE, NO_RUN, self._producer.identity, self._outputs_sent, (record,))
+            payload, attachment = pack(frame)
             self._outputs.put(payload, attachment=attachment)
             self._outputs_sent += 1

@@ -16,6 +16,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CONTROLLER_DEVIATION
 from recorders.protocol.frames import live_attachment
 from recorders.wire.keys.topic_keys import TopicKeys
+from recorders.wire.publisher import new_identity
 
 
 class DeviationPublisher:
@@ -25,11 +26,17 @@ class DeviationPublisher:
     ----------
     writer : BackgroundWriter
         On its thread all is done.
+
+    Attributes
+    ----------
+    identity : bytes
+        What distinguishes the controller's numbers from those of others.
     """
 
     def __init__(self, writer: BackgroundWriter) -> None:
         self._writer = writer
         self._count = 0
+        self.identity = new_identity()
 
     @contextmanager
     def declared(self, session: zenoh.Session, keys: TopicKeys) -> Iterator[None]:
@@ -51,7 +58,7 @@ class DeviationPublisher:
     def _publish(self, stamp_ns: int, deviations: Floats) -> None:
         data = encode(Float64MultiArray(deviations))
         with suppress(zenoh.ZError):  # the way out is closed: so are those of commands
-            self._publisher.put(data, attachment=live_attachment(self._count, stamp_ns))
+            self._publisher.put(data, attachment=live_attachment(self._count, stamp_ns, self.identity))
         if self._writer.records:
             self._writer.write(
                 RecordedMessage(CONTROLLER_DEVIATION, Float64MultiArray.TYPE, data, self._count, time.time_ns())

@@ -358,7 +358,7 @@ class Node:
 
     def _publish(self, stamp_ns: int, command: bytes, arrival_ns: int) -> None:
         """Send a command."""
-        self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns))
+        self._publisher.put(command, attachment=live_attachment(self._commands, stamp_ns, self._deviations.identity))
         self._recent.append((arrival_ns, time.perf_counter_ns() - arrival_ns))
         self._commands += 1
 

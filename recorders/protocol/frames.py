@@ -22,12 +22,12 @@ SEAL_BYTES = 24
 """Size of a seal [bytes]."""
 
 _RUN, _SENDER = slice(8, 24), slice(24, 40)
-_LIVE = struct.Struct("<4sI32sQQ")  # the same, with what all live messages share in two pieces
+_LIVE = struct.Struct("<4sI16s16sQQ")  # the same, with what all live messages share in one piece
 _RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
 
 
 NO_RUN = bytes(16)
-"""The run of a live message: it belongs to no stream, and nobody acknowledges it."""
+"""The run of a live message: it belongs to no stream, and nobody acknowledges it. As a sender: nobody in particular."""
 
 
 class FrameType(IntEnum):
@@ -40,11 +40,13 @@ class FrameType(IntEnum):
 
 
 _LIVE_HEAD = bytes([PROTOCOL_VERSION, FrameType.MESSAGE, 0, 0])
-_NOBODY = NO_RUN + NO_RUN  # neither run nor sender
 
 
 class Frame(NamedTuple):
-    """One Zenoh sample of a stream: the index of its first message, and the messages it carries."""
+    """One Zenoh sample of a stream: the index of its first message, and the messages it carries.
+
+    A live message is of no run, and its sender the publisher that has numbered it.
+    """
 
     kind: FrameType
     run: bytes
@@ -86,9 +88,12 @@ def pack(frame: Frame) -> tuple[bytes, bytes]:
     return payload, attachment
 
 
-def live_attachment(sequence: int, log_time_ns: int) -> bytes:
-    """Return the attachment that `pack` gives a message of no run, numbered from 0, with its log time [ns]."""
-    return _LIVE.pack(_LIVE_HEAD, sequence, _NOBODY, sequence, log_time_ns)
+def live_attachment(sequence: int, log_time_ns: int, publisher: bytes = NO_RUN) -> bytes:
+    """Return the attachment that `pack` gives a message of no run, numbered from 0, with its log time [ns].
+
+    The 16 bytes of the publisher distinguish its numbers from those of others on the same topic.
+    """
+    return _LIVE.pack(_LIVE_HEAD, sequence, NO_RUN, publisher, sequence, log_time_ns)
 
 
 def stream_of(attachment: bytes) -> tuple[bytes, bytes] | None:

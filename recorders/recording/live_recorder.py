@@ -17,6 +17,7 @@ from recorders.protocol.frames import NO_RUN, Frame, FrameType
 from recorders.reading.parts import PART, part_path
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.file_name import recording_names
+from recorders.recording.last_numbers import LastNumbers
 from recorders.recording.log_clock import LogClock
 from recorders.recording.message_checks import decodes, is_standard
 from recorders.recording.ros_channels import TOO_MANY_TOKENS, RosChannels
@@ -90,7 +91,7 @@ class LiveRecorder:
         self._warnings = OnceWarner(logger, limit=1)
         self._streaming = False  # in the middle of a stream that awaits this
         self._ended = False  # one has come to its end, or broken off, and no other has begun
-        self._last: dict[str, int] = {}  # numbers by topic
+        self._last = LastNumbers()
         self._notes: dict[str, Any] = {}
         self._attachments: dict[str, bytes] = {}
         self.recording = RecordingStats()
@@ -194,10 +195,11 @@ class LiveRecorder:
         if isinstance(event, WireError):
             self._leave(receiver, str(event))
         elif isinstance(event, LiveMessage):
-            declared = _declared(receiver, event.sender, event.record)
+            declared = _declared(receiver, event.run, event.sender, event.record)
             self._write(
                 event.record,
                 numbered=event.numbered,
+                sender=event.sender,
                 declared=declared,
                 origin=event.origin,
                 type_hash=event.type_hash,
@@ -211,7 +213,8 @@ class LiveRecorder:
 
     def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
         for sent, record in zip(frame.messages, receiver.own_records(frame), strict=True):
-            self._write(record, numbered=True, declared=_declared(receiver, frame.sender, sent))
+            declared = _declared(receiver, frame.run, frame.sender, sent)
+            self._write(record, numbered=True, sender=frame.sender, declared=declared)
         if frame.kind is FrameType.END:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.totals())
@@ -247,6 +250,7 @@ class LiveRecorder:
         record: RecordedMessage,
         *,
         numbered: bool,
+        sender: bytes,
         declared: DeclaredChannel | None,
         origin: Attachment | None = None,
         type_hash: str = "",
@@ -260,7 +264,7 @@ class LiveRecorder:
             self.recording.refused[f"all topics: {NO_TIME}"] += 1
             return
         if numbered:
-            self._count_gap(record, origin, type_hash)
+            self._count_gap(record, sender, origin, type_hash)
         if self._is_full(len(record.data)):
             self._next_file()
         if self._first_ns is None:
@@ -317,21 +321,16 @@ class LiveRecorder:
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: RecordedMessage, origin: Attachment | None, type_hash: str) -> None:
-        """Count what is missing before a message: of its publisher's, if that is named, else of its topic's."""
-        if origin is not None:
+    def _count_gap(self, record: RecordedMessage, sender: bytes, origin: Attachment | None, type_hash: str) -> None:
+        """Count what is missing before a message of its publisher's: others may publish on its topic too."""
+        if origin is None:
+            missing = self._last.missing_before(record.topic, sender, record.sequence)
+        else:
             missing = self.recording.publishers.note(
                 record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(record, origin, type_hash)
             )
-            if missing:
-                self.recording.gaps[record.topic] += missing
-            return
-        last = self._last.get(record.topic)
-        if last is not None and record.sequence > last + 1:
-            self.recording.gaps[record.topic] += record.sequence - last - 1
-        late = last is not None and 0 < record.sequence < last  # 0 is that of a producer that begins anew
-        if not late:
-            self._last[record.topic] = record.sequence
+        if missing:
+            self.recording.gaps[record.topic] += missing
 
     def _node_of(self, record: RecordedMessage, origin: Attachment, type_hash: str) -> str:
         return "" if self._ros is None else self._ros.node_of(record, origin.gid, type_hash)
@@ -390,6 +389,6 @@ def _next(receiver: Receiver, timeout_s: float = _POLL_S) -> Event | WireError |
         return error
 
 
-def _declared(receiver: Receiver, sender: bytes, record: RecordedMessage) -> DeclaredChannel | None:
-    """Return the channel of a message as the sender of a replay declared it; live messages are of no sender."""
-    return None if sender == NO_RUN else receiver.channels.find(sender, record.topic, record.type)
+def _declared(receiver: Receiver, run: bytes, sender: bytes, record: RecordedMessage) -> DeclaredChannel | None:
+    """Return the channel of a message as the sender of a replay declared it; live messages are of no run."""
+    return None if run == NO_RUN else receiver.channels.find(sender, record.topic, record.type)

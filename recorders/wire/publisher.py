@@ -1,5 +1,6 @@
 """Publishes a node's messages on the keys of their topics, numbered gap-free per topic."""
 
+import secrets
 from collections import Counter
 from contextlib import ExitStack
 from types import TracebackType
@@ -12,6 +13,13 @@ from recorders.messages.message_types import TypedMessage
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.frames import NO_RUN, Frame, FrameType, pack
 from recorders.wire.keys.topic_keys import MessagePublisher, NamespaceKeys, TopicKeys
+
+_IDENTITY_BYTES = 16
+
+
+def new_identity() -> bytes:
+    """Return 16 random bytes by which the numbers of one publisher are distinguished from those of others."""
+    return secrets.token_bytes(_IDENTITY_BYTES)
 
 
 class TopicPublisher:
@@ -30,6 +38,8 @@ class TopicPublisher:
     ----------
     published : int
         How many messages it has published.
+    identity : bytes
+        What distinguishes its numbers from those of others.
     """
 
     def __init__(self, session: zenoh.Session, *, keys: TopicKeys | None = None) -> None:
@@ -38,6 +48,7 @@ class TopicPublisher:
         self._publishers: dict[str, MessagePublisher] = {}
         self._numbered: Counter[str] = Counter()
         self.published = 0
+        self.identity = new_identity()
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -61,7 +72,7 @@ class TopicPublisher:
             The producer's time [ns], for whoever records.
         """
         record = RecordedMessage(topic, message.TYPE, encode(message), self._numbered[topic], log_time_ns)
-        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, self.published, (record,)))
+        payload, attachment = pack(Frame(FrameType.MESSAGE, NO_RUN, self.identity, self.published, (record,)))
         self._publisher(topic, message.TYPE).put(payload, attachment=attachment)
         self._numbered[topic] += 1
         self.published += 1

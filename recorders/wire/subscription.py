@@ -26,12 +26,14 @@ _ALL_RECEIVED_WAIT_S = 10.0  # Zenoh hands over what it holds within millisecond
 class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
-    A replay that does not await this consumer is received so, too: then `sender` identifies it. The `origin` is what a
-    publisher in a ROS domain attached, the `type_hash` that of its type's definition, as the key there states it.
+    A replay that does not await this consumer is received so, too: then there is a `run`. The `sender` is that replay,
+    or else the publisher that numbered it. The `origin` is what a publisher in a ROS domain attached, the `type_hash`
+    that of its type's definition, as the key there states it.
     """
 
     record: RecordedMessage
     numbered: bool
+    run: bytes = NO_RUN
     sender: bytes = NO_RUN
     origin: Attachment | None = None
     type_hash: str = ""
@@ -214,7 +216,8 @@ def live_messages(received: Received) -> Iterator[LiveMessage]:
         yield LiveMessage(record, numbered=origin is not None, origin=origin, type_hash=type_hash)
         return
     for record in frame.messages:
-        yield LiveMessage(record._replace(type=stated or record.type or kind), True, frame.sender, origin, type_hash)
+        typed = record._replace(type=stated or record.type or kind)
+        yield LiveMessage(typed, True, frame.run, frame.sender, origin, type_hash)
 
 
 def schema_of(sample: zenoh.Sample) -> str:

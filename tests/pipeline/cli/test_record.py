@@ -7,12 +7,10 @@ import socket
 import subprocess
 import sys
 import threading
-import time
 from collections import Counter
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack, contextmanager
-from functools import partial
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -24,6 +22,7 @@ from live import robot as live_robot
 from live import spawn
 from processes import complaint, reenact, start, wait_for_line
 from short_motion import write_short_motion
+from stepped_clock import SteppedClock
 from unfinished import so_far
 from waiting import wait_for_subscriber, wait_until
 
@@ -46,6 +45,7 @@ from recorders.messages.topics import (
     SESSION_PHASE,
 )
 from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, pack
+from recorders.protocol.receiver import FAREWELL_WAIT_S
 from recorders.protocol.stream import Offer, Progress
 from recorders.reading.reader import LogReader
 from recorders.recording.config import RecordConfig, RecordingStats
@@ -180,16 +180,18 @@ def test_gaps_are_counted(tmp_path: Path) -> None:
             frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (records[0]._replace(sequence=sequence),))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
+        with TopicPublisher(session) as one, TopicPublisher(session) as other:  # each with numbers of its own
+            for each in (one, one, one, other, one, other, one, other):
+                each.publish(LEFT_TARGET, pose(0), log_time_ns=0)
         result = stop_once_all_is_there(session, process)
     assert result["gaps"] == {RIGHT_TARGET: 5}
 
 
 def test_a_late_message_is_no_second_gap(tmp_path: Path) -> None:
     with recorder(tmp_path) as (session, process):
-        with TopicPublisher(session) as producer:
-            record = producer.publish(RIGHT_TARGET, pose(0), log_time_ns=0)
-        for sequence in (5, 3, 6, 0, 1):  # 0: the producer begins anew
-            frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record._replace(sequence=sequence),))
+        for sequence in (0, 5, 3, 6, 0, 1):  # 0: the producer begins anew
+            record = RecordedMessage(RIGHT_TARGET, PoseStamped.TYPE, encode(pose(0)), sequence, 0)
+            frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, 0, (record,))
             payload, attachment = pack(frame)
             session.put(message_key("reenact", RIGHT_TARGET), payload, attachment=attachment)
         result = stop_once_all_is_there(session, process)
@@ -317,6 +319,7 @@ def recording_here(
         stack.callback(over.set)  # or the recorder would outlive a test that fails
         live = LiveRecorder(out, **options)
         recording = pool.submit(live.run, receiver, stopped=over.is_set)
+        wait_for_subscriber(elsewhere)
 
         def stopped() -> RecordingStats:
             over.set()
@@ -416,8 +419,8 @@ def test_the_recording_of_a_live_session_has_the_robots_description_and_the_lear
 def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("recorders.protocol.receiver.FAREWELL_WAIT_S", 2.0)
     monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
+    clock, longer_s = SteppedClock(monkeypatch), round(2 * FAREWELL_WAIT_S)
     log = write_episode(tmp_path / "episode.mcap", samples=4)
     endpoint = free_endpoint()
     with (
@@ -431,7 +434,7 @@ def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
         ExitStack() as stack,
     ):
         last_words = Last(
-            partial(time.sleep, 3.0),  # no event: longer than a sender that is silent is waited for
+            lambda: clock.pass_with_signs_of_life(receiver, longer_s),  # than a silent sender is waited for
             lambda: producer.publish(LEARNER_OUTPUT, Float64MultiArray([1.0]), log_time_ns=0),
         )
         over = threading.Event()

@@ -1,11 +1,13 @@
 """An awaited consumer gets everything in order, whatever befalls it or the connection; or an error names the gap."""
 
 import json
+import re
 import signal
 import subprocess
 import sys
 import time
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -16,6 +18,7 @@ from collector import Collector
 from episodes import write_episode
 from processes import command, complaint, reenact, start, wait_for_line
 from proxy import Proxy
+from stepped_clock import SteppedClock
 from waiting import wait_until
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -24,6 +27,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_OUTPUT, LEARNER_TOPICS, SESSION_PHASE
 from recorders.reading.reader import LogReader
 from recorders.wire.loopback import free_endpoint
+from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, open_session
 from replay.diff.divergence import first_divergence
 from replay.sources.schedule import Schedule
@@ -194,21 +198,23 @@ def test_a_publisher_that_closes_at_once_after_the_last_message_has_lost_nothing
             assert said(consumer) == collected(log, 1)
 
 
-def test_a_publisher_that_is_killed_leaves_an_error_that_names_the_gap(log: Path, tmp_path: Path) -> None:
-    endpoint = free_endpoint()
+def test_a_publisher_that_is_killed_leaves_an_error_that_names_the_gap(
+    log: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clock, endpoint = SteppedClock(monkeypatch), free_endpoint()
     with (
-        open_session(SessionConfig(listen=(endpoint,))),
-        collecting(endpoint, "learner", silence_s=SILENCE_S, tell_at=5) as consumer,
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        Receiver(session) as receiver,
+        ThreadPoolExecutor() as pool,
     ):
+        served = pool.submit(receiver.serve, Collector())
         with subprocess.Popen(
             command("replay", log, "--connect", endpoint, "--rate", 1, "--wait", 60), cwd=tmp_path
         ) as replay:
-            assert consumer.stdout is not None
-            assert consumer.stdout.readline() == "takes message 5\n"
+            wait_until(lambda: receiver.progress.next > 5)
             replay.kill()
-        error = said(consumer)["error"]
-    assert "the sender fell silent" in error
-    assert "before message " in error
+        wait_until(lambda: clock.step() and served.done())
+    assert re.search("the sender fell silent .*before message ", str(served.exception()))
 
 
 def test_a_stream_that_breaks_off_is_never_taken_for_a_whole_one_by_a_recorder(log: Path, tmp_path: Path) -> None:
@@ -230,38 +236,40 @@ def test_who_came_first_waits_for_as_long_as_the_sender_waits_for_another(
     log: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
-    endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
+    clock, endpoint, source = SteppedClock(monkeypatch), free_endpoint(), Replay([log], Schedule(epochs=1))
     with (
-        collecting(endpoint, "early", silence_s=SILENCE_S) as early,
         open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Receiver(elsewhere, config=ReceiverConfig(name="early", silence_s=SILENCE_S)) as early,
+        ThreadPoolExecutor() as pool,
     ):
-        with subprocess.Popen([sys.executable, "-c", late(endpoint)], stdout=subprocess.PIPE, text=True) as tardy:
-            transport = ZenohTransport(session, config=SenderConfig(consumers=("early", "late"), wait_s=120.0))
-            results = transport.deliver(source.offer(), source.stream)
-            assert results == {"early": said(early), "late": said(tardy)}
-    assert results["early"] == results["late"] == collected(log, 1)
-
-
-def late(endpoint: str) -> str:
-    """Return a program that becomes a collector when others have long lost their patience."""
-    folder = str(Path(collector.__file__).parent)
-    return (
-        f"import sys, time; sys.path.insert(0, {folder!r}); import collector; time.sleep({1.5 * SILENCE_S}); "
-        f"sys.argv = ['', {endpoint!r}, 'late', '{{}}']; collector.main()"
-    )
+        first = pool.submit(early.serve, Collector())
+        transport = ZenohTransport(session, config=SenderConfig(consumers=("early", "late"), wait_s=120.0))
+        sent = pool.submit(transport.deliver, source.offer(), source.stream)
+        wait_until(lambda: early.offer is not None)
+        clock.pass_with_signs_of_life(early, round(2 * SILENCE_S))  # it would have lost its patience long ago
+        with Receiver(elsewhere, config=ReceiverConfig(name="late")) as late:
+            second = late.serve(Collector())
+            assert sent.result(timeout=120) == {"early": first.result(timeout=120), "late": second}
+    assert second == first.result() == collected(log, 1)
 
 
 def test_a_pause_in_the_stream_is_no_silence(log: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("recorders.protocol.questions.ALIVE_S", 0.02)  # far more often than it must
-    endpoint, source = free_endpoint(), Replay([log], Schedule(epochs=1))
+    clock, endpoint, source = SteppedClock(monkeypatch), free_endpoint(), Replay([log], Schedule(epochs=1))
 
     def paused(begin: int) -> Iterator[RecordedMessage]:
         for index, message in enumerate(source.stream(begin), begin):
             if index == 100:
-                time.sleep(1.5 * SILENCE_S)
+                clock.pass_with_signs_of_life(receiver, round(2 * SILENCE_S))
             yield message
 
-    with collecting(endpoint, "learner", silence_s=SILENCE_S) as consumer:
-        with open_session(SessionConfig(listen=(endpoint,))) as session:
-            delivered = ZenohTransport(session, config=SenderConfig(wait_s=120.0)).deliver(source.offer(), paused)
-        assert delivered["learner"] == said(consumer) == collected(log, 1)
+    with (
+        open_session(SessionConfig(listen=(endpoint,))) as session,
+        open_session(SessionConfig(connect=(endpoint,))) as elsewhere,
+        Receiver(elsewhere, config=ReceiverConfig(silence_s=SILENCE_S)) as receiver,
+        ThreadPoolExecutor() as pool,
+    ):
+        served = pool.submit(receiver.serve, Collector())
+        delivered = ZenohTransport(session, config=SenderConfig(wait_s=120.0)).deliver(source.offer(), paused)
+        assert delivered["learner"] == served.result(timeout=120) == collected(log, 1)
