@@ -52,6 +52,8 @@ class Promises:
         if not 0 <= consumed <= self._whole or not 0 <= sent <= self._whole:
             _break("nothing is sent beyond the end", f"message {sent} of {self._whole}, {consumed} are consumed")
         self._check_questions()
+        if machine.state is SenderState.GREETING:
+            self._check_greeted()
         if machine.state in _COUNTING:
             self._check_window(sent, consumed)
             had = [each.consumer.had.get(self._sender.offer.sender, 0) for each in self._receivers.values()]
@@ -76,24 +78,22 @@ class Promises:
             if count > most:
                 _break("nobody is flooded", f"{name} was asked its {verb} {count} times in {since_s:.3f} s")
 
+    def _check_greeted(self) -> None:
+        most_s = max(self._scenario.wait_s, _ANSWER_S) + self._stalls_s + 2 * _OFFER_S
+        if self._sender.greeted_s > most_s:
+            _break("nobody is awaited for ever", f"a consumer had {self._sender.greeted_s} s, {most_s} s are enough")
+
     def check_error(self, error: str) -> None:
         """Check that an error of the sender's has its cause."""
         waited_s = self._sender.now_s - self._sender.waits_since_s
         if "the rest of the stream is unconfirmed" in error and waited_s < PATIENCE_S:
             _break("a pause tries nobody's patience", f"{error}, and it waited {waited_s} s")
-        if any(unanswered in error for unanswered in _UNANSWERED):
-            self._check_greeted(error)
+        greeted_s, jumps_s = self._sender.greeted_s, self._jumps * _OFFER_S
+        if any(each in error for each in _UNANSWERED) and greeted_s < self._scenario.wait_s - jumps_s:
+            _break("who is awaited has its time", f"{error}, and it had {greeted_s} s")
         for name in self._sender.doubted:
             if f"no consumer named {name!r} answered" in error:
                 _break("what others answer is reported", f"found {error}")
-
-    def _check_greeted(self, error: str) -> None:
-        """Check how long a consumer was greeted: all its time, of which a jump of the clock takes one offer's."""
-        greeted_s = (self._sender.world.now_ns - self._sender.greeted_since_ns) / SECOND
-        if greeted_s < self._scenario.wait_s - self._jumps * _OFFER_S:
-            _break("who is awaited has its time", f"{error}, and it had {greeted_s} s")
-        if greeted_s > max(self._scenario.wait_s, _ANSWER_S) + self._stalls_s + 2 * _OFFER_S:
-            _break("nobody is awaited for ever", f"{error}, and it had {greeted_s} s")
 
     def check_receiver(self, receiver: ReceiverNode) -> None:
         """Check what holds whenever a consumer's process has done something."""

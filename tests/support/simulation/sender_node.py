@@ -37,8 +37,6 @@ class SenderNode(Node):
         How often it asked each consumer what, and how often something was published as its acknowledgement.
     waits_since_s : float
         Since when messages, or the end, wait for the consumers, on its clock.
-    greeted_since_ns : int
-        Since when the consumer that is greeted could answer: it was that one's turn, or it had just appeared.
     doubted : set of str
         The consumers in whose name somebody else has answered.
     aborts : dict of Packet to str
@@ -75,7 +73,7 @@ class SenderNode(Node):
         self.machine: SenderMachine
         self.offer: Offer
         self.begun_s = 0.0
-        self.greeted_since_ns, self._greeted = 0, ""
+        self._greeted_since_ns, self._greeted = 0, ""
         self.waits_since_s = math.inf
         self.questions_asked: Counter[tuple[str, str]] = Counter()
         self.acknowledgements: Counter[str] = Counter()
@@ -85,6 +83,11 @@ class SenderNode(Node):
         self.ended_ns = 0
         self.results: dict[str, dict[str, Any]] | None = None
         self.check_error: Callable[[str], None]
+
+    @property
+    def greeted_s(self) -> float:
+        """For how long the consumer that is greeted could answer: since it was its turn, or since it appeared [s]."""
+        return (self.world.now_ns - self._greeted_since_ns) / SECOND
 
     def on_begin(self) -> None:
         """Offer the stream, as a sender of its own."""
@@ -168,14 +171,14 @@ class SenderNode(Node):
             instance = packet.attachment[:INSTANCE_BYTES]
             if instance not in self._appeared:
                 self._appeared.add(instance)
-                self.greeted_since_ns = self.world.now_ns
+                self._greeted_since_ns = self.world.now_ns
 
     def _note_question(self, ask: Ask) -> None:
         self.questions_asked[ask.consumer, ask.verb] += 1
         if ask.verb != "hello":
             self._greeted = "" if ask.consumer == self._greeted else self._greeted
         elif ask.consumer != self._greeted:
-            self._greeted, self.greeted_since_ns = ask.consumer, self.world.now_ns
+            self._greeted, self._greeted_since_ns = ask.consumer, self.world.now_ns
 
     def _note_refusal(self, what: str, why: str) -> None:
         self._refused += 1
