@@ -4,6 +4,7 @@ import struct
 from collections.abc import Sequence
 from enum import IntEnum
 from functools import lru_cache
+from operator import itemgetter
 from typing import NamedTuple
 
 from recorders.errors import MessageError
@@ -24,6 +25,8 @@ SEAL_BYTES = 24
 _RUN, _SENDER = slice(8, 24), slice(24, 40)
 _LIVE = struct.Struct("<4sI16s16sQQ")  # the same, with what all live messages share in one piece
 _RECORD = struct.Struct("<HIIQ")  # name length, data length, sequence, log time
+_RECORD_BYTES = _RECORD.size
+_DATA = itemgetter(RecordedMessage._fields.index("data"))
 
 
 NO_RUN = bytes(16)
@@ -59,12 +62,17 @@ class Frame(NamedTuple):
     @property
     def size(self) -> int:
         """Size of its messages [bytes]."""
-        return sum(len(message.data) for message in self.messages)
+        return size_of(self.messages)
 
     @property
     def end(self) -> int:
         """The stream index after this frame."""
         return self.first + len(self.messages)
+
+
+def size_of(messages: Sequence[RecordedMessage]) -> int:
+    """Return the size of some messages [bytes], as bounds count it."""
+    return sum(map(len, map(_DATA, messages)))
 
 
 def batch_topic() -> str:
@@ -120,18 +128,18 @@ def unpack(topic: str, payload: bytes, attachment: bytes, *, type_name: str = ""
     """
     try:
         body = attachment[:ATTACHMENT_BYTES] if stream_of(attachment) else attachment
-        version, kind, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(body)
-        frame = Frame(FrameType(kind), run, sender, index)
+        version, number, sequence, run, sender, index, log_time_ns = _ATTACHMENT.unpack(body)
+        kind = FrameType(number)
         if version != PROTOCOL_VERSION:
             raise MessageError(f"{topic}: expected protocol version {PROTOCOL_VERSION}, found {version}")
-        if frame.kind is FrameType.MESSAGE:
+        if kind is FrameType.MESSAGE:
             message = RecordedMessage(topic, type_of(topic) or type_name, payload, sequence, log_time_ns)
-            return frame._replace(messages=(message,))
-        if frame.kind is FrameType.BATCH:
-            return frame._replace(messages=_unpack_messages(payload))
-        if frame.kind is FrameType.END:
-            return frame._replace(digests=payload)
-        return frame._replace(reason=payload.decode(errors="replace"))
+            return Frame(kind, run, sender, index, (message,))
+        if kind is FrameType.BATCH:
+            return Frame(kind, run, sender, index, _unpack_messages(payload))
+        if kind is FrameType.END:
+            return Frame(kind, run, sender, index, digests=payload)
+        return Frame(kind, run, sender, index, reason=payload.decode(errors="replace"))
     except (struct.error, ValueError) as error:
         raise MessageError(f"{topic}: {len(payload)} bytes that are no frame of a replay ({error})") from error
 
@@ -146,19 +154,21 @@ def records(messages: Sequence[RecordedMessage]) -> bytes:
 
 
 def _unpack_messages(payload: bytes) -> tuple[RecordedMessage, ...]:
-    messages, place = [], 0
-    while place < len(payload):
-        name_length, data_length, sequence, log_time_ns = _RECORD.unpack_from(payload, place)
-        name_at = place + _RECORD.size
+    messages, place, size, head, new = [], 0, len(payload), _RECORD.unpack_from, tuple.__new__
+    while place < size:
+        name_length, data_length, sequence, log_time_ns = head(payload, place)
+        name_at = place + _RECORD_BYTES
         data_at = name_at + name_length
         place = data_at + data_length
-        if place > len(payload):
+        if place > size:
             raise ValueError(f"a record of {data_length} bytes overruns the payload")
         topic, kind = _topic_and_type(payload[name_at:data_at])
-        messages.append(RecordedMessage(topic, kind, payload[data_at:place], sequence, log_time_ns))
+        # Past the constructor that Python writes for a named tuple, which takes a third of the time.
+        messages.append(new(RecordedMessage, (topic, kind, payload[data_at:place], sequence, log_time_ns)))
     return tuple(messages)
 
 
+@lru_cache(maxsize=1024)
 def _name(topic: str, kind: str) -> bytes:
     """Return the topic, and its type behind a NUL where it is not the one in the table of topics."""
     return topic.encode() if kind == type_of(topic) else f"{topic}\0{kind}".encode()

@@ -7,7 +7,7 @@ from typing import Any
 
 from recorders.errors import WireError
 from recorders.messages.record import RecordedMessage
-from recorders.protocol.frames import FrameType
+from recorders.protocol.frames import FrameType, size_of
 from recorders.protocol.outbox import Outbox
 from recorders.protocol.packets import Ask, Packet, read_progress
 from recorders.protocol.patience import Patience
@@ -112,7 +112,7 @@ class SenderMachine:
         WireError
             If one is larger than anybody receives.
         """
-        if not self._window.has_room(len(messages), sum(len(message.data) for message in messages)):
+        if not self._window.has_room(len(messages), size_of(messages)):
             self._patience.begin()
             return False
         self._patience.end()

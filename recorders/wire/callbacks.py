@@ -46,14 +46,15 @@ def on_network_thread(
     in_use.acquire()
 
     def on_thread(received: _Received) -> None:
-        if not hasattr(_OF_THREAD, "held"):
-            _OF_THREAD.held = True
-            _hold_state()
-        outer, _OF_THREAD.handling = getattr(_OF_THREAD, "handling", None), in_use
+        try:
+            under_way = _OF_THREAD.under_way
+        except AttributeError:
+            under_way = _hold_thread()
+        under_way.append(in_use)
         try:
             handler(received)
         finally:
-            _OF_THREAD.handling = outer
+            under_way.pop()
 
     # Zenoh releases the lock when nothing of it can call any more. A method in C, as no other thread runs within it.
     is_declared = False
@@ -62,6 +63,14 @@ def on_network_thread(
             is_declared = True
             yield declared
     finally:
-        is_within = getattr(_OF_THREAD, "handling", None) is in_use
+        is_within = in_use in getattr(_OF_THREAD, "under_way", ())
         if is_declared and not is_within and not in_use.acquire(timeout=_LAST_WAIT_S):
             logger.warning(f"a callback of Zenoh's has not returned within {_LAST_WAIT_S:g} s")
+
+
+def _hold_thread() -> list[Any]:
+    """Hold on to the state of this thread, and return the calls that are under way on it: none yet."""
+    _hold_state()
+    under_way: list[Any] = []
+    _OF_THREAD.under_way = under_way
+    return under_way

@@ -236,13 +236,11 @@ class Receiver:
         """Return the name that this node has for a topic of a stream."""
         return self._config.keys.received_as(topic)
 
-    def own_records(self, frame: Frame) -> Iterator[RecordedMessage]:
-        """Yield a frame's messages under the names that this node has for their topics."""
+    def own_records(self, frame: Frame) -> tuple[RecordedMessage, ...]:
+        """Return a frame's messages under the names that this node has for their topics."""
         if not self._config.keys.renames:
-            yield from frame.messages
-            return
-        for record in frame.messages:
-            yield record._replace(topic=self.own_name(record.topic))
+            return frame.messages
+        return tuple(record._replace(topic=self.own_name(record.topic)) for record in frame.messages)
 
     def consumed(self, frame: Frame) -> None:
         """Note that a frame's messages are consumed, and acknowledge them if it is time."""

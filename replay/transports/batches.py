@@ -12,11 +12,12 @@ def batches(messages: Iterator[RecordedMessage], size: int) -> Iterator[Sequence
     chunk: list[RecordedMessage] = []
     chunk_bytes = 0
     for message in messages:
-        if chunk and chunk_bytes + len(message.data) > _BATCH_BYTES:
+        message_bytes = len(message.data)
+        chunk_bytes += message_bytes
+        if chunk_bytes > _BATCH_BYTES and chunk:
             yield chunk
-            chunk, chunk_bytes = [], 0
+            chunk, chunk_bytes = [], message_bytes
         chunk.append(message)
-        chunk_bytes += len(message.data)
         if len(chunk) == size:  # at once: a live stream goes on only when this message has gone out
             yield chunk
             chunk, chunk_bytes = [], 0
