@@ -59,6 +59,17 @@ class WireError(ReenactError):
     """A network session could not be opened, a consumer did not answer, or a stream has a gap."""
 
 
+def file_reason(error: OSError) -> str:
+    """Return why a file cannot be read, in words."""
+    return "no such file" if isinstance(error, FileNotFoundError) else error.strerror or str(error)
+
+
+def unreadable(path: object, error: OSError) -> str:
+    """Return the line on a file that cannot be read."""
+    missing = isinstance(error, FileNotFoundError)
+    return f"{path}: {'' if missing else 'cannot be read: '}{file_reason(error)}"
+
+
 def install_text(extra: str) -> str:
     """Return how an extra is installed, from wherever the program is."""
     return f"install {DISTRIBUTION} with its extra {extra}, as `pip install '.[{extra}]'` does in its source folder"

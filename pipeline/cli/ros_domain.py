@@ -53,6 +53,13 @@ Remap = Annotated[
     ),
 ]
 
+Humble = Annotated[
+    bool,
+    typer.Option(
+        "--humble", help="With --ros: publish as ROS 2 Humble does, without hashes of types, for nodes of it alone."
+    ),
+]
+
 UseSimTime = Annotated[
     bool, typer.Option("--use-sim-time", help="Take the time from /clock, and not from the clock on the wall.")
 ]
@@ -60,7 +67,9 @@ UseSimTime = Annotated[
 _NO_NAME = re.compile(r"[^A-Za-z0-9]+")  # with every `_` beside it: two in a row are none of ROS 2's either
 
 
-def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | None) -> "TopicKeys":
+def topic_keys(
+    name: str, namespace: str, ros: int | None, remap: list[str] | None, *, humble: bool = False
+) -> "TopicKeys":
     """Return the keys of topics that a verb was asked for.
 
     Parameters
@@ -73,11 +82,13 @@ def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | No
         The ROS domain.
     remap : list of str, optional
         Rules, `from:=to`.
+    humble : bool
+        Whether what is published has no hashes of types.
 
     Raises
     ------
     ConfigError
-        If there are rules without a domain.
+        If there are rules, or is no hash, without a domain.
     WireError
         If a rule or the namespace is malformed.
     """
@@ -88,10 +99,18 @@ def topic_keys(name: str, namespace: str, ros: int | None, remap: list[str] | No
     if ros is None:
         if remap and not of_settings("remap"):
             raise ConfigError(f"--remap: expected {_OPTION} beside it, found {remap[0]!r:.100} alone")
+        if humble and not of_settings("humble"):
+            raise ConfigError(f"--humble: expected {_OPTION} beside it, found it alone")
         return NamespaceKeys(namespace)
     plain = _NO_NAME.sub("_", name)
     node = NodeName.remapped(f"_{plain}" if plain[:1].isdigit() else plain, "/", remap or ())
-    return RosKeys(ros, node, namespace=namespace)
+    return RosKeys(ros, node, namespace=namespace, humble=humble)
+
+
+def refuse_humble(verb: str, *, given: bool) -> None:
+    """Raise ConfigError if `--humble` is given to a verb that publishes nothing."""
+    if given and not of_settings("humble"):
+        raise ConfigError(f"--humble: expected a verb that publishes, found {verb}, which takes topics either way")
 
 
 def with_domain(arguments: Sequence[str]) -> list[str]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from pipeline.cli.project_settings import of_settings
-from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
+from pipeline.cli.ros_domain import Humble, Remap, RosDomain, topic_keys
 from pipeline.terminal import console
 
 if TYPE_CHECKING:
@@ -61,10 +61,11 @@ class ListeningSession:
     namespace: Namespace = NAMESPACE
     ros: RosDomain = None
     remap: Remap = None
+    humble: Humble = False
 
     def keys(self, name: str) -> "TopicKeys":
         """Return the keys of topics, for a node of a name."""
-        return topic_keys(name, self.namespace, self.ros, self.remap)
+        return topic_keys(name, self.namespace, self.ros, self.remap, humble=self.humble)
 
     def config(self) -> "SessionConfig":
         """Return where the session listens and connects: in a ROS domain it is the router that listens."""
@@ -85,10 +86,11 @@ class LookingSession:
     namespace: Namespace = NAMESPACE
     ros: RosDomain = None
     remap: Remap = None
+    humble: Humble = False
 
     def keys(self, name: str) -> "TopicKeys":
         """Return the keys of topics, for a node of a name; where no session is asked for, those of a namespace."""
-        return topic_keys(name, self.namespace, self.ros if self.is_given else None, self.remap)
+        return topic_keys(name, self.namespace, self.ros if self.is_given else None, self.remap, humble=self.humble)
 
     @property
     def is_given(self) -> bool:
@@ -134,12 +136,13 @@ class ConnectingNode:
     namespace: Namespace = NAMESPACE
     ros: RosDomain = None
     remap: Remap = None
+    humble: Humble = False
     prometheus: _Prometheus = None
     key: StreamKey = None
 
     def keys(self, name: str) -> "TopicKeys":
         """Return the keys of topics, for a node of a name."""
-        return topic_keys(name, self.namespace, self.ros, self.remap)
+        return topic_keys(name, self.namespace, self.ros, self.remap, humble=self.humble)
 
     def config(self, *, wait_s: float = 10.0) -> "SessionConfig":
         """Return where the session listens and connects."""

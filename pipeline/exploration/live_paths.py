@@ -169,7 +169,7 @@ class _Subscription:
         """Raise WireError if the first pose takes too long."""
         if time.monotonic() - self._began_s > self._config.wait_s:
             published, kind = _published(self._topics, self._renames), PoseStamped.TYPE
-            keys = [self._config.keys.key(topic, kind) for topic in published]
+            keys = [self._config.keys.described(topic, kind) for topic in published]
             raise WireError(
                 f"expected a pose on {' or '.join(keys)} within {self._config.wait_s:g} s, found none that "
                 "can be used: does anybody publish there, and may this session read it? "

@@ -17,7 +17,7 @@ from pipeline.robot.toml_text import MAX_BYTES, parse_toml
 from pipeline.samples.pairing import COMMANDED, find_pairing
 from pipeline.training.pairing_choice import pairing_for
 from pipeline.urdf.description import canonical_urdf
-from recorders.errors import ConfigError
+from recorders.errors import ConfigError, unreadable
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.file_kind import mixed_up_kind
 from recorders.reading.reader import LogReader
@@ -194,7 +194,7 @@ def _read_toml(path: Path) -> dict[str, Any]:
         with path.open(encoding="utf-8") as file:
             text = file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
     except OSError as error:
-        raise ConfigError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise ConfigError(unreadable(path, error)) from error
     except UnicodeDecodeError as error:
         found = mixed_up_kind(error.object) or f"byte {error.object[error.start]:#04x}"
         raise ConfigError(f"{path}: expected TOML in UTF-8, found {found}") from error

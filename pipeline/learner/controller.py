@@ -22,7 +22,7 @@ from pipeline.learner import npz
 from pipeline.learner.registry import config_from_dict, config_to_dict, make_learner
 from pipeline.learner.rule import DEFAULT_PAIRS, OnlineLearner, Settings
 from pipeline.learner.state import check_state, state_digest
-from recorders.errors import ConfigError, ControllerError
+from recorders.errors import ConfigError, ControllerError, file_reason
 from recorders.files.anonymous_file import AnonymousFile, write_whole
 from recorders.files.regular_file import begins_with, require_regular_file
 from recorders.reading.file_kind import LOG_KIND, ZIP_MAGIC, mixed_up_kind
@@ -280,7 +280,7 @@ def _read(path: Path) -> bytes:
         with path.open("rb") as file:
             return file.read(npz.MAX_BYTES)
     except OSError as error:
-        raise ControllerError(error.strerror or str(error)) from error
+        raise ControllerError(file_reason(error)) from error
 
 
 def is_controller(path: Path) -> bool:

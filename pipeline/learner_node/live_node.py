@@ -1,6 +1,7 @@
 """The node `learn --live`: learns from published hand targets and joints, of a robot or a replay."""
 
 import logging
+from collections.abc import Mapping
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +16,9 @@ from recorders.errors import ConfigError, WireError
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import TF_STATIC
 from recorders.nodes.node import running_node
-from recorders.wire.keys.topic_keys import EVERY_TOPIC
+from recorders.text.wording import names_text
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import EVERY_TOPIC, TopicKeys
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import Session, SessionConfig, open_session
 from recorders.writing.writer import LogWriter
@@ -78,9 +81,16 @@ def learn_live(
             learner = LiveLearner(trainer, robot, config, receiving, publisher)
             node, namespace = learner.source(receiver.name), receiver.namespace
             with running_node(opened, node, config=session, namespace=namespace, metrics_port=metrics_port):
-                where = f"{receiver.keys.key(EVERY_TOPIC)} at {', '.join(session.listen or session.connect)}"
-                logger.info(f"{receiver.name} learns {robot.name} from {where}; Ctrl-C ends it")
+                what, where = _described(receiver.keys, types), ", ".join(session.listen or session.connect)
+                logger.info(f"{receiver.name} learns {robot.name} from {what} at {where}; Ctrl-C ends it")
                 return learner.run(stopped, keep=recording.keep, on_choice=recording.state)
+
+
+def _described(keys: TopicKeys, types: Mapping[str, str]) -> str:
+    """Return what is learned from in words: in a ROS domain the topics that are subscribed to."""
+    if not isinstance(keys, RosKeys):
+        return keys.described(EVERY_TOPIC)
+    return f"{names_text(f'{keys.graph_name(topic)} ({types[topic]})' for topic in sorted(types))} in {keys.words}"
 
 
 def _answering(opened: Session, namespace: str) -> RobotConfig:

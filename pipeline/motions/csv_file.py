@@ -13,7 +13,7 @@ from typing import TextIO, TypeAlias
 import numpy as np
 
 from pipeline.arrays import Floats
-from recorders.errors import MotionError
+from recorders.errors import MotionError, file_reason
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.file_kind import mixed_up_kind
 
@@ -109,7 +109,7 @@ def _read_rows(path: Path, choose: Choice, max_coordinate: float) -> Iterator[tu
             if reader.line_num == 0:
                 raise MotionError(f"motion '{path}': expected CSV text, found an empty file")
     except OSError as error:
-        raise MotionError(f"cannot read motion '{path}': {error.strerror}") from error
+        raise MotionError(f"cannot read motion '{path}': {file_reason(error)}") from error
     except UnicodeDecodeError as error:
         found = mixed_up_kind(error.object) or f"byte {error.object[error.start]:#04x}"
         raise MotionError(f"motion '{path}': expected CSV text in UTF-8, found {found}") from error

@@ -208,7 +208,7 @@ class Node:
             status_key = controller_key(namespace, name, "status")
             stack.enter_context(session.declare_queryable(status_key, self._answer_query))
             self.serves = True  # before anybody can know, and end it
-            logger.info(f"{name} serves {self._publisher.key_expr} {where}")
+            logger.info(f"{name} serves {keys.described(commands.topic, commands.type_name)} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
             stack.enter_context(self._looking_after_held())
             yield robot
@@ -227,7 +227,8 @@ class Node:
             robot.check_newcomer()
             alone = alone + 1 if self._commands and not has_subscribers(self._publisher) else 0
             if alone == _LOOKS_ALONE:
-                logger.warning(f"nobody subscribes to {self._publisher.key_expr}: commands move nothing")
+                what = self._config.keys.described(*self._sent_as)
+                logger.warning(f"nobody subscribes to {what}: commands move nothing")
         raise self._failure
 
     def source(self) -> NodeSource:

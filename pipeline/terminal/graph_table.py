@@ -14,12 +14,18 @@ def graph_table(view: GraphView) -> Table:
         table.add_column(name, overflow="fold")
     described = view.to_dict()["topics"]
     for row in described:
-        table.add_row(*map(_lines, ([row["topic"]], row["types"], row["publishers"], row["subscriptions"])))
+        types = [_counted(kind, len(row["hashes"][kind])) for kind in row["types"]]
+        table.add_row(*map(_lines, ([row["topic"]], types, row["publishers"], row["subscriptions"])))
     busy = {name for row in described for side in ("publishers", "subscriptions") for name in row[side]}
     for name in view.nodes:
         if name not in busy:
             table.add_row("-", "-", _lines([name]), "-")
     return table
+
+
+def _counted(kind: str, definitions: int) -> str:
+    """Return a type, with the number of its definitions if there are several: these nodes do not understand all."""
+    return kind if definitions == 1 else f"{kind} ({definitions} definitions)"
 
 
 def _lines(names: list[str]) -> Text:

@@ -9,7 +9,7 @@ from recorders.containers.reader import Opened, Reader
 from recorders.containers.ros1_bag import Ros1Bag
 from recorders.containers.sqlite_bag import SqliteBag
 from recorders.containers.translated import translated
-from recorders.errors import LogError, MissingExtra
+from recorders.errors import LogError, MissingExtra, unreadable
 from recorders.files.regular_file import require_regular_file
 from recorders.reading.bag_metadata import is_bag_folder
 from recorders.reading.file_kind import ROS1_MAGIC, SQLITE_MAGIC
@@ -101,7 +101,5 @@ def _first_bytes(path: Path) -> bytes:
     try:
         with path.open("rb") as file:
             return file.read(16)
-    except FileNotFoundError:
-        raise LogError(f"{path}: no such file") from None
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error

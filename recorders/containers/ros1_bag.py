@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import BinaryIO, NamedTuple, TypeAlias
 
 from recorders.containers.foreign_reader import ForeignReader
-from recorders.errors import LogError
+from recorders.errors import LogError, unreadable
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.mcap_format.decompression import DECOMPRESS_ERRORS, decompress
 from recorders.mcap_format.lengths import MAX_CHUNK, MAX_DECLARED
@@ -171,7 +171,7 @@ class Ros1Bag(ForeignReader):
         except (_Damaged, struct.error, UnicodeDecodeError) as error:
             raise LogError(f"{self.path}: the bag is damaged: {error}") from None
         except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+            raise LogError(unreadable(self.path, error)) from error
 
 
 def _seek(file: BinaryIO, offset: int) -> None:

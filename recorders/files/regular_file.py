@@ -3,7 +3,7 @@
 from pathlib import Path
 from stat import S_ISDIR, S_ISREG
 
-from recorders.errors import LogError, ReenactError
+from recorders.errors import LogError, ReenactError, unreadable
 
 
 def require_regular_file(path: Path, *, expected: str = "an MCAP file", error: type[ReenactError] = LogError) -> None:
@@ -37,4 +37,4 @@ def begins_with(path: Path, magic: bytes) -> bool:
         with path.open("rb") as file:
             return file.read(len(magic)) == magic
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error

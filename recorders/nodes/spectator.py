@@ -41,5 +41,5 @@ def watched(
             if missed := waiting.take_dropped():
                 on_missed(missed)
             if found is not None:
-                for message in live_messages(found):
+                for message in live_messages(found, keys):
                     yield message.record

@@ -3,7 +3,7 @@
 from pathlib import Path, PurePath
 from typing import Any, NamedTuple
 
-from recorders.errors import LogError
+from recorders.errors import LogError, unreadable
 from recorders.files.regular_file import require_regular_file
 from recorders.text.plain_yaml import MAX_TEXT, AliasError, from_yaml
 from recorders.text.wording import names_text
@@ -75,7 +75,7 @@ def _information(path: Path) -> dict[str, Any]:
         with path.open("rb") as file:
             found = from_yaml(file.read(MAX_TEXT + 1))
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error
     except AliasError as error:
         raise LogError(f"{path}: expected the metadata of a rosbag2 recording, without aliases, found some") from error
     except ValueError:

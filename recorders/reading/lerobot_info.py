@@ -10,7 +10,7 @@ from fractions import Fraction
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from recorders.errors import LogError
+from recorders.errors import LogError, unreadable
 from recorders.files.regular_file import require_regular_file
 from recorders.text.wording import names_text, value_text
 
@@ -116,7 +116,7 @@ def _information(path: Path) -> dict[str, Any]:
             text = file.read(_MOST_BYTES + 1)
         found = json.loads(text) if len(text) <= _MOST_BYTES else None
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error
     except (ValueError, RecursionError):
         found = None
     if not isinstance(found, dict) or "codebase_version" not in found:

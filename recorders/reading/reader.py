@@ -11,7 +11,7 @@ from typing import Any, BinaryIO
 from mcap.opcode import Opcode
 from mcap.records import Statistics
 
-from recorders.errors import LogError
+from recorders.errors import LogError, unreadable
 from recorders.files.regular_file import require_regular_file
 from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.channels import DeclaredChannel
@@ -294,10 +294,8 @@ class LogReader:
         try:
             with self.path.open("rb") as file:
                 yield file
-        except FileNotFoundError:
-            raise LogError(f"{self.path}: no such file") from None
         except OSError as error:
-            raise LogError(f"{self.path}: cannot be read: {error.strerror or error}") from error
+            raise LogError(unreadable(self.path, error)) from error
         except DamagedLog as error:
             raise (error if error.path else error.located(self.path)) from None
         except LogError as error:

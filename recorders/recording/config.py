@@ -57,6 +57,8 @@ class RecordingStats:
         Files, in order.
     messages, size : int
         How many messages, and how many bytes of them.
+    of_streams : int
+        How many of these were of streams that awaited this.
     gaps : counter of str
         Messages that producers numbered and that did not arrive, by topic.
     opaque : counter of str
@@ -74,6 +76,7 @@ class RecordingStats:
     paths: list[Path] = field(default_factory=list)
     messages: int = 0
     size: int = 0
+    of_streams: int = 0
     gaps: Counter[str] = field(default_factory=Counter)
     opaque: Counter[str] = field(default_factory=Counter)
     refused: Counter[str] = field(default_factory=Counter)
@@ -91,6 +94,7 @@ class RecordingStats:
             "paths": [str(path) for path in self.paths],
             "messages": self.messages,
             "bytes": self.size,
+            "of_streams": self.of_streams,
             "gaps": dict(self.gaps),
             "opaque": dict(self.opaque),
             "refused": dict(self.refused),

@@ -21,7 +21,6 @@ from recorders.recording.last_numbers import LastNumbers
 from recorders.recording.log_clock import LogClock
 from recorders.recording.message_checks import decodes, is_standard
 from recorders.recording.ros_channels import TOO_MANY_TOKENS, RosChannels
-from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.bag_channels import has_definition, with_schema
 from recorders.text.once import OnceWarner
 from recorders.wire.queries import ReceivedOffer
@@ -195,15 +194,8 @@ class LiveRecorder:
         if isinstance(event, WireError):
             self._leave(receiver, str(event))
         elif isinstance(event, LiveMessage):
-            declared = _declared(receiver, event.run, event.sender, event.record)
-            self._write(
-                event.record,
-                numbered=event.numbered,
-                sender=event.sender,
-                declared=declared,
-                origin=event.origin,
-                type_hash=event.type_hash,
-            )
+            sent = event.record._replace(topic=event.sent_as)
+            self._write(event, _declared(receiver, event.run, event.sender, sent))
         elif isinstance(event, ReceivedOffer):
             self._note(event)
             self._streaming, self._ended = True, False
@@ -212,9 +204,11 @@ class LiveRecorder:
             self._take_frame(receiver, event)
 
     def _take_frame(self, receiver: Receiver, frame: Frame) -> None:
+        before = self.recording.messages
         for sent, record in zip(frame.messages, receiver.own_records(frame), strict=True):
             declared = _declared(receiver, frame.run, frame.sender, sent)
-            self._write(record, numbered=True, sender=frame.sender, declared=declared)
+            self._write(LiveMessage(record, True, frame.run, frame.sender), declared)
+        self.recording.of_streams += self.recording.messages - before
         if frame.kind is FrameType.END:
             self._streaming, self._ended = False, True
             receiver.report(self.recording.totals())
@@ -245,16 +239,8 @@ class LiveRecorder:
                 self._writer.attach(name, self._attachments[name])
         self._writer.note(self._notes)
 
-    def _write(
-        self,
-        record: RecordedMessage,
-        *,
-        numbered: bool,
-        sender: bytes,
-        declared: DeclaredChannel | None,
-        origin: Attachment | None = None,
-        type_hash: str = "",
-    ) -> None:
+    def _write(self, message: LiveMessage, declared: DeclaredChannel | None) -> None:
+        record, origin = message.record, message.origin
         if self._sim_time is not None and record.topic == CLOCK:
             self._sim_time.take(record.data)
         if not self._config.wants(record.topic):
@@ -263,14 +249,14 @@ class LiveRecorder:
         if self._sim_time is not None and not self._sim_time.is_known:
             self.recording.refused[f"all topics: {NO_TIME}"] += 1
             return
-        if numbered:
-            self._count_gap(record, sender, origin, type_hash)
+        if message.numbered:
+            self._count_gap(message)
         if self._is_full(len(record.data)):
             self._next_file()
         if self._first_ns is None:
             self._first_ns = time.monotonic_ns()
         if self._ros is not None and declared is None and record.type:
-            kind, declared = record.type, self._graph_channel(self._ros, record, type_hash)
+            kind, declared = record.type, self._graph_channel(self._ros, record, message.type_hash)
         else:
             kind, declared = self._type(record, declared)
         if self._config.for_rosbag2:
@@ -280,7 +266,7 @@ class LiveRecorder:
                 record.topic,
                 record.data,
                 log_time_ns=self._clock.now_ns(),
-                sequence=record.sequence if numbered else None,
+                sequence=record.sequence if message.numbered else None,
                 type_name=kind,
                 opaque=not kind,
                 declared=declared,
@@ -321,19 +307,22 @@ class LiveRecorder:
         self.recording.opaque[record.topic] += 1
         return "", declared
 
-    def _count_gap(self, record: RecordedMessage, sender: bytes, origin: Attachment | None, type_hash: str) -> None:
+    def _count_gap(self, message: LiveMessage) -> None:
         """Count what is missing before a message of its publisher's: others may publish on its topic too."""
+        record, origin = message.record, message.origin
         if origin is None:
-            missing = self._last.missing_before(record.topic, sender, record.sequence)
+            missing = self._last.missing_before(record.topic, message.sender, record.sequence)
         else:
             missing = self.recording.publishers.note(
-                record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(record, origin, type_hash)
+                record.topic, origin.gid, origin.sequence, node_of=lambda: self._node_of(message, origin.gid)
             )
         if missing:
             self.recording.gaps[record.topic] += missing
 
-    def _node_of(self, record: RecordedMessage, origin: Attachment, type_hash: str) -> str:
-        return "" if self._ros is None else self._ros.node_of(record, origin.gid, type_hash)
+    def _node_of(self, message: LiveMessage, gid: bytes) -> str:
+        if self._ros is None:
+            return ""
+        return self._ros.node_of(message.record, gid, message.type_hash, session=message.stamped_by)
 
     def _is_full(self, more: int) -> bool:
         """Whether a message of so many bytes belongs into another file; there is none without a message."""

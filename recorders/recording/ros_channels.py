@@ -45,7 +45,7 @@ class RosChannels:
     def __init__(
         self, view: Callable[[], GraphView], graph_name: Callable[[str], str], too_many: Callable[[], int] = int
     ) -> None:
-        self._view = view
+        self.view = view
         self.too_many = too_many
         self._graph_name = graph_name
         self._channels: dict[_Key, DeclaredChannel] = {}
@@ -70,10 +70,21 @@ class RosChannels:
                 self._channels[key] = found
         return found
 
-    def node_of(self, record: RecordedMessage, gid: bytes, type_hash: str = "") -> str:
+    def node_of(self, record: RecordedMessage, gid: bytes, type_hash: str = "", *, session: str = "") -> str:
         """Return the name of the node that published a message, the first of its publisher; empty if none is known.
 
         It is reported if by now another quality of service is offered on the topic than its channel states.
+
+        Parameters
+        ----------
+        record : RecordedMessage
+            The message.
+        gid : bytes
+            The publisher, as it names itself: in rmw_zenoh by the hash of its token, which clients of others may not.
+        type_hash : str
+            RIHS01 hash of its type's definition.
+        session : str
+            The session that stamped the message, whose only node with such a publisher is it otherwise.
         """
         key = record.topic, record.type, type_hash
         publishers, stated = self._publishers(*key), self._offered.get(key)
@@ -83,7 +94,9 @@ class RosChannels:
                 f"{escape_control(record.topic)}: {escape_control(others[0].node.full_name)} came later and offers "
                 "another quality of service; the recording states that of the publishers which were there first"
             )
-        return next((token.node.full_name for token, _ in publishers if token.gid == gid), "")
+        by_gid = {token.node.full_name for token, _ in publishers if token.gid == gid}
+        found = by_gid or {token.node.full_name for token, _ in publishers if token.session == session}
+        return found.pop() if len(found) == 1 else ""
 
     def _declared(self, topic: str, kind: str, type_hash: str) -> DeclaredChannel:
         publishers = [end for _, end in self._publishers(topic, kind, type_hash)]
@@ -103,7 +116,7 @@ class RosChannels:
             name = self._graph_name(topic)
         except WireError:
             return []
-        tokens = self._view().endpoints(name, EntityType.PUBLISHER)
+        tokens = self.view().endpoints(name, EntityType.PUBLISHER)
         ends = [(token, token.endpoint) for token in tokens]
         return [
             (token, end)

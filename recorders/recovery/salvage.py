@@ -11,7 +11,7 @@ from typing import Any, BinaryIO, NamedTuple
 from mcap.opcode import Opcode
 from mcap.records import Metadata
 
-from recorders.errors import LogError
+from recorders.errors import LogError, unreadable
 from recorders.mcap_format.attachments import check_attachment
 from recorders.mcap_format.channels import ChannelRegistry, DeclaredChannel
 from recorders.mcap_format.chunk_contents import MESSAGE, split
@@ -213,7 +213,7 @@ def opened(path: Path) -> Iterator[BinaryIO]:
         with path.open("rb") as file:
             yield file
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error
     except DamagedLog as error:
         raise error.located(path) from None
     except LogError as error:

@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from recorders.errors import MessageError
 from recorders.rmw_zenoh.names import MAX_DOMAIN, check_domain, check_topic
-from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, dds_type, is_type_hash, ros_type
+from recorders.rmw_zenoh.type_hashes import dds_type, ends_key, ros_type
 
 
 class TopicKey(NamedTuple):
@@ -19,7 +19,7 @@ class TopicKey(NamedTuple):
     type : str
         ROS 2 type of its messages.
     type_hash : str
-        RIHS01 hash of that type's definition.
+        RIHS01 hash of that type's definition, or what stands there for one in ROS 2 Humble.
     """
 
     domain: int
@@ -36,7 +36,7 @@ class TopicKey(NamedTuple):
             If one of the parts cannot be in a key of rmw_zenoh.
         """
         check_domain(self.domain)
-        if not is_type_hash(self.type_hash):
+        if not ends_key(self.type_hash):
             raise MessageError(f"{self.topic}: expected a hash RIHS01_..., found {self.type_hash[:100]!r}")
         return f"{self.domain}{check_topic(self.topic)}/{dds_type(self.type)}/{self.type_hash}"
 
@@ -53,6 +53,6 @@ class TopicKey(NamedTuple):
         if len(names) < 3 or not (domain.isascii() and domain.isdigit()) or len(domain) > 3 or int(domain) > MAX_DOMAIN:
             raise MessageError(f"expected DOMAIN/topic/type/hash, found {key[:100]!r}")
         *topic, type_name, type_hash = names
-        if not (is_type_hash(type_hash) or type_hash == UNKNOWN_HASH):
+        if not ends_key(type_hash):
             raise MessageError(f"expected a hash RIHS01_... at the end of the key, found {type_hash[:100]!r}")
         return cls(int(domain), "/" + "/".join(topic), ros_type(type_name), type_hash)

@@ -118,6 +118,12 @@ def tokens_of(domain: int, entity: EntityType | None = None) -> str:
     return f"{_ADMIN}/{domain}/**" if entity is None else f"{_ADMIN}/{domain}/*/*/*/{entity}/**"
 
 
+def publishers_of(domain: int, topic: str, type_name: str) -> str:
+    """Return the key expression of the tokens of all publishers of a topic, as it is in the graph, of one type."""
+    check_domain(domain)
+    return f"{_ADMIN}/{domain}/*/*/*/{EntityType.PUBLISHER}/*/*/*/{mangle(topic)}/{dds_type(type_name)}/*/*"
+
+
 def mangle(name: str) -> str:
     """Return a name as one part of a key: `%` for `/`, and for nothing."""
     return name.replace("/", "%") or "%"

@@ -224,6 +224,16 @@ def strictest(profiles: Sequence[Qos]) -> Qos:
     )
 
 
+def matching(offered: Sequence[Qos]) -> Qos:
+    """Return what a subscription requests that matches every publisher of a topic, as rosbag2's recorder does."""
+    reliable = all(each.reliability is not Reliability.BEST_EFFORT for each in offered)
+    latched = bool(offered) and all(each.is_latched for each in offered)
+    return Qos(
+        Reliability.RELIABLE if reliable else Reliability.BEST_EFFORT,
+        Durability.TRANSIENT_LOCAL if latched else Durability.VOLATILE,
+    )
+
+
 def _policy(kind: type[_Policy], value: Any) -> _Policy:
     if isinstance(value, str):
         return kind[value.upper()]

@@ -11,7 +11,7 @@ _DDS_TYPE = re.compile(r"([a-z][a-z0-9_]*)::(msg|srv|action)::dds_::([A-Za-z][A-
 _HASH = re.compile(r"RIHS01_[0-9a-f]{64}")
 
 UNKNOWN_HASH = "TypeHashNotSupported"
-"""What stands in a key for the hash of a publisher that knows none, as of ROS 2 Humble."""
+"""What stands in keys and tokens for a hash where nobody knows any: in ROS 2 Humble."""
 
 
 def dds_type(type_name: str) -> str:
@@ -39,6 +39,11 @@ def ros_type(dds_name: str) -> str:
 def is_type_hash(text: str) -> bool:
     """Whether a text is a RIHS01 hash."""
     return _HASH.fullmatch(text) is not None
+
+
+def ends_key(text: str) -> bool:
+    """Whether a text is what a key ends with: a RIHS01 hash, or what stands there where nobody knows any."""
+    return text == UNKNOWN_HASH or is_type_hash(text)
 
 
 @cache

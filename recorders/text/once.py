@@ -8,7 +8,7 @@ logger = logging.getLogger(__name__)
 
 
 class OnceWarner:
-    """Logs a warning the first time.
+    """Logs a line the first time, by default as a warning.
 
     Parameters
     ----------
@@ -18,18 +18,23 @@ class OnceWarner:
         Number of different lines; all others are dropped.
     longest : int, optional
         Characters of a line.
+    level : int
+        Level of the lines.
     """
 
-    def __init__(self, logger: logging.Logger, *, limit: int, longest: int | None = None) -> None:
+    def __init__(
+        self, logger: logging.Logger, *, limit: int, longest: int | None = None, level: int = logging.WARNING
+    ) -> None:
         self._logger = logger
+        self._level = level
         self._limit = limit
         self._longest = longest
         self._logged: set[str] = set()
 
     def warn(self, line: str, *, kind: str | None = None) -> None:
-        """Log a line as a warning, unless it has been logged, or another of its kind has."""
+        """Log a line, unless it has been logged, or another of its kind has."""
         line = escape_control(line[: self._longest])
         kind = line if kind is None else kind
         if kind not in self._logged and len(self._logged) < self._limit:
             self._logged.add(kind)
-            self._logger.warning(line)
+            self._logger.log(self._level, line)

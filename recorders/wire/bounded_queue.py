@@ -10,7 +10,8 @@ _Item = TypeVar("_Item")
 ITEM_BYTES = 1024
 """Size that every item counts for beside its own, as Python needs some memory for it [bytes]."""
 
-_LOOK_S = 0.5  # longest single wait
+LONGEST_WAIT_S = 0.5
+"""Longest single wait [s]: a signal that comes just before one begins does not end it."""
 
 
 class BoundedQueue(Generic[_Item]):
@@ -57,7 +58,7 @@ class BoundedQueue(Generic[_Item]):
                     return item
             left_s = max(0.0, deadline_s - time.monotonic())
             # A signal that comes just before a wait begins does not end it.
-            if not self._nothing_new.acquire(timeout=min(left_s, _LOOK_S)) and left_s <= _LOOK_S:
+            if not self._nothing_new.acquire(timeout=min(left_s, LONGEST_WAIT_S)) and left_s <= LONGEST_WAIT_S:
                 return None
 
     def take_dropped(self) -> int:

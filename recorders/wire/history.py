@@ -30,8 +30,10 @@ _Number: TypeAlias = int  # of a sample there, or its time in the format of NTP
 
 _STAMPING = "/@adv/pub/"  # in the token of a publisher that keeps samples, before its session
 _MAX_SOURCES = 1000  # anyone may publish: from later ones nothing is taken but what arrives as it is published
+_MAX_BEYOND = 10_000  # as many of those are counted
 _MAX_TAKEN = 10_000  # cached samples; of no publisher more are asked for
-_TOO_MANY = f"of more than {_MAX_SOURCES} latched publishers only what arrives as it is published is taken"
+_ALL = "all topics"
+_TOO_MANY = f"one of more than {_MAX_SOURCES} latched publishers: of it only what arrives as it is published is taken"
 _TOO_LATE = "published while its earlier messages were asked for, of which at least one is not taken"
 
 
@@ -67,7 +69,7 @@ class HistorySubscriber:
 
     Only publishers with a cache keep anything. They number their samples, or stamp them, as those of rmw_zenoh do, and
     declare that in a token of theirs: anybody else's may be stamped on the way. Of each, all is taken that it keeps,
-    until the subscriber has received a sample of its: what is older comes too late then, which is reported once. The
+    until the subscriber has received a sample of its: what is older comes too late then, and is refused. The
     subscriber's own samples all pass, but for those that were taken before. Publishers of one session that stamp are
     distinguished by what rmw_zenoh attaches.
 
@@ -79,9 +81,18 @@ class HistorySubscriber:
         Where to ask; wildcards are expanded.
     hand_over : callable
         Takes the samples, those of the subscriber too, on threads of Zenoh's.
+    refuse : callable, optional
+        Takes topic and reason of what is not taken: of each cached sample that comes too late, and of each publisher
+        beyond those that can be known. If it is left out, each reason is reported once.
     """
 
-    def __init__(self, session: zenoh.Session, keys: Iterable[str], hand_over: Callable[[zenoh.Sample], None]) -> None:
+    def __init__(
+        self,
+        session: zenoh.Session,
+        keys: Iterable[str],
+        hand_over: Callable[[zenoh.Sample], None],
+        refuse: Callable[[str, str], None] | None = None,
+    ) -> None:
         self._session = session
         self._keys = frozenset(keys)
         self._patterns = [zenoh.KeyExpr(key) for key in sorted(self._keys) if "*" in key]
@@ -89,8 +100,10 @@ class HistorySubscriber:
         self._lock = threading.Lock()
         self._stamping: set[tuple[str, str]] = set()  # sessions that stamp: with the key
         self._first: dict[_Source, _Number] = {}  # the lowest number that the subscriber received
+        self._beyond: set[_Source] = set()  # beyond those, and counted
         self._taken: OrderedDict[tuple[_Source, _Number], None] = OrderedDict()  # and not received yet by it
-        self._warnings = OnceWarner(logger, limit=2)
+        warnings = OnceWarner(logger, limit=2)
+        self._refuse = refuse or (lambda topic, reason: warnings.warn(f"refused a message: {reason}"))
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
@@ -123,10 +136,12 @@ class HistorySubscriber:
         with self._lock:
             if not is_there:
                 self._stamping.discard(source)
-            elif len(self._stamping) < _MAX_SOURCES:
+                return
+            has_room = source in self._stamping or len(self._stamping) < _MAX_SOURCES
+            if has_room:
                 self._stamping.add(source)
-            else:
-                self._warnings.warn(_TOO_MANY)
+        if not has_room:
+            self._refuse(_ALL, _TOO_MANY)
 
     def _number(self, sample: zenoh.Sample) -> tuple[_Source, _Number] | None:
         """Return who published a sample and its number there; None if its publisher keeps no samples."""
@@ -146,7 +161,7 @@ class HistorySubscriber:
             return False
         source, place = number
         with self._lock:
-            if source in self._first or self._has_room():
+            if source in self._first or len(self._first) < _MAX_SOURCES:
                 self._first[source] = min(place, self._first.get(source, place))
             if number not in self._taken:
                 return False
@@ -158,26 +173,30 @@ class HistorySubscriber:
         number = self._number(sample)
         if number is None:
             return
-        source, place = number
         with self._lock:
-            if number in self._taken:
-                return
-            first = self._first.get(source)
-            if first is not None and place < first:
-                self._warnings.warn(f"{sample.key_expr}: {_TOO_LATE}", kind=_TOO_LATE)
-            if first is not None or not self._has_room():
-                return
-            self._taken[number] = None
-            if len(self._taken) > _MAX_TAKEN:
-                self._taken.popitem(last=False)
-        self._hand_over(sample)
+            reason = self._reason_against(*number)
+            if reason is None:
+                self._taken[number] = None
+                if len(self._taken) > _MAX_TAKEN:
+                    self._taken.popitem(last=False)
+        if reason is None:
+            self._hand_over(sample)
+        elif reason:
+            self._refuse(_ALL if reason == _TOO_MANY else str(sample.key_expr), reason)
 
-    def _has_room(self) -> bool:
-        """Whether one publisher more can be known."""
+    def _reason_against(self, source: _Source, place: _Number) -> str | None:
+        """Return why a sample is not taken from history, empty if it is here already; None if it is taken."""
+        if (source, place) in self._taken:
+            return ""
+        first = self._first.get(source)
+        if first is not None:
+            return _TOO_LATE if place < first else ""
         if len(self._first) < _MAX_SOURCES:
-            return True
-        self._warnings.warn(_TOO_MANY)
-        return False
+            return None
+        if source in self._beyond or len(self._beyond) >= _MAX_BEYOND:
+            return ""
+        self._beyond.add(source)  # all of its samples come here, also those that the subscriber takes
+        return _TOO_MANY
 
 
 def _publisher_of(sample: zenoh.Sample) -> str:

@@ -368,7 +368,7 @@ class Receiver:
     def _on_live(self, received: Received) -> None:
         topic = received.topic.topic
         if self._config.live:
-            for message in live_messages(received):
+            for message in live_messages(received, self._config.keys):
                 if not self._events.put(message, len(message.record.data)):
                     self._refusals.count(
                         message.record.topic, f"lost, as {self._config.waiting_bytes} bytes wait already"

@@ -15,6 +15,7 @@ from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
 from recorders.rmw_zenoh.qos import Qos
+from recorders.wire.bounded_queue import LONGEST_WAIT_S
 from recorders.wire.keys.namespace import control_key
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher, TopicKeys
 from recorders.wire.queries import read_packet
@@ -24,7 +25,6 @@ Batches: TypeAlias = Iterator[tuple[RecordedMessage, ...]]
 
 _NO_QOS: Mapping[str, Qos] = MappingProxyType({})
 _LISTENER_WAIT_S = 2.0  # a listener that is connected is known within milliseconds; one may just be starting
-_LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
 def find_listener(session: zenoh.Session, keys: TopicKeys) -> bool:
@@ -197,7 +197,7 @@ class StreamSender:
         settled = False
         while not settled:
             with self._lock:
-                woken = self._changed.wait_for(lambda: self._unanswered or self._broken or is_settled(), _LOOK_S)
+                woken = self._changed.wait_for(lambda: self._unanswered or self._broken or is_settled(), LONGEST_WAIT_S)
                 unanswered, self._unanswered = self._unanswered, []
                 settled = bool(woken) and not unanswered
                 actions = self._machine.outbox.take()

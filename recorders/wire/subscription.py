@@ -12,7 +12,7 @@ from recorders.errors import MessageError
 from recorders.messages.message_types import Clock
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import CLOCK, type_of
-from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, batch_topic, unpack
+from recorders.protocol.frames import MAX_PAYLOAD, NO_RUN, Frame, FrameType, batch_topic, unpack
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.wire.history import HistorySubscriber
 from recorders.wire.keys.topic_keys import KeyedTopic, TopicKeys
@@ -27,16 +27,24 @@ class LiveMessage(NamedTuple):
     """A message of nobody's stream; without a number of its producer's, its sequence is 0.
 
     A replay that does not await this consumer is received so, too: then there is a `run`. The `sender` is that replay,
-    or else the publisher that numbered it. The `origin` is what a publisher in a ROS domain attached, the `type_hash`
-    that of its type's definition, as the key there states it.
+    or else the publisher that numbered it, and `sent_as` the topic as it names it. The `origin` is what a publisher in
+    a ROS domain attached, the `type_hash` that of its type's definition, as the key there states it, and `stamp` the
+    time and session that Zenoh states.
     """
 
     record: RecordedMessage
     numbered: bool
     run: bytes = NO_RUN
     sender: bytes = NO_RUN
+    sent_as: str = ""
     origin: Attachment | None = None
     type_hash: str = ""
+    stamp: zenoh.Timestamp | None = None
+
+    @property
+    def stamped_by(self) -> str:
+        """The session that stamped it, mostly its publisher's; empty if none did."""
+        return "" if self.stamp is None else str(self.stamp.get_id())
 
 
 class Received(NamedTuple):
@@ -111,8 +119,8 @@ class Subscription:
             topics = {**topics, CLOCK: Clock.TYPE}
         self._topics = topics or {}
         self._selected = keys.everything if topics is None else keys.selection(topics)
-        latched = (keys.key(topic, self._topics.get(topic, "")) for topic in latched_topics)
-        self._history = HistorySubscriber(session, latched, self._on_sample)
+        latched = (key for topic in latched_topics for key in keys.expressions(topic, self._topics.get(topic, "")))
+        self._history = HistorySubscriber(session, latched, self._on_sample, refuse)
         self._drained: list[threading.Event] = []  # what had arrived before unsubscribing is taken
         self._subscribers, self._stack = ExitStack(), ExitStack()
 
@@ -206,18 +214,24 @@ class Subscription:
             raise
 
 
-def live_messages(received: Received) -> Iterator[LiveMessage]:
-    """Yield what a sample is when it is of no stream."""
-    (topic, stated, _, type_hash), sample, frame, origin, time_ns = received
+def live_messages(received: Received, keys: TopicKeys) -> Iterator[LiveMessage]:
+    """Yield what a sample is when it is of no stream, under the names that this node has for the topics."""
+    (topic, stated, sent_as, type_hash), sample, frame, origin, time_ns = received
     kind = received.type
     if frame is None:
         number = 0 if origin is None else origin.short_sequence
         record = RecordedMessage(topic, kind, sample.payload.to_bytes(), number, time_ns)
-        yield LiveMessage(record, numbered=origin is not None, origin=origin, type_hash=type_hash)
+        found = LiveMessage(record, numbered=origin is not None, sent_as=sent_as, origin=origin, type_hash=type_hash)
+        yield found if origin is None else found._replace(stamp=sample.timestamp)
         return
+    is_batch = frame.kind is FrameType.BATCH
+    stamp = None if origin is None else sample.timestamp
     for record in frame.messages:
-        typed = record._replace(type=stated or record.type or kind)
-        yield LiveMessage(typed, True, frame.run, frame.sender, origin, type_hash)
+        named = record._replace(
+            topic=keys.received_as(record.topic) if is_batch else topic, type=stated or record.type or kind
+        )
+        name = record.topic if is_batch else sent_as
+        yield LiveMessage(named, True, frame.run, frame.sender, name, origin, type_hash, stamp)
 
 
 def schema_of(sample: zenoh.Sample) -> str:

@@ -8,7 +8,7 @@ from typing import Any
 
 import zenoh
 
-from recorders.errors import WireError
+from recorders.errors import WireError, file_reason
 from recorders.files.regular_file import require_regular_file
 from recorders.text.wording import line_text
 
@@ -37,7 +37,7 @@ def read_config(path: Path) -> zenoh.Config:
     try:
         config = zenoh.Config.from_json5(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise WireError(f"{path}: expected a Zenoh configuration file: {error.strerror}") from error
+        raise WireError(f"{path}: expected a Zenoh configuration file: {file_reason(error)}") from error
     except (UnicodeDecodeError, zenoh.ZError) as error:
         raise WireError(f"{path}: not a Zenoh configuration (JSON5): {reason(error)}") from error
     for name in _FILES:

@@ -8,7 +8,7 @@ from dataclasses import asdict, dataclass, field, fields, replace
 from pathlib import Path
 from typing import Any, Self
 
-from recorders.errors import ConfigError, LogError, ReenactError
+from recorders.errors import ConfigError, LogError, ReenactError, unreadable
 from recorders.files.anonymous_file import write_whole
 from recorders.files.whole_files import file_sha256
 from recorders.text.wording import json_fault_text, names_text, value_text
@@ -172,7 +172,7 @@ def _read(path: Path) -> object:
     try:
         return json.loads(path.read_text(encoding="utf-8"))
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error
     except (ValueError, RecursionError) as error:
         raise ConfigError(f"{path}: expected JSON: {json_fault_text(error)}") from error
 
@@ -260,7 +260,7 @@ def check_size(path: Path, most: int = MAX_BYTES) -> None:
     try:
         found = path.stat()
     except OSError as error:
-        raise LogError(f"{path}: cannot be read: {error.strerror or error}") from error
+        raise LogError(unreadable(path, error)) from error
     if not path.resolve().is_relative_to(path.parent.resolve().parent):
         raise LogError(f"{path}: expected a file beside the golden cases, found a link that leads elsewhere")
     if not stat.S_ISREG(found.st_mode):

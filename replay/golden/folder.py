@@ -3,7 +3,7 @@
 from collections.abc import Iterator
 from pathlib import Path
 
-from recorders.errors import ConfigError, LogError
+from recorders.errors import ConfigError, LogError, unreadable
 from recorders.files import disk
 
 CASE_FILE = "case.json"
@@ -24,7 +24,7 @@ def find_cases(folder: Path) -> list[Path]:
     try:
         found = list(_cases(folder, set(), tree=folder.resolve()))
     except OSError as error:
-        raise ConfigError(f"{error.filename}: cannot be read: {error.strerror or error}") from error
+        raise ConfigError(unreadable(error.filename, error)) from error
     if not found:
         raise ConfigError(f"{folder}: expected golden cases, folders with a {CASE_FILE}; make one with golden add")
     return found

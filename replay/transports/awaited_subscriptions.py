@@ -1,7 +1,9 @@
 """Subscriptions of a ROS domain that a stream awaits: before they are there, what is sent would be lost on them."""
 
+import logging
 import time
 from collections.abc import Callable, Mapping
+from functools import partial
 
 from recorders.errors import WireError
 from recorders.text.wording import names_text
@@ -9,6 +11,8 @@ from recorders.wire.keys.ros_graph import RosGraph
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import MessagePublisher
 from recorders.wire.session import Session, has_subscribers
+
+logger = logging.getLogger(__name__)
 
 _RETRY_S = 0.01
 
@@ -23,6 +27,8 @@ def await_subscriptions(
     wait_s: float,
 ) -> None:
     """Wait until topics have so many subscriptions each, by the graph, and what is put reaches one of them.
+
+    What is awaited, and how many there are before and after, is logged.
 
     Parameters
     ----------
@@ -52,11 +58,14 @@ def await_subscriptions(
     with RosGraph(session, keys.domain) as graph:
         for topic, number in wanted.items():
             kind, publisher = publishers[topic]
-            left_s = max(0.0, deadline_s - time.monotonic())
-            graph.wait_for(keys.graph_name(topic), number, timeout_s=left_s, type_name=kind)
+            left_s, name = max(0.0, deadline_s - time.monotonic()), keys.graph_name(topic)
+            found = partial(graph.subscriptions, name, kind)
+            logger.info(f"waits for {number} subscriptions of {name} ({kind}), of which {found()} are there")
+            graph.wait_for(name, number, timeout_s=left_s, type_name=kind)
             while not (is_latched(topic) or has_subscribers(publisher)):
                 if time.monotonic() > deadline_s:
                     raise WireError(
                         f"{topic}: its subscriptions are there, but nothing that is put reaches one within {wait_s:g} s"
                     )
                 time.sleep(_RETRY_S)
+            logger.info(f"{name} has {found()} subscriptions")

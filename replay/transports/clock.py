@@ -10,12 +10,12 @@ from typing import Protocol
 from recorders.errors import ConfigError
 from recorders.messages.record import RecordedMessage
 from recorders.text.quantities import seconds_text
+from recorders.wire.bounded_queue import LONGEST_WAIT_S
 
 logger = logging.getLogger(__name__)
 
 _NS_PER_S = 1_000_000_000
 _LONG_WAIT_NS = 60 * _NS_PER_S
-_LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
 class Clock(Protocol):
@@ -84,7 +84,7 @@ class Paced:
         self._last_log_ns = log_time_ns
         if self._due_ns > now_ns:
             while (left_s := (self._due_ns - time.monotonic_ns()) / _NS_PER_S) > 0.0:
-                time.sleep(min(left_s, _LOOK_S))
+                time.sleep(min(left_s, LONGEST_WAIT_S))
         else:
             self.slipped_s += (now_ns - self._due_ns) / _NS_PER_S
             self._due_ns = now_ns
@@ -125,7 +125,7 @@ class Pausable:
                 return 0
             began_ns = time.monotonic_ns()
             while self._stopped and self._steps == 0:
-                self._changed.wait(_LOOK_S)
+                self._changed.wait(LONGEST_WAIT_S)
             if self._stopped:
                 self._steps -= 1
         return time.monotonic_ns() - began_ns

@@ -82,19 +82,19 @@ class _Node:
         self._subscribers: list[Any] = []
         self._received: list[Any] = []
 
-    def publisher(self, topic: str, type_name: str, *, name: str, latched: bool = False) -> None:
+    def publisher(self, topic: str, type_name: str, *, name: str, latched: bool = False, humble: bool = False) -> None:
         from zenoh_ros2_sdk import ROS2Publisher
 
-        options = self._described(type_name, latched=latched)
+        options = self._described(type_name, latched=latched, humble=humble)
         self._publishers[topic] = ROS2Publisher(topic, type_name, node_name=name, **options)
 
     def publish(self, topic: str, fields: dict[str, Any]) -> None:
         self._publishers[topic].publish(**fields)
 
-    def subscribe(self, topic: str, type_name: str, *, name: str, latched: bool = False) -> None:
+    def subscribe(self, topic: str, type_name: str, *, name: str, latched: bool = False, humble: bool = False) -> None:
         from zenoh_ros2_sdk import ROS2Subscriber
 
-        options = self._described(type_name, latched=latched)
+        options = self._described(type_name, latched=latched, humble=humble)
 
         def note(message: Any) -> None:
             payload = bytes(self._store.serialize_cdr(message, type_name))
@@ -117,20 +117,21 @@ class _Node:
 
         return list(get_topic_names_and_types(timeout=5.0, **self._at))
 
-    def info(self, topic: str) -> dict[str, Any]:
+    def info(self, topic: str) -> dict[str, Any] | None:
         from dataclasses import asdict
 
         from zenoh_ros2_sdk.discovery import get_topic_info
 
-        return asdict(get_topic_info(topic, timeout=5.0, verbose=True, **self._at))
+        found = get_topic_info(topic, timeout=5.0, verbose=True, **self._at)
+        return None if found is None else asdict(found)
 
-    def _described(self, type_name: str, *, latched: bool) -> dict[str, Any]:
+    def _described(self, type_name: str, *, latched: bool, humble: bool) -> dict[str, Any]:
         from zenoh_ros2_sdk.qos import QosDurability, QosProfile
 
         durability = QosDurability.TRANSIENT_LOCAL if latched else QosDurability.VOLATILE
         return {
             "msg_definition": self._store.generate_msgdef(type_name, ros_version=2)[0],
-            "type_hash": self._store.hash_rihs01(type_name),
+            "type_hash": "TypeHashNotSupported" if humble else self._store.hash_rihs01(type_name),
             "qos": QosProfile(durability=durability),
             **self._at,
         }

@@ -72,7 +72,8 @@ def _of_domain(keys: TopicKeys) -> list[str]:
         return [*IN_NAMESPACE]
     node = keys.node.name
     rules = [f"__ns:={node.namespace}", *(f"{source}:={target}" for source, target in node.rules)]
-    return ["--ros", str(keys.domain), *(part for rule in rules for part in ("--remap", rule))]
+    named = [part for rule in rules for part in ("--remap", rule)]
+    return ["--ros", str(keys.domain), *named, *(["--humble"] if keys.humble else [])]
 
 
 class Controllers:

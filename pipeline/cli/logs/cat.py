@@ -8,6 +8,7 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.project_settings import of_settings
+from pipeline.cli.ros_domain import refuse_humble
 from pipeline.cli.sessions import LookingSession
 from pipeline.terminal import console
 from recorders.errors import ConfigError, LogError
@@ -42,6 +43,7 @@ def cat(
         raise ConfigError("--connect, --listen, --ros: expected no recording beside them")
     if log is not None and session.remap and not of_settings("remap"):
         raise ConfigError("--remap: expected no recording beside it: its topics are printed as they are")
+    refuse_humble("cat", given=session.humble)
     patterns = frozenset(topic or ())
     if log is not None:
         _print_log(log, patterns, count, as_json=as_json)
@@ -85,7 +87,7 @@ def _print_live(session: LookingSession, patterns: frozenset[str], count: int | 
     where = ", ".join(config.listen or config.connect)
     waits = partial(console.notice, f"waits for {where}")
     with until_stopped() as stopped, open_session(config, on_wait=waits) as opened, keys.joined(opened):
-        console.notice(f"prints {keys.key(EVERY_TOPIC)} at {where}; Ctrl-C ends it")
+        console.notice(f"prints {keys.described(EVERY_TOPIC)} at {where}; Ctrl-C ends it")
         records = watched(opened, keys, stopped=stopped, on_missed=report)
         _print((record for record in records if not patterns or matches(record.topic, patterns)), lines.text, count)
 

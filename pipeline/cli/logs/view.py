@@ -77,7 +77,7 @@ def _require_file(log: "Log") -> None:
 
     if isinstance(log, Path) and not (log.is_file() or (log.is_dir() and is_log(log))):
         require_regular_file(log, expected="a log or a controller (.npz)", error=ConfigError)
-        raise ConfigError(f"{log}: expected a log or a controller (.npz), found no such file")
+        raise ConfigError(f"{log}: no such file; expected a log or a controller (.npz)")
 
 
 def _destination(save: Path | None, viewer: str | None, *, overwrite: bool) -> "Destination":

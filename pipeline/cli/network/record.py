@@ -11,7 +11,7 @@ import typer
 
 from pipeline.cli.groups import grouped
 from pipeline.cli.options import Json, Overwrite
-from pipeline.cli.ros_domain import UseSimTime
+from pipeline.cli.ros_domain import UseSimTime, refuse_humble
 from pipeline.cli.sessions import ConnectingNode
 from pipeline.terminal import console
 from recorders.errors import ConfigError, LogError
@@ -80,6 +80,7 @@ def record(
     from recorders.writing.part_file import check_place
 
     check_metrics(node.prometheus)
+    refuse_humble("record", given=node.humble)
     config = replace(topics.config(), for_rosbag2=bag is not None, use_sim_time=use_sim_time)
     if bag is not None:
         if out is not None or overwrite:
@@ -95,10 +96,11 @@ def record(
                 bag.rmdir()
         raise
     result = recording.to_dict() if as_json else recording.totals()
-    if not (as_json or recording.left_out):
-        del result["left_out"]
+    for name in ("left_out", "of_streams"):
+        if not (as_json or result[name]):
+            del result[name]
     console.show(result, as_json=as_json)
-    console.notice(_outcome(recording, node.keys(name).key(EVERY_TOPIC)))
+    console.notice(_outcome(recording, node.keys(name).described(EVERY_TOPIC)))
 
 
 def _record(
@@ -116,17 +118,18 @@ def _record(
     from recorders.recording.bag_folder import write_bag_metadata
     from recorders.recording.live_recorder import LiveRecorder
     from recorders.recording.ros_channels import domain_channels
+    from recorders.recording.ros_subscriptions import recorded_topics
     from recorders.wire.keys.topic_keys import EVERY_TOPIC
     from recorders.wire.receiver import Receiver
     from recorders.wire.session import open_session
 
     receiving = _receiving(name, node, config)
     session = node.config()
-    key = receiving.keys.key(EVERY_TOPIC)
+    what = receiving.keys.described(EVERY_TOPIC)
     where = ", ".join(session.listen or session.connect)
     with (
         console.counter("record") as show,
-        open_session(session, on_wait=partial(console.notice, f"{name} waits for {where}, to record {key}")) as opened,
+        open_session(session, on_wait=partial(console.notice, f"{name} waits for {where}, to record {what}")) as opened,
         receiving.keys.joined(opened),
         domain_channels(opened, receiving.keys) as channels,
         Receiver(opened, config=receiving) as receiver,
@@ -145,8 +148,9 @@ def _record(
             metrics_port=node.prometheus,
         ),
         until_stopped() as stopped,
+        recorded_topics(opened, receiving.keys, channels, config.wants),
     ):
-        console.notice(f"{name} records {key} at {where} to {recorder.out}; Ctrl-C ends it")
+        console.notice(f"{name} records {what} at {where} to {recorder.out}; Ctrl-C ends it")
         try:
             recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
         finally:
@@ -165,19 +169,20 @@ def _receiving(name: str, node: ConnectingNode, config: "RecordConfig") -> "Rece
     return ReceiverConfig(name=name, keys=node.keys(name), live=True, latched_topics=latched, key_file=node.key)
 
 
-def _outcome(recording: "RecordingStats", key: str) -> str:
+def _outcome(recording: "RecordingStats", where: str) -> str:
     """Return the last line: where the recording is, or why it is empty."""
     if recording.messages:
         first, last = recording.paths[0], recording.paths[-1]
-        where = str(first) if first == last else f"{len(recording.paths)} parts, {first} to {last}"
+        place = str(first) if first == last else f"{len(recording.paths)} parts, {first} to {last}"
         messages = "1 message is" if recording.messages == 1 else f"{recording.messages} messages are"
-        return f"{messages} recorded in {where}"
+        streamed = f", {recording.of_streams} of a stream that awaited this" if recording.of_streams else ""
+        return f"{messages} recorded in {place}{streamed}"
     if recording.refused:
         reasons = "; ".join(islice(recording.refused, 3))
-        raise LogError(f"nothing is recorded: what came on {key} was refused: {reasons}")
+        raise LogError(f"nothing is recorded: what came on {where} was refused: {reasons}")
     if recording.left_out:
-        return f"nothing is recorded: no message that came on {key} ({recording.left_out}) is on a topic to record"
+        return f"nothing is recorded: no message that came on {where} ({recording.left_out}) is on a topic to record"
     return (
-        f"nothing is recorded: nobody published on {key}, or this session may not read it; "
+        f"nothing is recorded: nobody published on {where}, or this session may not read it; "
         "look at --namespace, the endpoint, and access control where the other end has it"
     )

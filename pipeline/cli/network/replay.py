@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 
 
 _SPECTATORS = "nobody is awaited: whoever listens may lose messages"
+_SUBSCRIBERS = "nobody acknowledges: whoever subscribes may lose messages"
 
 
 Awaited = Annotated[
@@ -166,7 +167,7 @@ def replay(
         source = VerifiedSource(source, compare_with, everything=playing.play)
     pace = Unpaced() if rate is None else Paced(rate)
     if not consumers:
-        console.notice(_SPECTATORS)
+        console.notice(_SUBSCRIBERS if sender.wait_for else _SPECTATORS)
     session, clock = node.config(wait_s=wait), Pausable(pace)
     with console.progress("replay") as advance, keyboard(clock, enabled=rate is not None):
         result = run(

@@ -93,16 +93,21 @@ def _note_hashes(keys: "RosKeys", channels: Iterable["DeclaredChannel"]) -> None
     Raises
     ------
     ConfigError
-        If the hash of a type is not known: it is a part of the key.
+        If the hash of a type is not known, which is a part of the key, or there are two of a topic's.
     """
     from recorders.containers.definitions import definition_hash
 
+    if keys.humble:
+        return
     unknown = []
     for channel in channels:
-        if found := definition_hash(channel):
-            keys.hashes[channel.type] = found
-        else:
+        if not (found := definition_hash(channel)):
             unknown.append(channel.topic)
+        elif keys.hashes.setdefault((channel.topic, channel.type), found) != found:
+            raise ConfigError(
+                f"--ros: {channel.topic}: expected one definition of {channel.type}, found two, whose messages no node "
+                "would get all; choose the other topics with --topic"
+            )
     if unknown:
         raise ConfigError(
             f"--ros: {names_text(sorted(unknown))}: expected a type with its definition, found none in the recording; "

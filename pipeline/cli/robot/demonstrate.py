@@ -196,11 +196,11 @@ def _read(
     from recorders.reading.parts import is_log, one_session
 
     in_ros = session.ros is not None and not of_settings("ros")
-    renamed = session.remap and not of_settings("remap")
+    renamed = (session.remap and not of_settings("remap")) or (session.humble and not of_settings("humble"))
     if session.listen or session.connect or session.zenoh_config or in_ros or renamed or live.wanted:
         raise ConfigError(
-            "--listen, --connect, --zenoh-config, --ros, --remap, --duration, --idle-timeout and --wait: expected the "
-            f"source {LIVE} beside them, found {source!r:.80}"
+            "--listen, --connect, --zenoh-config, --ros, --remap, --humble, --duration, --idle-timeout and --wait: "
+            f"expected the source {LIVE} beside them, found {source!r:.80}"
         )
     path, hands = drawings().get(source, Path(source)), robot.hand_names
     if is_log(path):

@@ -10,7 +10,7 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.interrupts import note_partial_log
 from pipeline.cli.options import MOTIONS, Json, Overwrite, Robot, Seed, complete_motion
 from pipeline.cli.project_settings import of_settings
-from pipeline.cli.ros_domain import Remap, RosDomain, topic_keys
+from pipeline.cli.ros_domain import Humble, Remap, RosDomain, topic_keys
 from pipeline.cli.sessions import NAMESPACE, Await, Namespace, StreamKey, Wait, ZenohConfig, session_config
 from pipeline.cli.viewers import ViewOptions
 from pipeline.terminal import console
@@ -37,6 +37,7 @@ class DriveOptions:
     namespace: Namespace = NAMESPACE
     ros: RosDomain = None
     remap: Remap = None
+    humble: Humble = False
     key: StreamKey = None
 
     @property
@@ -48,7 +49,7 @@ class DriveOptions:
     @property
     def has_more(self) -> bool:
         """True if anything is set that needs a running robot."""
-        given = bool(self.awaited or self.key or self.remap)
+        given = bool(self.awaited or self.key or self.remap or self.humble)
         return given or (self.epochs, self.wait, self.namespace) != (1, _WAIT_S, NAMESPACE)
 
 
@@ -147,7 +148,7 @@ def explore(
         if out is None:
             raise ConfigError("expected --out LOG.mcap, or --connect ENDPOINT to drive a running robot, found neither")
         if drive.has_more:
-            needs = "--await, --epochs, --wait, --namespace, --remap and --key"
+            needs = "--await, --epochs, --wait, --namespace, --remap, --humble and --key"
             raise ConfigError(f"{needs}: expected --connect or --ros beside them")
         result = _simulate(wanted.source(), robot, seed, out, viewer, overwrite=overwrite)
     console.show(result, as_json=as_json)
@@ -190,7 +191,7 @@ def _drive(source: "Source", seed: int, drive: DriveOptions) -> dict[str, Any]:
 
     sender = SenderConfig(
         consumers=tuple(drive.awaited or ()),
-        keys=topic_keys("explorer", drive.namespace, drive.ros, drive.remap),
+        keys=topic_keys("explorer", drive.namespace, drive.ros, drive.remap, humble=drive.humble),
         batch_size=1,
         wait_s=drive.wait,
         key_file=drive.key,

@@ -19,7 +19,7 @@ from pipeline.robot.toml_values import (
     row_text,
 )
 from pipeline.urdf.description import MAX_BYTES
-from recorders.errors import RobotError
+from recorders.errors import RobotError, file_reason
 from recorders.files.regular_file import require_regular_file
 from recorders.text.wording import names_text, value_text
 
@@ -151,7 +151,7 @@ def read_text(path: Path) -> str:
         with path.open(encoding="utf-8") as file:
             return file.read(MAX_BYTES + 1)  # one character more than is allowed: checked with the text
     except OSError as error:
-        raise RobotError(f"cannot read robot file '{path}': {error.strerror}") from error
+        raise RobotError(f"cannot read robot file '{path}': {file_reason(error)}") from error
     except UnicodeDecodeError as error:
         raise RobotError(f"cannot read robot file '{path}': expected UTF-8 text") from error
 

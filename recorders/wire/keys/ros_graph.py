@@ -13,6 +13,7 @@ from recorders.errors import WireError
 from recorders.rmw_zenoh.liveliness import EntityType, Token, tokens_of
 from recorders.rmw_zenoh.names import MAX_DOMAIN
 from recorders.text.once import OnceWarner
+from recorders.wire.bounded_queue import LONGEST_WAIT_S
 from recorders.wire.session import watching_tokens
 
 logger = logging.getLogger(__name__)
@@ -21,7 +22,6 @@ MAX_TOKENS = 10_000
 """As many tokens are remembered: anyone may declare them."""
 
 _warnings = OnceWarner(logger, limit=MAX_DOMAIN + 1)
-_LOOK_S = 0.5  # longest single wait: a signal that comes just before one begins does not end it
 
 
 @dataclass(frozen=True)
@@ -50,6 +50,15 @@ class GraphView:
                 types.setdefault(token.endpoint.topic, set()).add(token.endpoint.type)
         return {topic: sorted(types[topic]) for topic in sorted(types)}
 
+    def hashes(self, topic: str, type_name: str) -> list[str]:
+        """Return what stands for the hash of a type where it is published or subscribed to on a topic, sorted.
+
+        More than one: not all of these publishers and subscriptions match.
+        """
+        sides = (EntityType.PUBLISHER, EntityType.SUBSCRIPTION)
+        ends = (token.endpoint for entity in sides for token in self.endpoints(topic, entity))
+        return sorted({end.type_hash for end in ends if end is not None and end.type == type_name})
+
     def endpoints(self, topic: str, entity: EntityType) -> list[Token]:
         """Return the publishers or the subscriptions of a topic."""
         return [
@@ -64,7 +73,8 @@ class GraphView:
 
     def _topic(self, topic: str, types: list[str]) -> dict[str, Any]:
         sides = {"publishers": EntityType.PUBLISHER, "subscriptions": EntityType.SUBSCRIPTION}
-        return {"topic": topic, "types": types} | {
+        hashes = {kind: self.hashes(topic, kind) for kind in types}
+        return {"topic": topic, "types": types, "hashes": hashes} | {
             side: [token.node.full_name for token in self.endpoints(topic, entity)] for side, entity in sides.items()
         }
 
@@ -141,6 +151,11 @@ class RosGraph:
                 self._view = GraphView(tuple(self._tokens[key] for key in sorted(self._tokens)))
             return self._view
 
+    def subscriptions(self, topic: str, type_name: str = "") -> int:
+        """Return how many subscriptions a topic has now, of one type if it is given."""
+        ends = (token.endpoint for token in self.view.endpoints(topic, EntityType.SUBSCRIPTION))
+        return sum(end is not None and type_name in ("", end.type) for end in ends)
+
     def wait_for(self, topic: str, number: int, *, timeout_s: float, type_name: str = "") -> None:
         """Wait until a topic has so many subscriptions, of one type if it is given.
 
@@ -149,17 +164,11 @@ class RosGraph:
         WireError
             If it has fewer after the time [s].
         """
-
-        def found() -> int:
-            """Return how many there are now."""
-            ends = (token.endpoint for token in self.view.endpoints(topic, EntityType.SUBSCRIPTION))
-            return sum(end is not None and type_name in ("", end.type) for end in ends)
-
         deadline_s = time.monotonic() + timeout_s
         with self._changed:
-            while found() < number and (left_s := deadline_s - time.monotonic()) > 0:
-                self._changed.wait(min(left_s, _LOOK_S))
-        if (there := found()) < number:
+            while self.subscriptions(topic, type_name) < number and (left_s := deadline_s - time.monotonic()) > 0:
+                self._changed.wait(min(left_s, LONGEST_WAIT_S))
+        if (there := self.subscriptions(topic, type_name)) < number:
             kind = f" to {type_name}" if type_name else ""
             unknown = f"; {self.too_many} tokens beyond {MAX_TOKENS} are not known" if self.too_many else ""
             raise WireError(

@@ -2,7 +2,7 @@
 
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from itertools import count
 from typing import Any
@@ -17,10 +17,11 @@ from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import Qos, Reliability, usual_qos
-from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, type_hash
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.history import HistorySubscriber, publishing_latched
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, batch_key, check_namespace
+from recorders.wire.keys.other_definitions import reporting_other_definitions
 from recorders.wire.keys.ros_node import RosNode
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, Attached, KeyedTopic, MessagePublisher, TakeSample
 from recorders.wire.session import publishing
@@ -42,8 +43,11 @@ class RosKeys:
         Name, namespace and remapping of the node.
     namespace : str
         First part of the control keys.
-    hashes : mapping of str to str
-        RIHS01 hashes of types that are no standard ones, by type.
+    hashes : mapping of (str, str) to str
+        RIHS01 hashes of definitions that are no standard ones, by topic and type.
+    humble : bool
+        Whether this node publishes without hashes of types, as nodes of ROS 2 Humble do, so that those receive it.
+        It receives what is published either way.
 
     Raises
     ------
@@ -57,13 +61,15 @@ class RosKeys:
         node: NodeName,
         *,
         namespace: str = DEFAULT_NAMESPACE,
-        hashes: Mapping[str, str] | None = None,
+        hashes: Mapping[tuple[str, str], str] | None = None,
+        humble: bool = False,
     ) -> None:
         check_namespace(namespace)
         self.domain = domain
         self.node = RosNode(domain, node)
         self.namespace = namespace
         self.hashes = dict(hashes or {})
+        self.humble = humble
         self._named: dict[str, str] = {}  # topics of this node, by their names in the graph
 
     @property
@@ -78,12 +84,27 @@ class RosKeys:
 
     def selection(self, topics: Mapping[str, str]) -> tuple[str, ...]:
         """Return the key expressions of messages on some topics, of one type each, and of batches."""
-        return *(self.key(topic, kind) for topic, kind in topics.items()), batch_key(self.namespace)
+        keys = (key for topic, kind in topics.items() for key in self.expressions(topic, kind))
+        return *keys, batch_key(self.namespace)
 
     @property
     def words(self) -> str:
         """Where messages are, in words for a line."""
         return f"ROS domain {self.domain}"
+
+    def described(self, topic: str, type_name: str = "") -> str:
+        """Return a topic with its type, by its name in the graph."""
+        if topic == EVERY_TOPIC:
+            return f"all topics of {self.words}"
+        return f"{self.graph_name(topic)} ({type_name or type_of(topic)}) in {self.words}"
+
+    def expressions(self, topic: str, type_name: str = "") -> tuple[str, ...]:
+        """Return the keys of a topic's messages with the hash of their type, and without one."""
+        if topic in (EVERY_TOPIC, batch_topic()):
+            return (self.key(topic),)
+        kind, name = self._type(topic, type_name), self.graph_name(topic)
+        hashes = self._definition_hash(topic, kind), UNKNOWN_HASH
+        return tuple(TopicKey(self.domain, name, kind, each).to_text() for each in hashes)
 
     def graph_name(self, topic: str) -> str:
         """Return the name under which a topic is in the graph; raises WireError if it is none."""
@@ -96,10 +117,8 @@ class RosKeys:
             return f"{self.domain}/**"
         if topic == batch_topic():
             return batch_key(self.namespace)
-        kind = type_name or type_of(topic)
-        if not kind:
-            raise WireError(f"{topic}: expected a topic whose type is known, as a key of ROS 2 has it")
-        return TopicKey(self.domain, self.graph_name(topic), kind, self._hash(kind)).to_text()
+        kind = self._type(topic, type_name)
+        return TopicKey(self.domain, self.graph_name(topic), kind, self._hash(topic, kind)).to_text()
 
     def read_key(self, key: str) -> KeyedTopic:
         """Return topic, type and hash of a key."""
@@ -141,15 +160,15 @@ class RosKeys:
         self, session: zenoh.Session, topic: str, type_name: str, take: TakeSample, *, at_once: bool = False
     ) -> Iterator[None]:
         """Have the samples of a topic of one type taken, cached ones of one that is latched, and be in the graph."""
-        key, qos = self.key(topic, type_name), usual_qos(topic)
-        history = HistorySubscriber(session, [key] if qos.is_latched else [], take)
+        keys, qos = self.expressions(topic, type_name), usual_qos(topic)
+        history = HistorySubscriber(session, keys if qos.is_latched else [], take)
         deliver = history.deliver if qos.is_latched else take
-        declare = partial(session.declare_subscriber, key)
-        with (
-            on_network_thread(declare, deliver) if at_once else declare(deliver),
-            history,
-            self.announced(session, topic, type_name, qos=qos),  # last: who sees it may publish
-        ):
+        with ExitStack() as stack:
+            for key in keys:
+                declare = partial(session.declare_subscriber, key)
+                stack.enter_context(on_network_thread(declare, deliver) if at_once else declare(deliver))
+            stack.enter_context(history)
+            stack.enter_context(self.announced(session, topic, type_name, qos=qos))  # last: who sees it may publish
             yield
 
     @contextmanager
@@ -160,7 +179,11 @@ class RosKeys:
         name, requested = self._only_name(topic), qos or usual_qos(topic)
         kind = type_name or type_of(topic)
         subscription = EntityType.SUBSCRIPTION
-        with self.node.declared(session, subscription, name, kind, requested, definition_hash=self._hash(kind)):
+        stated, taken = self._hash(topic, kind), (self._definition_hash(topic, kind), UNKNOWN_HASH)
+        with (
+            reporting_other_definitions(session, self.domain, name, kind, taken),
+            self.node.declared(session, subscription, name, kind, requested, definition_hash=stated),
+        ):
             yield
 
     @contextmanager
@@ -176,8 +199,9 @@ class RosKeys:
             else publishing(session, key, **options)
         )
         kind, publisher = type_name or type_of(topic), EntityType.PUBLISHER
+        stated = self._hash(topic, kind)
         with (
-            self.node.declared(session, publisher, name, kind, qos, definition_hash=self._hash(kind)) as token,
+            self.node.declared(session, publisher, name, kind, qos, definition_hash=stated) as token,
             opened as inner,
         ):
             yield RosPublisher(inner, token.gid)
@@ -207,8 +231,18 @@ class RosKeys:
         except WireError:  # no name that a rule could have
             return False
 
-    def _hash(self, type_name: str) -> str:
-        return self.hashes.get(type_name) or type_hash(type_name)
+    def _type(self, topic: str, type_name: str) -> str:
+        kind = type_name or type_of(topic)
+        if not kind:
+            raise WireError(f"{topic}: expected a topic whose type is known, as a key of ROS 2 has it")
+        return kind
+
+    def _hash(self, topic: str, type_name: str) -> str:
+        """Return what this node states as the hash of a type."""
+        return UNKNOWN_HASH if self.humble else self._definition_hash(topic, type_name)
+
+    def _definition_hash(self, topic: str, type_name: str) -> str:
+        return self.hashes.get((topic, type_name)) or type_hash(type_name)
 
 
 class RosPublisher:

@@ -100,8 +100,14 @@ class TopicKeys(Protocol):
     def words(self) -> str:
         """Where messages are, in words for a line."""
 
+    def described(self, topic: str, type_name: str = "") -> str:
+        """Return a topic, or all of them, in words for a line."""
+
+    def expressions(self, topic: str, type_name: str = "") -> tuple[str, ...]:
+        """Return the key expressions of what anybody publishes on a topic, of a type as `key` has it."""
+
     def key(self, topic: str, type_name: str = "") -> str:
-        """Return the key of a topic's messages of a type; that of the topic in our table if it is left out.
+        """Return the key of what this node publishes on a topic, of a type; that in our table if it is left out.
 
         Raises
         ------
@@ -175,6 +181,14 @@ class NamespaceKeys:
     def words(self) -> str:
         """Where messages are, in words for a line."""
         return f"namespace '{self.namespace}'"
+
+    def described(self, topic: str, type_name: str = "") -> str:
+        """Return the key of a topic."""
+        return self.key(topic)
+
+    def expressions(self, topic: str, type_name: str = "") -> tuple[str, ...]:
+        """Return the key of a topic."""
+        return (self.key(topic),)
 
     def key(self, topic: str, type_name: str = "") -> str:
         """Return the key of a topic, whatever the type."""

@@ -64,20 +64,20 @@ CASES = given(
 )
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(stalled_logs(), st.sampled_from([5, 100]), st.sampled_from([None, 100]), st.sampled_from([0, 1]), st.just(1))
 def test_ticks_of_stalled_topics_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @CASES
 def test_ticks_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
 
 
 @pytest.mark.campaign
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @CASES
 def test_ticks_of_a_thousand_logs_are_those_of_the_plain_version(messages, tolerance_ms, period_ms, pivot, block):
     check_against_the_plain_version(messages, tolerance_ms, period_ms, pivot, block)
@@ -148,14 +148,14 @@ def arrivals(draw):
     return [(topic, stamp) for _, topic, stamp in sorted(messages, key=lambda message: message[0])]
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(arrivals(), st.sampled_from([1, 3, 8192]))
 def test_messages_of_one_stamp_are_the_ticks_of_a_synchronizer(messages, block):
     check_against_synchronizers(messages, block)
 
 
 @pytest.mark.campaign
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @given(arrivals(), st.sampled_from([1, 3, 8192]))
 def test_messages_of_one_stamp_of_a_thousand_logs_are_the_ticks_of_a_synchronizer(messages, block):
     check_against_synchronizers(messages, block)

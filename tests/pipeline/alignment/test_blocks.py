@@ -120,13 +120,13 @@ def check_against_the_plain_version(kind: Kind, payloads: Sequence[bytes], cut: 
             assert frame is None or found[place] == frame
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(spoiled(poses()), max_size=12), st.integers(0, 6))
 def test_poses_are_those_of_the_plain_version(payloads: list[bytes], cut: int) -> None:
     check_against_the_plain_version(pose_kind(), payloads, cut)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(st.lists(spoiled(joints()), max_size=12), st.integers(0, 6))
 def test_joints_are_those_of_the_plain_version(payloads: list[bytes], cut: int) -> None:
     check_against_the_plain_version(joints_kind(WANTED), payloads, cut)

@@ -69,7 +69,7 @@ def test_a_clock_that_begins_anew_all_the_time_is_followed_in_one_block():
     assert found == aligned(records, sources=SOURCES[1:], period=10 * MS, block=1)[1]
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.lists(
         st.tuples(

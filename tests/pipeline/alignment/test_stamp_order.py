@@ -60,7 +60,7 @@ def placed(messages: list[tuple[int, int]], block: int, *, topics: int = 2) -> l
     return found
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(PARTS, st.sampled_from([1, 2, 5, 1000]))
 @example([((0,), 0, 1, 1), ((1,), 60 * SECOND + 1, 1, 4)], 3)
 @example([((0, 1), 0, 1, 4), ((0, 1), -100 * SECOND, 1, 24)], 1000)

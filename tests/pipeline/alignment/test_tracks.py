@@ -44,7 +44,7 @@ def check_against_the_plain_version(track: Track, plain: PlainTrack, first: int,
 
 
 @pytest.mark.parametrize("turns", [True, False])
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(data=st.data(), tolerance=st.integers(0, 20), at=st.integers(0, 60))
 def test_ticks_of_a_track_are_those_of_the_plain_version(turns: bool, data: Any, tolerance: int, at: int) -> None:
     """Also once what no later tick can need is forgotten."""
@@ -57,7 +57,7 @@ def test_ticks_of_a_track_are_those_of_the_plain_version(turns: bool, data: Any,
     assert len(track.stamps_ns) == len(later) + (len(later) < len(plain.stamps))
 
 
-@settings(max_examples=80, deadline=None)
+@settings(max_examples=80)
 @given(TIMES, st.integers(1, 15), st.integers(0, 15), st.integers(-40, 60), st.integers(0, 80))
 def test_multiples_of_a_period_lie_between_samples_that_are_near_or_at_one(
     stamps: list[int], period: int, tolerance: int, after: int, limit: int

@@ -132,7 +132,7 @@ def test_a_case_made_anew_keeps_what_is_not_said(
         (("--as-recorded",), "phase markers"),
         (("--physics",), "expected a log of explore"),
         (("--resume-after", "127"), "expected to resume after a tick of the run, found 127 of 126"),
-        (("--config", "none.toml"), "none.toml: cannot be read"),
+        (("--config", "none.toml"), "none.toml: no such file"),
         (("--config", "log.mcap"), "log.mcap: expected TOML"),
         (("--config", "unknown.toml"), "unknown learner setting neurons"),
         (("--name", "../b"), "plain file name"),

@@ -60,6 +60,13 @@ def test_a_rule_that_is_none_is_refused(rule: str) -> None:
 def test_rules_need_a_domain() -> None:
     with pytest.raises(ConfigError, match="--remap: expected --ros beside it, found 'a:=b' alone"):
         topic_keys("serve", "lab", None, ["a:=b"])
+    with pytest.raises(ConfigError, match="--humble: expected --ros beside it"):
+        topic_keys("serve", "lab", None, None, humble=True)
+
+
+def test_topics_for_ros_2_humble_have_no_hashes() -> None:
+    keys = topic_keys("serve", "lab", 3, None, humble=True)
+    assert keys.key(JOINT_STATES) == f"3{JOINT_STATES}/sensor_msgs::msg::dds_::JointState_/TypeHashNotSupported"
 
 
 @pytest.mark.parametrize("domain", ["233", "-1", "a", "", "1_0", "\u0663", "9" * 5000])
@@ -84,6 +91,8 @@ def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
     ("arguments", "expected"),
     [
         ("cat log.mcap --remap a:=b", "--remap: expected no recording beside it"),
+        ("cat --ros 2 --humble", "--humble: expected a verb that publishes, found cat"),
+        ("record --ros 2 --humble", "--humble: expected a verb that publishes, found record"),
         ("status --ros 2 --namespace foo", "--namespace: expected none beside --ros"),
         ("status --ros 2 --namespace foo/**", "--namespace: expected none beside --ros"),
     ],

@@ -22,6 +22,7 @@ from waiting import wait_until
 
 from pipeline.cli.app import app
 from recorders.cdr.codec import encode
+from recorders.containers.definitions import definition_hash
 from recorders.errors import ConfigError, WireError
 from recorders.messages.message_types import Clock, JointState, String
 from recorders.messages.record import RecordedMessage
@@ -91,13 +92,18 @@ def replay(bag: Path, endpoint: str, *options: object) -> dict[str, Any]:
     return dict(json.loads(run.stdout))
 
 
-def test_a_client_of_others_gets_what_was_recorded_and_the_time(bag: Path, endpoint: str, peer: RosPeer) -> None:
+def test_a_client_of_others_gets_what_was_recorded_and_the_time(
+    bag: Path, endpoint: str, peer: RosPeer, caplog: pytest.LogCaptureFixture
+) -> None:
+    caplog.set_level("INFO")
     for topic, kind in (("/map", String.TYPE), (JOINT_STATES, JointState.TYPE), (CLOCK, Clock.TYPE)):
         peer.ask("subscribe", topic=topic, type_name=kind, name="watcher")
     peer.settle()
     waits = [f"--wait-for={topic}=1" for topic in ("/map", JOINT_STATES, CLOCK)]
     result = replay(bag, endpoint, "--rate", 100, "--start", 0.025, "--clock-rate", 50, "--wait", 20, *waits)
     assert result["messages"] == 1 + 3 + 2
+    assert f"waits for 1 subscriptions of {CLOCK} ({Clock.TYPE}), of which 1 are there" in caplog.messages
+    assert f"{CLOCK} has 1 subscriptions" in caplog.messages
     wait_until(lambda: len(peer.ask("received")) == 6)
     found: dict[str, list[str]] = {}
     for topic, data in peer.ask("received"):
@@ -193,3 +199,31 @@ def test_a_type_of_ones_own_goes_by_the_hash_of_its_definition(tmp_path: Path, e
             find_graph(session, DOMAIN)  # an answer comes behind what was declared before
             replay(tmp_path / "bag", endpoint)
             assert got.wait(60.0)
+
+
+def test_a_topic_of_two_definitions_of_one_type_is_refused_unless_nobody_looks_at_them(
+    tmp_path: Path, endpoint: str
+) -> None:
+    """And two topics of one type have each their own."""
+    from rosbags.typesys import get_types_from_msg
+
+    for number, text in enumerate(("float64 width", "float64 width\nfloat64 force")):
+        store = get_typestore(Stores.ROS2_JAZZY)
+        store.register(get_types_from_msg(text, "lab/msg/Grip"))
+        with Writer(tmp_path / str(number), version=8, storage_plugin=StoragePlugin.MCAP) as writer:
+            for topic in ("/grip", f"/grip{number}"):
+                writer.write(writer.add_connection(topic, "lab/msg/Grip", typestore=store), START_NS, bytes(30))
+    both = (tmp_path / "0", tmp_path / "1")
+    apart = {channel.topic: definition_hash(channel) for channel in Playback(both).channels if channel.topic != "/grip"}
+    with open_session(SessionConfig(connect=(endpoint,))) as session:
+        got: set[str] = set()
+        key = f"{DOMAIN}/*/lab::msg::dds_::Grip_/*"
+        with session.declare_subscriber(key, lambda sample: got.add(str(sample.key_expr))):
+            find_graph(session, DOMAIN)  # an answer comes behind what was declared before
+            with pytest.raises(ConfigError, match="/grip: expected one definition of lab/msg/Grip, found two"):
+                replay(both[0], endpoint, both[1])
+            replay(both[0], endpoint, both[1], "--topic", "/grip[01]")
+            wait_until(lambda: len(got) == 2)
+            assert got == {f"{DOMAIN}{topic}/lab::msg::dds_::Grip_/{text}" for topic, text in apart.items()}
+            replay(both[0], endpoint, both[1], "--humble")
+            wait_until(lambda: f"{DOMAIN}/grip/lab::msg::dds_::Grip_/TypeHashNotSupported" in got)

@@ -43,9 +43,9 @@ DOMAIN, SEED, TICKS = 9, 5, 25
 FROM_PEER = {LEFT_TARGET: PoseStamped.TYPE, RIGHT_TARGET: PoseStamped.TYPE, SAMPLE_JOINTS: JointState.TYPE}
 TYPES = FROM_PEER | {JOINT_COMMANDS: JointState.TYPE}
 NODES = {
-    "learn": "learns asimo from 9/**",
-    "serve": "serves 9/joint_commands",
-    "record": "records 9/**",
+    "learn": f"learns asimo from {LEFT_TARGET} ({PoseStamped.TYPE})",
+    "serve": f"serves {JOINT_COMMANDS} ({JointState.TYPE}) in ROS domain {DOMAIN}",
+    "record": f"records all topics of ROS domain {DOMAIN}",
 }
 """Line of each node of ours by which it is ready."""
 

@@ -15,7 +15,7 @@ from recorders.messages.message_types import JointState, String
 from recorders.rmw_zenoh.liveliness import Endpoint, EntityType, Token
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import Qos
-from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.rmw_zenoh.type_hashes import UNKNOWN_HASH, type_hash
 from recorders.wire.keys.ros_graph import GraphView, find_graph
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
@@ -32,12 +32,25 @@ def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
         printed = reenact("status", "--ros", "3", "--connect", endpoint, "--json", cwd=tmp_path)
         shown = reenact("status", "--connect", endpoint, "--ros", "3", cwd=tmp_path)
         other = reenact("status", "--ros", "--connect", endpoint, "--json", cwd=tmp_path)
+    chatter, states = ({kind: [type_hash(kind)]} for kind in (String.TYPE, JointState.TYPE))
     assert json.loads(printed.stdout) == {
         "domain": 3,
         "nodes": ["/arm", "/listener"],
         "topics": [
-            {"topic": "/chatter", "types": [String.TYPE], "publishers": [], "subscriptions": ["/listener"]},
-            {"topic": "/joint_states", "types": [JointState.TYPE], "publishers": ["/arm"], "subscriptions": []},
+            {
+                "topic": "/chatter",
+                "types": [String.TYPE],
+                "hashes": chatter,
+                "publishers": [],
+                "subscriptions": ["/listener"],
+            },
+            {
+                "topic": "/joint_states",
+                "types": [JointState.TYPE],
+                "hashes": states,
+                "publishers": ["/arm"],
+                "subscriptions": [],
+            },
         ],
     }
     assert [row.split() for row in shown.stdout.splitlines()[1:]] == [
@@ -66,6 +79,19 @@ def test_names_of_hostile_tokens_are_shown_as_they_are() -> None:
     shown = written.getvalue()
     assert "\x1b" not in shown
     assert "/[/x]\\x1b[31m/[red]" in shown
+
+
+def test_two_definitions_of_a_type_are_shown_on_one_topic() -> None:
+    hashes = type_hash(String.TYPE), UNKNOWN_HASH
+    tokens = [
+        Token(0, "f00", 0, number, EntityType.PUBLISHER, NodeName("talker"), Endpoint("/a", String.TYPE, each, Qos()))
+        for number, each in enumerate(hashes)
+    ]
+    for count, shown in ((1, String.TYPE), (2, f"{String.TYPE} (2 definitions)")):
+        written, view = StringIO(), GraphView(tuple(tokens[:count]))
+        Console(file=written, width=200).print(graph_table(view))
+        assert f"/a     {shown}  " in written.getvalue()
+        assert view.to_dict()["topics"][0]["hashes"] == {String.TYPE: sorted(hashes[:count])}
 
 
 def test_the_domain_of_the_environment_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

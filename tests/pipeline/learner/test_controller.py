@@ -175,7 +175,7 @@ def rewrite_header(path, **changes):
 
 
 def test_a_missing_file_and_a_directory(tmp_path):
-    refuse(tmp_path / "none.npz", "No such file")
+    refuse(tmp_path / "none.npz", "no such file")
     refuse(tmp_path, "expected a controller, found a directory")
 
 

@@ -90,7 +90,8 @@ def live_session(
         started = learners(stack, ("--connect", endpoint), "live", folder, in_ros)
         options = ("--out", "live.mcap", "--stop-at-stream-end", "--json")
         recorder = run("record", "--connect", endpoint, *in_ros, *options)
-        wait_for_line(recorder, "records reenact/**" if domain is None else f"records {domain}/**")
+        what = "reenact/**" if domain is None else f"all topics of ROS domain {domain}"
+        wait_for_line(recorder, f"records {what}")
         explorer = stack.enter_context(
             spawn(
                 "explore",

@@ -162,7 +162,7 @@ def feed_pair(served: ServedController, first: RecordedMessage, second: Recorded
     return feed(served, [first, second])
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(pairs=streams(), learn=st.integers(0, 3).map(lambda drawn: drawn == 0))
 def test_a_pair_is_taken_as_its_messages_are_one_after_the_other(
     controller: Controller, pairs: list[list[RecordedMessage]], learn: bool

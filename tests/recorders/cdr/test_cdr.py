@@ -99,7 +99,7 @@ def test_round_trip_twice_first_by_the_general_codec_then_by_template(message):
         assert values(decode(message.TYPE, data)) == values(message)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(messages)
 def test_any_message_survives_to_the_bit(message):
     data = encode(message)
@@ -108,7 +108,7 @@ def test_any_message_survives_to_the_bit(message):
     assert values(decode(message.TYPE, data)) == values(message)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(messages)
 def test_big_endian_is_read_too(message):
     data = bytes(typestore().serialize_cdr(to_rosbags(message), message.TYPE, little_endian=False))
@@ -160,7 +160,7 @@ def test_the_stamp_is_read_without_decoding(message):
 
 
 @pytest.mark.parametrize("kind", MESSAGE_TYPES)
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.binary(max_size=120), order=st.sampled_from([b"", b"\x00\x01\x00\x00", b"\x00\x00\x00\x00"]))
 def test_hostile_bytes_raise_our_error_only(kind, data, order):
     for read in (decode, stamp_ns):
@@ -173,7 +173,7 @@ def test_hostile_bytes_raise_our_error_only(kind, data, order):
         assert "\n" not in line
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(messages, st.data())
 def test_damaged_messages_decode_or_raise_our_error(message, data):
     raw = bytearray(encode(message))

@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import pytest
 from cryptography.hazmat.primitives.ciphers.aead import AESGCM
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from sealed import INSTANCE, KEY, Sealing, receiver, sender
 from small_world import Consumer, World
@@ -52,7 +52,6 @@ def receiving(sealing: Sealing) -> ReceiverMachine:
 
 
 @given(where=ANY_BIT, kind=st.sampled_from(list(FrameType)))
-@settings(deadline=None)
 def test_a_frame_with_any_bit_turned_over_changes_nothing(where: float, kind: FrameType) -> None:
     sealing = Sealing(OFFER)
     machine = receiving(sealing)
@@ -77,7 +76,6 @@ def test_topic_and_type_of_a_message_are_sealed_too(topic: str, type_name: str) 
 
 
 @given(where=ANY_BIT, verb=st.sampled_from(["hello", "status"]))
-@settings(deadline=None)
 def test_an_offer_or_a_question_with_any_bit_turned_over_changes_nothing(where: float, verb: str) -> None:
     refused: Counter[str] = Counter()
     machine = ReceiverMachine(
@@ -103,7 +101,6 @@ def test_an_offer_or_a_question_with_any_bit_turned_over_changes_nothing(where: 
 
 
 @given(where=ANY_BIT, kind=st.sampled_from(["answer", "ack"]))
-@settings(deadline=None)
 def test_an_answer_or_an_acknowledgement_with_any_bit_turned_over_is_none(where: float, kind: str) -> None:
     seals, theirs = SenderSeals(KEY, SENDER), ConsumerKeys(KEY, "learner", INSTANCE).seals(SENDER)
     question = seals.question("learner", "status", asking(OFFER))

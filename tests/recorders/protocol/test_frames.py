@@ -3,7 +3,7 @@
 from contextlib import suppress
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from recorders.errors import MessageError, WireError
@@ -25,14 +25,12 @@ stamped = st.builds(
 indices = st.integers(0, 2**64 - 1)
 
 
-@settings(deadline=None)
 @given(message=stamped, index=indices)
 def test_a_single_message_survives(message: RecordedMessage, index: int) -> None:
     frame = Frame(FrameType.MESSAGE, RUN, SENDER, index, (message,))
     assert unpack(message.topic, *pack(frame)) == frame
 
 
-@settings(deadline=None)
 @given(messages=st.lists(stamped, max_size=20), index=indices)
 def test_a_batch_survives(messages: list[RecordedMessage], index: int) -> None:
     frame = Frame(FrameType.BATCH, RUN, SENDER, index, tuple(messages))
@@ -44,7 +42,6 @@ def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
     assert pack(Frame(FrameType.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
 
 
-@settings(deadline=None)
 @given(message=stamped)
 def test_a_live_attachment_is_that_of_a_message_of_no_run(message: RecordedMessage) -> None:
     frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
@@ -57,14 +54,12 @@ def test_the_end_survives(kind: FrameType) -> None:
     assert unpack("/replay/batch", *pack(frame)) == frame
 
 
-@settings(deadline=None)
 @given(payload=st.binary(max_size=300), attachment=st.binary(max_size=80))
 def test_random_bytes_are_refused_with_a_message_error(payload: bytes, attachment: bytes) -> None:
     with pytest.raises(MessageError):
         unpack("/clock", payload, attachment)
 
 
-@settings(deadline=None)
 @given(data=st.data())
 def test_damaged_batches_never_raise_anything_else(data: st.DataObject) -> None:
     messages = tuple(RecordedMessage("/clock", TOPICS["/clock"].type, b"12345", n, n) for n in range(3))
@@ -90,7 +85,6 @@ def test_offer_and_progress_survive() -> None:
     assert Progress.from_json(progress.to_json()) == progress
 
 
-@settings(deadline=None)
 @given(st.binary(max_size=100))
 def test_random_json_is_refused(data: bytes) -> None:
     for kind in (Offer, Progress):

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from recorders.recording.publisher_counts import MAX_PUBLISHERS, PublisherCounts
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(
     lost=st.sets(st.tuples(st.sampled_from("ab"), st.integers(1, 9))),
     order=st.permutations([name for name in "ab" for _ in range(9)]),

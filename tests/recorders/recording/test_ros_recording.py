@@ -24,11 +24,14 @@ from recorders.recording.bag_folder import new_bag_folder, write_bag_metadata
 from recorders.recording.config import RecordConfig, RecordingStats
 from recorders.recording.live_recorder import LiveRecorder
 from recorders.recording.ros_channels import TOO_MANY_TOKENS, domain_channels
+from recorders.recording.ros_subscriptions import recorded_topics
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.bag_channels import HASH_METADATA, has_definition
 from recorders.rmw_zenoh.names import NodeName
+from recorders.rmw_zenoh.qos import LATCHED, Durability, Qos, Reliability
 from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.wire.keys import ros_graph
+from recorders.wire.keys.ros_graph import RosGraph
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import EVERY_TOPIC
 from recorders.wire.loopback import free_endpoint
@@ -65,6 +68,7 @@ def recording(session: zenoh.Session, out: Path, config: RecordConfig = CONFIG) 
         domain_channels(session, keys) as channels,
         Receiver(session, config=receiving) as receiver,
         LiveRecorder(out, config=config, ros=channels) as recorder,
+        recorded_topics(session, keys, channels, config.wants),
     ):
         thread = threading.Thread(target=recorder.run, args=(receiver,), kwargs={"stopped": over.is_set})
         thread.start()
@@ -108,6 +112,37 @@ def test_a_bag_has_what_a_client_of_others_published(beside: Beside, tmp_path: P
     rows = {row["topic"]: row for row in log.manifest["publishers"]}
     assert stats.to_dict()["publishers"] == log.manifest["publishers"]
     assert (rows[JOINT_STATES]["messages"], rows[JOINT_STATES]["missing"], stats.gaps) == (5, 0, {})
+    assert {topic: row["node"] for topic, row in rows.items()} == {"/map": "/mapper", JOINT_STATES: "/arm"}
+
+
+def test_a_recorder_subscribes_to_each_topic_that_it_records_and_is_counted_there(
+    beside: Beside, tmp_path: Path
+) -> None:
+    """With what matches all its publishers; to those that come later too, and to none when it is over."""
+    session, peer, other = beside
+    keys = RosKeys(DOMAIN, NodeName("talker"))
+    best_effort = Qos(Reliability.BEST_EFFORT)
+
+    def requested(topic: str) -> list[str]:
+        return [row["qos"] for row in (peer.ask("info", topic=topic) or {"subscribers": []})["subscribers"]]
+
+    with RosGraph(other, DOMAIN) as graph, keys.publishing(other, "/first", String.TYPE):
+        with recording(session, tmp_path / "log.mcap", replace(CONFIG, exclude=("/left_out",))):
+            graph.wait_for("/first", 1, timeout_s=120.0, type_name=String.TYPE)
+            with (
+                keys.publishing(other, "/left_out", String.TYPE),
+                keys.publishing(other, "/latched", String.TYPE, qos=LATCHED),
+                keys.publishing(other, "/later", String.TYPE, qos=best_effort),
+                keys.publishing(other, "/first", String.TYPE, qos=best_effort),
+            ):
+                for topic in ("/latched", "/later"):
+                    graph.wait_for(topic, 1, timeout_s=120.0)
+                wait_until(lambda: requested("/first") == [best_effort.to_token()])
+                assert requested("/latched") == [Qos(durability=Durability.TRANSIENT_LOCAL).to_token()]
+                assert requested("/left_out") == []
+            wait_until(lambda: requested("/later") == [])
+            wait_until(lambda: requested("/first") == [Qos().to_token()])
+        wait_until(lambda: graph.subscriptions("/first") == 0)
 
 
 def put(session: zenoh.Session, keys: RosKeys, topic: str, message: String | Clock, origin: Attachment) -> None:
@@ -117,7 +152,7 @@ def put(session: zenoh.Session, keys: RosKeys, topic: str, message: String | Clo
 def test_what_does_not_come_of_one_of_two_publishers_is_counted(beside: Beside, tmp_path: Path) -> None:
     """And a message of a type that is not known keeps its name; the log's own number wraps where MCAP's ends."""
     session, _, other = beside
-    keys = RosKeys(DOMAIN, NodeName("talker"), hashes={"lab/msg/Grip": "RIHS01_" + 64 * "5"})
+    keys = RosKeys(DOMAIN, NodeName("talker"), hashes={("/grip", "lab/msg/Grip"): "RIHS01_" + 64 * "5"})
     gids = bytes(15) + b"a", bytes(15) + b"b"
     with recording(session, tmp_path / "log.mcap") as stats:
         for number, gid in ((1, 0), (2**32 - 1, 1), (2, 0), (2**32, 1), (6, 0), (2**32 + 1, 1)):
@@ -142,7 +177,8 @@ def test_what_is_no_message_of_the_type_that_its_key_states_is_counted_and_keeps
     """Bytes of no message, and a definition that is not ours."""
     session, _, other = beside
     keys = RosKeys(DOMAIN, NodeName("talker"))
-    foreign = RosKeys(DOMAIN, NodeName("talker"), hashes={JointState.TYPE: "RIHS01_" + 64 * "a"})
+    hashes = {(topic, JointState.TYPE): "RIHS01_" + 64 * "a" for topic in ("/arm", JOINT_STATES)}
+    foreign = RosKeys(DOMAIN, NodeName("talker"), hashes=hashes)
     state = encode(JointState(1, ("a",), [0.5]))
     sent = [
         ("/chatter", keys.key("/chatter", String.TYPE), b"\xff\xff"),

@@ -189,7 +189,7 @@ def test_a_short_log_that_swells_to_gigabytes_has_an_end(tmp_path):
     skipped=st.lists(st.booleans(), min_size=6, max_size=6),
     compression=st.sampled_from(["lz4", "zstd"]),
 )
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 def test_frames_one_after_another_are_one_chunk(parts, skipped, compression):
     """Empty frames, and frames to be skipped, among them."""
     skip = struct.pack("<II", 0x184D2A55, 3) + b"???"

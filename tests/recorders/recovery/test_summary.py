@@ -242,7 +242,7 @@ def test_messages_that_do_not_decode_are_counted_like_any(tmp_path):
 
 
 def test_what_is_no_log_is_refused(tmp_path):
-    for path, expected in ((tmp_path / "none.mcap", "No such file"), (tmp_path, "found a directory")):
+    for path, expected in ((tmp_path / "none.mcap", "no such file"), (tmp_path, "found a directory")):
         with pytest.raises(LogError, match=expected):
             summarise(path)
 

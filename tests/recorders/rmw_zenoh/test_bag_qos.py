@@ -57,7 +57,7 @@ def values(qos: TheirQos) -> dict[str, object]:
     } | {"avoid_ros_namespace_conventions": qos.avoid_ros_namespace_conventions}
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(offered=several)
 def test_profiles_are_read_back_by_us_and_by_rosbags(offered: list[Qos]) -> None:
     text = qos_text(offered)
@@ -67,7 +67,7 @@ def test_profiles_are_read_back_by_us_and_by_rosbags(offered: list[Qos]) -> None
     assert read_qos_text(to_yaml(dump_qos_v9(theirs))) == offered  # by the policies' names, as since Jazzy
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(offered=several, requested=profiles)
 def test_one_publisher_in_place_of_several_matches_what_any_of_them_matched(offered: list[Qos], requested: Qos) -> None:
     """By the table of compatible profiles in ROS 2's documentation of quality of service."""

@@ -49,7 +49,7 @@ def test_the_token_of_a_talker_is_read():
     assert token.to_key() == TALKER
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(token=tokens())
 def test_a_token_is_read_back_by_us_and_by_another_client(token):
     assert Token.from_key(token.to_key()) == token
@@ -73,7 +73,7 @@ def test_a_token_is_read_back_by_us_and_by_another_client(token):
     )
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(namespace=st.one_of(st.just("/"), paths), name=names)
 def test_the_token_of_a_node_is_that_of_another_client(namespace, name):
     token = Token(0, "f00", 1, 1, EntityType.NODE, NodeName(name, namespace))
@@ -87,14 +87,14 @@ def test_quality_of_service_of_another_client_is_read(depth):
     assert Qos.from_token(profile.encode()) == Qos(durability=Durability.TRANSIENT_LOCAL, depth=depth)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(text=st.one_of(st.text(max_size=60), st.text("@ros2_lv/0aMPN%:,", max_size=80)))
 def test_any_other_key_is_no_token(text):
     with pytest.raises(WireError, match="expected a liveliness token"):
         Token.from_key(text)
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(place=st.integers(0, len(TALKER) - 1), character=st.sampled_from("/%:,aZ9 @"))
 def test_a_changed_token_is_read_or_refused_and_nothing_else(place, character):
     changed = TALKER[:place] + character + TALKER[place + 1 :]
@@ -105,7 +105,7 @@ def test_a_changed_token_is_read_or_refused_and_nothing_else(place, character):
     assert isinstance(token, Token)
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(sequence=st.integers(0, 2**63 - 1), time_ns=st.integers(0, 2**63 - 1), gid=st.binary(min_size=16, max_size=16))
 def test_attachments_are_those_of_another_client(sequence, time_ns, gid):
     ours = Attachment(sequence, time_ns, gid)

@@ -19,7 +19,7 @@ STRING = "std_msgs/msg/String"
 PIECES = ["a", "B", "7", "_", "__", "/", "//", "~", " ", "é", "\N{GREEK SMALL LETTER PI}", "{ns}", "-.", "%", "*"]
 
 
-@settings(max_examples=1000, deadline=None)
+@settings(max_examples=1000)
 @given(pieces=st.lists(st.sampled_from(PIECES), max_size=8))
 def test_keys_are_those_of_another_client_and_what_it_refuses_is_refused(pieces):
     topic = "".join(pieces)
@@ -56,7 +56,7 @@ def absolute(form: str, name: str, namespace: str) -> str:
     return f"/{namespace}/{name}" if form == "~" else f"/{namespace}/{form}"
 
 
-@settings(max_examples=300, deadline=None)
+@settings(max_examples=300)
 @given(names=st.lists(st.from_regex(r"[A-Za-z_][A-Za-z0-9]{0,8}", fullmatch=True), min_size=1, max_size=4))
 def test_a_key_is_read_back(names):
     key = TopicKey(0, "/" + "/".join(names), STRING, type_hash(STRING))

@@ -152,7 +152,7 @@ def test_what_is_no_table_is_refused(table: object) -> None:
         from_json(json.dumps(table).encode())
 
 
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 @given(st.binary(max_size=100))
 def test_no_bytes_do_harm(data: bytes) -> None:
     with pytest.raises(WireError):

@@ -87,7 +87,7 @@ def test_a_number_that_is_none_is_refused(number: str) -> None:
         NodeStatus.from_json(ANNA, text.encode())
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=40)
 @given(
     st.recursive(
         st.none() | st.booleans() | st.floats() | st.text(), lambda x: st.lists(x) | st.dictionaries(st.text(), x)

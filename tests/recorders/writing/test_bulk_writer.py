@@ -180,7 +180,7 @@ def ours(
     return files
 
 
-@settings(max_examples=100, deadline=None)
+@settings(max_examples=100)
 @given(
     found=st.lists(records(), max_size=40),
     compression=st.sampled_from(sorted(COMPRESSIONS)),

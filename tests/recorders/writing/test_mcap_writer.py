@@ -86,7 +86,7 @@ def ours(
     return file.getvalue(), dict(writer.counts), sent
 
 
-@settings(max_examples=200, deadline=None)
+@settings(max_examples=200)
 @given(
     steps=STEPS,
     begin=st.lists(st.just("channel"), max_size=3),

@@ -71,7 +71,7 @@ def test_a_field_is_named_as_in_the_finding_or_by_its_beginning(log: list[Record
         assert found.field == expected
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(off=st.floats(0.0, 1.0), tolerance=st.floats(0.0, 1.0))
 def test_numbers_may_be_apart_as_far_as_is_said_and_no_farther(off: float, tolerance: float) -> None:
     poses = [encode(PoseStamped(7, [x, 0.0, 0.0])) for x in (0.0, off)]

@@ -25,7 +25,7 @@ def stream(times_ns: Sequence[int]) -> list[RecordedMessage]:
     return [RecordedMessage("/a", "", b"", number, time_ns) for number, time_ns in enumerate(times_ns)]
 
 
-@settings(max_examples=20, deadline=None)
+@settings(max_examples=20)
 @given(times_ns=st.lists(st.integers(0, 500), max_size=9), period_ns=st.integers(7, 300))
 def test_time_is_there_before_every_message_and_never_ahead_of_it(times_ns: list[int], period_ns: int) -> None:
     messages = stream(times_ns)

@@ -139,7 +139,7 @@ def test_a_slice_counts_from_the_earliest_message_played_or_not(tmp_path: Path) 
     ]
 
 
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 @given(
     steps_ns=st.lists(st.integers(-(10**12), 10**12), min_size=1, max_size=20), at=st.sampled_from((TODAY_NS, 2**63))
 )

@@ -7,13 +7,15 @@ from pathlib import Path
 import pytest
 import zenoh
 from collector import Collector
+from numbered_stream import OFFER, message, numbered
 
 from recorders.errors import ConfigError
+from recorders.mcap_format.channels import DeclaredChannel
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
-from recorders.protocol.stream import Offer
 from recorders.reading.reader import LogReader
 from recorders.recording.live_recorder import LiveRecorder
+from recorders.recording.ros_channels import domain_channels
 from recorders.rmw_zenoh.names import NodeName
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.loopback import free_endpoint
@@ -24,16 +26,10 @@ from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
 COUNT = 500
-OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
-
-
-def message(index: int) -> RecordedMessage:
-    topic = LEARNER_TOPICS[index % 3]
-    return RecordedMessage(topic.name, topic.type, f"payload {index}".encode() * (index % 7), index, index * 1_000)
 
 
 def stream_from(start: int) -> Iterator[RecordedMessage]:
-    return (message(index) for index in range(start, COUNT))
+    return numbered(start, COUNT)
 
 
 def renamed(record: RecordedMessage) -> RecordedMessage:
@@ -85,6 +81,30 @@ def test_an_awaited_recorder_records_its_own_names(
         assert sent.result()["recorder"]["messages"] == COUNT
     found = [(record.topic, record.data) for record in LogReader(tmp_path / "log.mcap")]
     assert found == [(record.topic, record.data) for record in map(renamed, stream_from(0))]
+
+
+@pytest.mark.parametrize("awaited", [(), ("recorder",)])
+def test_a_topic_under_the_recorders_name_has_the_channel_that_its_sender_declares(
+    sessions: tuple[zenoh.Session, zenoh.Session], tmp_path: Path, awaited: tuple[str, ...]
+) -> None:
+    topic = LEARNER_TOPICS[0]
+    made_by, schema = ("made_by", "another program"), (topic.type, "ros2msg", b"float64 theirs")
+    declared = DeclaredChannel(topic.name, "cdr", (made_by,), schema)
+    rules = keys("recorder", f"/mine:={topic.name}")
+    config = ReceiverConfig(name="recorder", keys=rules, live=True)
+    sending = SenderConfig(awaited, keys=keys("replay"), batch_size=1, wait_s=60.0, patience_s=60.0)
+    transport = ZenohTransport(sessions[0], config=sending, channels=[declared])
+    with (
+        domain_channels(sessions[1], rules) as channels,
+        Receiver(sessions[1], config=config) as receiver,
+        LiveRecorder(tmp_path / "log.mcap", ros=channels) as recorder,
+        ThreadPoolExecutor() as pool,
+    ):
+        sent = pool.submit(transport.deliver, OFFER, lambda start: numbered(start, 4))
+        recorder.run(receiver, stopped=lambda: recorder.recording.messages == 4 and (sent.done() or not awaited))
+        sent.result()
+    (channel,) = (each for each in LogReader(tmp_path / "log.mcap").channels if each.topic == "/mine")
+    assert (dict(channel.metadata)["made_by"], channel.schema) == ("another program", declared.schema)
 
 
 def test_a_stream_that_nobody_need_await_is_ordinary_messages_with_our_numbers_and_rmw_zenohs(

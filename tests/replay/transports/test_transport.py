@@ -15,10 +15,10 @@ from typing import Any
 import collector
 import pytest
 from collector import Collector
+from numbered_stream import OFFER, message, numbered
 
 from recorders.errors import ConfigError, LogError, ReenactError, WireError
 from recorders.messages.record import RecordedMessage
-from recorders.messages.topics import LEARNER_TOPICS
 from recorders.protocol.frames import MAX_PAYLOAD, Frame, FrameType
 from recorders.protocol.packets import Publish
 from recorders.protocol.stream import WINDOW_BYTES, Offer
@@ -34,16 +34,10 @@ from replay.transports.zenoh import ZenohTransport
 PATIENCE_S = 120.0  # for a process to start
 PATIENT = SenderConfig(wait_s=PATIENCE_S)
 COUNT = 2_000
-OFFER = Offer(run="ab" * 16, schedule={}, logs=[])
-
-
-def message(index: int) -> RecordedMessage:
-    topic = LEARNER_TOPICS[index % 3]
-    return RecordedMessage(topic.name, topic.type, f"payload {index}".encode() * (index % 7), index, index * 1_000)
 
 
 def stream_from(start: int) -> Iterator[RecordedMessage]:
-    return (message(index) for index in range(start, COUNT))
+    return numbered(start, COUNT)
 
 
 def expected(start: int = 0) -> dict[str, Any]:

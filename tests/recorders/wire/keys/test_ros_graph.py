@@ -13,6 +13,7 @@ from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.rmw_zenoh.liveliness import EntityType
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.qos import LATCHED, Qos
+from recorders.rmw_zenoh.type_hashes import type_hash
 from recorders.wire.keys import ros_graph
 from recorders.wire.keys.ros_graph import RosGraph, find_graph
 from recorders.wire.keys.ros_node import RosNode
@@ -63,7 +64,9 @@ def test_we_list_a_client_of_others(graph: Graph) -> None:
     assert ours.view.topics["/chatter"] == [String.TYPE]
     assert {"/talker", "/listener"} <= set(ours.view.nodes)
     assert find_graph(session, 7) == ours.view
-    chatter = {"topic": "/chatter", "types": [String.TYPE], "publishers": ["/talker"], "subscriptions": []}
+    hashes = {String.TYPE: [type_hash(String.TYPE)]}
+    sides: dict[str, list[str]] = {"publishers": ["/talker"], "subscriptions": []}
+    chatter = {"topic": "/chatter", "types": [String.TYPE], "hashes": hashes, **sides}
     assert chatter in ours.view.to_dict()["topics"]
     (token,) = ours.view.endpoints("/hand/right/target", EntityType.SUBSCRIPTION)
     assert token.endpoint.qos == Qos()

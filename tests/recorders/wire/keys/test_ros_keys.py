@@ -17,12 +17,13 @@ from recorders.messages.topics import JOINT_STATES, LEFT_TARGET, RIGHT_TARGET, R
 from recorders.rmw_zenoh.attachment import Attachment, unpack
 from recorders.rmw_zenoh.names import NodeName
 from recorders.rmw_zenoh.type_hashes import type_hash
+from recorders.wire.keys.ros_graph import find_graph
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 from recorders.wire.subscription import LiveMessage
 
 _STATE = JointState(1_700_000_000_123_456_789, ("a", "b"), np.array([1e-300, -2.5]))
@@ -139,6 +140,59 @@ def test_what_a_client_of_others_publishes_reaches_us_numbered_and_named(ends: E
     first, second, other = (message.origin for message in found)
     assert first.gid == second.gid != other.gid
     assert 0 < first.source_time_ns < second.source_time_ns
+
+
+def test_nodes_of_ros_2_humble_whose_keys_have_no_hashes_are_understood_both_ways(ends: Ends) -> None:
+    """We receive what comes with a hash or without one; they what is published for them."""
+    session, peer, _ = ends
+    peer.ask("subscribe", topic="/humble", type_name=JointState.TYPE, name="old_listener", humble=True)
+    for humble in (True, False):
+        peer.ask("publisher", topic=f"/{humble}".lower(), type_name=JointState.TYPE, name="old", humble=humble)
+    ours = RosKeys(7, NodeName("ours"), humble=True)
+    config = ReceiverConfig(
+        name="learner", keys=ours, live=True, topics=dict.fromkeys(("/true", "/false"), JointState.TYPE)
+    )
+    found: list[zenoh.Sample] = []
+    with (
+        ours.subscribing(session, "/true", JointState.TYPE, found.append),
+        Receiver(session, config=config) as receiver,
+        ours.publishing(session, "/humble", JointState.TYPE) as publisher,
+    ):
+        peer.settle()
+        for topic in ("/true", "/false"):
+            peer.publish(topic, _STATE)
+        assert {live(receiver).record[:3] for _ in range(2)} == {
+            (topic, JointState.TYPE, encode(_STATE)) for topic in ("/true", "/false")
+        }
+        wait_until(lambda: len(found) == 1)
+        publisher.put(encode(_STATE))
+        assert peer.received("/humble", 1) == [encode(_STATE)]
+
+
+def test_whoever_publishes_another_definition_is_reported_and_shown(
+    ends: Ends, caplog: pytest.LogCaptureFixture
+) -> None:
+    """As ROS 2 has it, none of its messages come."""
+    session, _, endpoint = ends
+    caplog.set_level("WARNING")
+    found: list[zenoh.Sample] = []
+    other = RosKeys(7, NodeName("other"), hashes={("/arm", JointState.TYPE): "RIHS01_" + 64 * "a"})
+    ours = keys()
+    with (
+        open_session(SessionConfig(connect=(endpoint,))) as there,
+        ours.subscribing(session, "/arm", JointState.TYPE, found.append),
+        other.publishing(there, "/arm", JointState.TYPE) as foreign,
+        keys(name="same").publishing(there, "/arm", JointState.TYPE) as same,
+    ):
+        wait_until(lambda: "/arm: /other publishes another definition of sensor_msgs/msg/JointState" in caplog.text)
+        wait_until(lambda: has_subscribers(same))
+        foreign.put(b"foreign")
+        same.put(b"same")
+        wait_until(lambda: [sample.payload.to_bytes() for sample in found] == [b"same"])
+        (row,) = (row for row in find_graph(session, 7).to_dict()["topics"] if row["topic"] == "/arm")
+        hashes = ["RIHS01_" + 64 * "a", type_hash(JointState.TYPE)]
+        assert row["hashes"] == {JointState.TYPE: sorted(hashes)}
+        assert "/same publishes" not in caplog.text
 
 
 def live(receiver: Receiver) -> LiveMessage:

@@ -1,0 +1,121 @@
+"""Subscriptions of a recorder in a ROS domain: its graph has one for each topic that is recorded."""
+
+import logging
+from collections.abc import Callable, Iterator
+from contextlib import ExitStack, contextmanager
+from typing import Self, TypeAlias
+
+from recorders.errors import MessageError, WireError
+from recorders.recording.ros_channels import RosChannels
+from recorders.rmw_zenoh.keys import TopicKey
+from recorders.rmw_zenoh.liveliness import Endpoint, EntityType
+from recorders.rmw_zenoh.qos import Qos, matching
+from recorders.text.once import OnceWarner
+from recorders.wire.keys.ros_graph import GraphView
+from recorders.wire.keys.ros_keys import RosKeys
+from recorders.wire.keys.topic_keys import TopicKeys
+from recorders.wire.session import Session
+from recorders.writing.periodic_thread import PeriodicThread
+
+logger = logging.getLogger(__name__)
+
+_Key: TypeAlias = tuple[str, str, str]  # topic in the graph, type, and hash of its definition
+
+_EVERY_S = 0.1  # how often it is seen whether the graph has changed
+_MAX_LINES = 1000  # anyone may publish on as many topics as they like
+
+
+class RecordedTopics:
+    """Declares a subscription of each topic that is published in a ROS domain and recorded, while the block runs.
+
+    Messages come by one subscriber of the whole domain: these are for whoever looks at the graph, or waits there. Each
+    requests what matches all publishers of its topic, and is gone once those are.
+
+    Parameters
+    ----------
+    session : Session
+        An open session.
+    keys : RosKeys
+        The domain.
+    view : callable
+        The graph as it is now.
+    wants : callable
+        Whether a topic is recorded.
+    """
+
+    def __init__(
+        self, session: Session, keys: RosKeys, view: Callable[[], GraphView], wants: Callable[[str], bool]
+    ) -> None:
+        self._session = session
+        self._keys = keys
+        self._view = view
+        self._wants = wants
+        self._seen: GraphView | None = None
+        self._declared: dict[_Key, tuple[Qos, ExitStack]] = {}
+        self._lines = OnceWarner(logger, limit=_MAX_LINES, level=logging.INFO)
+
+    def __enter__(self) -> Self:
+        self._update()
+        self._thread = PeriodicThread(self._update, name="recorded topics", every_s=_EVERY_S)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._thread.stop()
+        for key in tuple(self._declared):
+            self._undeclare(key)
+
+    def _update(self) -> None:
+        """Declare what is published by now, and undeclare what no longer is."""
+        view = self._view()
+        if view is self._seen:
+            return
+        self._seen = view
+        wanted = {key: matching(offered) for key, offered in self._published(view).items()}
+        for key, (requested, _) in tuple(self._declared.items()):
+            if wanted.get(key) != requested:
+                self._undeclare(key)
+        for key in sorted(wanted.keys() - self._declared.keys()):
+            self._declare(key, wanted[key])
+
+    def _published(self, view: GraphView) -> dict[_Key, list[Qos]]:
+        """Return what is offered on each topic that is recorded."""
+        found: dict[_Key, list[Qos]] = {}
+        for token in view.tokens:
+            end = token.endpoint
+            if token.entity is EntityType.PUBLISHER and end is not None and self._is_recorded(end):
+                found.setdefault((end.topic, end.type, end.type_hash), []).append(end.qos)
+        return found
+
+    def _is_recorded(self, end: Endpoint) -> bool:
+        """Whether messages of a publisher are recorded: anyone may state what they like in a token."""
+        try:
+            key = TopicKey(self._keys.domain, end.topic, end.type, end.type_hash).to_text()
+            topic = self._keys.read_key(key).topic
+        except (WireError, MessageError):
+            return False
+        return bool(topic) and self._wants(topic)
+
+    def _declare(self, key: _Key, requested: Qos) -> None:
+        topic, kind, type_hash = key
+        with ExitStack() as stack:
+            node, subscription = self._keys.node, EntityType.SUBSCRIPTION
+            stack.enter_context(
+                node.declared(self._session, subscription, topic, kind, requested, definition_hash=type_hash)
+            )
+            self._declared[key] = requested, stack.pop_all()
+        self._lines.warn(f"records {topic} ({kind})")
+
+    def _undeclare(self, key: _Key) -> None:
+        self._declared.pop(key)[1].close()
+
+
+@contextmanager
+def recorded_topics(
+    session: Session, keys: TopicKeys, channels: RosChannels | None, wants: Callable[[str], bool]
+) -> Iterator[None]:
+    """Have a recorder's subscriptions in the graph of a ROS domain while the block runs; do nothing in a namespace."""
+    if channels is None or not isinstance(keys, RosKeys):
+        yield
+        return
+    with RecordedTopics(session, keys, channels.view, wants):
+        yield
