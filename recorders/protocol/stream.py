@@ -178,7 +178,7 @@ def _json_object(
         found = json.loads(data)
     except (ValueError, RecursionError) as error:
         raise WireError(f"expected JSON, found {value_text(data[:40])}") from error
-    if not isinstance(found, dict) or set(found) - set(optional) != set(types):
+    if not isinstance(found, dict) or found.keys() - optional.keys() != types.keys():
         raise WireError(f"expected an object with {', '.join(types)}, found {value_text(data[:80])}")
     for name, kind in (*types.items(), *((name, kind) for name, kind in optional.items() if name in found)):
         if not isinstance(found[name], kind) or isinstance(found[name], bool):

@@ -49,13 +49,15 @@ class BoundedQueue(Generic[_Item]):
 
     def get(self, timeout_s: float) -> _Item | None:
         """Return the next item, or None if there is none within the time [s]."""
-        deadline_s = time.monotonic() + timeout_s
+        deadline_s = time.monotonic() + timeout_s if timeout_s > 0 else 0.0
         while True:
             with self._lock:
                 if self._items:
                     item, size = self._items.popleft()
                     self._waiting -= size
                     return item
+            if timeout_s <= 0:
+                return None
             left_s = max(0.0, deadline_s - time.monotonic())
             # A signal that comes just before a wait begins does not end it.
             if not self._nothing_new.acquire(timeout=min(left_s, LONGEST_WAIT_S)) and left_s <= LONGEST_WAIT_S:

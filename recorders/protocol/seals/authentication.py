@@ -7,6 +7,7 @@ whatever it is, also what it sends again.
 
 import struct
 from collections.abc import Callable
+from functools import lru_cache
 from itertools import count
 
 from cryptography.exceptions import InvalidTag
@@ -84,6 +85,7 @@ def seal_number(seal: bytes) -> int:
     return int(_SEAL.unpack(seal)[0])
 
 
+@lru_cache(maxsize=256)  # of streams that are asked for again and again
 def _derived(shared: bytes, salt: bytes, info: bytes) -> bytes:
     return HKDF(algorithm=SHA256(), length=KEY_BYTES, salt=salt, info=info).derive(shared)
 

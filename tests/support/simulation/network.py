@@ -42,7 +42,6 @@ class Network:
         self._world = world
         self._occurred = occurred
         self._faults = {(fault.where, fault.at): fault for fault in faults if fault.kind in PACKET_FAULTS}
-        self._sent: Counter[str] = Counter()
         self._cut_until_ns: dict[str, int] = {}
         self.latency_ns = latency_ns
         self.overheard: defaultdict[str, list[Overheard]] = defaultdict(list)
@@ -56,9 +55,9 @@ class Network:
     ) -> None:
         """Send a packet; it is handed to `deliver` when it arrives, once, twice or never, and its type beside it."""
         where = f"{channel} {consumer}"
-        self.overheard[where].append(Overheard(topic, packet))
-        fault = self._faults.get((where, self._sent[where]))
-        self._sent[where] += 1
+        sent = self.overheard[where]
+        fault = self._faults.get((where, len(sent)))
+        sent.append(Overheard(topic, packet))
         delay_ns = self.latency_ns
         if self._world.trace is not None:
             self._world.note(f"{where}: {topic} {_shown(packet)}{'' if fault is None else f', {fault.kind}'}")

@@ -21,6 +21,8 @@ from simulation.world import SECOND, BrokenPromiseError, World, draws
 
 SILENCE_S = 30.0
 
+_TO_ANOTHER = Progress().to_json()  # the answer to an offer that is to be made to this instance
+
 Reply = Callable[[Packet | None], None]
 
 
@@ -143,7 +145,7 @@ class ReceiverNode(Node):
 
     def _answer(self, offer: Packet, answer: Packet, reply: Reply) -> None:
         """Answer an offer once and for all, unless it is to be made to this instance."""
-        if answer.payload != Progress().to_json():
+        if answer.payload != _TO_ANOTHER:
             self._answered.add(offer)
         reply(answer)
 

@@ -66,7 +66,8 @@ class World:
 
     def after(self, delay_ns: int, do: Do, *arguments: Any) -> None:
         """Let something happen after a time."""
-        self.at(self.now_ns + delay_ns, do, *arguments)
+        self._made += 1
+        heapq.heappush(self._waiting, (self.now_ns + delay_ns, self._made, do, arguments))
 
     def note(self, line: str) -> None:
         """Add a line to the trace, with the time."""
@@ -81,11 +82,12 @@ class World:
         BrokenPromiseError
             If it does not end.
         """
+        waiting, pop = self._waiting, heapq.heappop
         while not over():
-            if not self._waiting:
+            if not waiting:
                 raise BrokenPromiseError("it ends", f"nothing more happens after {self.now_ns / SECOND:.1f} s")
             if self.events >= self._most_events or self.now_ns > self._until_ns:
                 raise BrokenPromiseError("it ends", f"not within {self.events} events, at {self.now_ns / SECOND:.1f} s")
-            self.now_ns, _, do, arguments = heapq.heappop(self._waiting)
+            self.now_ns, _, do, arguments = pop(waiting)
             self.events += 1
             do(*arguments)
