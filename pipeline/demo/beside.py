@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from pipeline.learner_node.node import replay
+from pipeline.learner_node.replay_node import replay
 from recorders.errors import CheckFailed, WireError
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig

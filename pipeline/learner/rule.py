@@ -211,11 +211,14 @@ class Rule:
         Makes an `OnlineLearner` of a configuration, `input_centre` and `output_centre`.
     pairs : str
         Pairs that it learns from unless others are asked for, by the name of their pairing rule.
+    load : callable
+        Imports what `learner` puts off until the first one is made: whoever is awaited calls it before.
     """
 
     config: type[Settings]
     learner: Callable[..., OnlineLearner]
     pairs: str = DEFAULT_PAIRS
+    load: Callable[[], object] = lambda: None
 
     @property
     def name(self) -> str:

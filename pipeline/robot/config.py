@@ -15,7 +15,6 @@ from pipeline.arrays import Floats
 from pipeline.resources import data_path
 from pipeline.robot.hands import Hand, parse_hands
 from pipeline.robot.importing.import_spec import parse_source, read_source, read_text
-from pipeline.robot.importing.urdf_import import import_urdf
 from pipeline.robot.resolution import UNLIMITED, Resolution, parse_resolution
 from pipeline.robot.toml_values import as_name, as_number, as_table, as_vector, check_keys, parse_toml, row_text
 from pipeline.robot.upgrade import upgraded
@@ -177,6 +176,8 @@ def _expected(path: Path, names: Sequence[str]) -> str:
 
 def _imported(toml_text: str, directory: Path) -> str:
     """Return the URDF text that the directory's `import.toml` makes."""
+    from pipeline.robot.importing.urdf_import import import_urdf  # noqa: PLC0415  # Pinocchio: a URDF does without
+
     import_text = read_text(directory / IMPORT_FILE)
     with _naming(f"robot '{directory}'"):
         parts, source = _parse_config(toml_text), parse_source(import_text)

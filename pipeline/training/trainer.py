@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.learner.controller import Controller
+from pipeline.learner.registry import find_rule
 from pipeline.learner.rule import Settings
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.recorded import offered_robot, recorded_hands
@@ -66,13 +67,13 @@ class Trainer:
         self._on_cycle = on_cycle
         self._on_progress = on_progress
         self._on_steps: Callable[[Steps], None] | None = None
-        self._reported_ticks = 0
+        self._reported_ticks = self._saved_ticks = 0
         self._run: LearningRun | None = None
         self._offer: Offer | None = None
         self._next = 0  # stream index of the next message
         self._whole = Whole(0, 0)
         self._busy = False  # whether a message is half-way in: a signal may interrupt anything
-        self._saved_ticks = 0
+        find_rule(config.rule).load()
 
     def hello(self, offer: Offer) -> int:
         """Make a learner for the run on offer, and return the stream index that it wants next.
@@ -210,8 +211,7 @@ class Trainer:
         return run.extent.notes(samples)
 
     def _check_steps(self, why: str = "") -> None:
-        counts = self._running().counts
-        if counts.steps == 0:
+        if (counts := self._running().counts).steps == 0:
             raise LearningError(
                 "nothing was learned: expected ticks that follow upon one another, "
                 f"found {counts.ticks} ticks, no two that make a step{why}"

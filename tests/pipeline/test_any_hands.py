@@ -13,7 +13,7 @@ from scipy.spatial.transform import Rotation
 
 from pipeline.cli import app
 from pipeline.learner.controller import Controller
-from pipeline.learner_node.node import replay
+from pipeline.learner_node.replay_node import replay
 from pipeline.robot.coordinates import positions_of, turns_of
 from pipeline.samples.pairs import read_samples
 from pipeline.serving.config import ServingConfig

@@ -148,7 +148,7 @@ def replay(
     Learners get them as fast as they acknowledge; a paced replay goes out on the original keys. On a terminal, the
     space bar stops and starts a paced replay, and a full stop lets one message pass.
     """
-    from pipeline.learner_node.node import replay as run
+    from pipeline.learner_node.replay_node import replay as run
     from pipeline.terminal.replay_controls import VerifiedSource, keyboard
     from recorders.nodes.metrics import check_metrics
     from replay.transports.clock import Paced, Pausable, Unpaced
