@@ -17,6 +17,7 @@ import pytest
 import typer.main
 import zenoh
 from episodes import write_episode
+from here import reenact_here
 from processes import reenact, start, wait_for_line
 from short_motion import write_short_motion
 from waiting import wait_for_arrival, wait_for_subscriber
@@ -108,7 +109,7 @@ def test_the_live_example_ends_in_one_state(tmp_path: Path) -> None:
         explored = reenact(*lines[3], cwd=tmp_path)
         assert explored.returncode == 0, explored.stderr
         _, learned = (node.communicate(timeout=120)[0] for node in nodes[1:])
-    trained, compared = (reenact(*line, cwd=tmp_path) for line in lines[4:])
+    trained, compared = (reenact_here(*line, cwd=tmp_path) for line in lines[4:])
     digest = re.compile(r"^digest +([0-9a-f]{64})$", re.MULTILINE)
     assert digest.findall(learned) == digest.findall(trained.stdout) != []
     assert (compared.returncode, compared.stdout) == (0, "no divergence\n")
@@ -166,10 +167,10 @@ def test_messages_as_a_bridge_sends_them_are_recorded_and_train(tmp_path: Path) 
     assert recorded == types | {"/robot_description": String.TYPE, "/rosout": ""}
     assert set(types.values()) == {PoseStamped.TYPE, JointState.TYPE}
     train = ("train", "--epochs", 1, "--json")
-    ours = reenact(*train, "episode.mcap", "--out", "ours.npz", cwd=tmp_path)
-    theirs = reenact(*train, "ros.mcap", "--robot", "asimo", "--out", "theirs.npz", cwd=tmp_path)
+    ours = reenact_here(*train, "episode.mcap", "--out", "ours.npz", cwd=tmp_path)
+    theirs = reenact_here(*train, "ros.mcap", "--robot", "asimo", "--out", "theirs.npz", cwd=tmp_path)
     assert json.loads(theirs.stdout)["digest"] == json.loads(ours.stdout)["digest"]
-    unnamed = reenact(*train, "ros.mcap", "--out", "unnamed.npz", cwd=tmp_path)
+    unnamed = reenact_here(*train, "ros.mcap", "--out", "unnamed.npz", cwd=tmp_path)
     assert unnamed.returncode == 2
     assert "--robot" in unnamed.stderr
 

@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from episodes import Change, write_episode
+from here import reenact_here
 from processes import reenact, start
 
 from pipeline.learner.rules.reservoir.config import LearnerConfig
@@ -49,7 +50,7 @@ def nudge_at(tick: int) -> Change:
 
 def test_equal_logs_are_equal(log: Path, tmp_path: Path) -> None:
     same = copied(log, tmp_path / "same.mcap", lambda records: records)
-    run = reenact("diff", log, same, cwd=tmp_path)
+    run = reenact_here("diff", log, same, cwd=tmp_path)
     assert (run.returncode, run.stdout) == (0, "no divergence\n")
 
 
@@ -58,12 +59,12 @@ def test_messages_of_one_tick_that_arrive_swapped_are_no_divergence(log: Path, t
         return [*records[:9], records[11], records[9], records[10], *records[12:]]
 
     swapped = copied(log, tmp_path / "swapped.mcap", swap)
-    assert reenact("diff", log, swapped, cwd=tmp_path).returncode == 0
+    assert reenact_here("diff", log, swapped, cwd=tmp_path).returncode == 0
 
 
 def test_the_last_bit_of_one_float_is_named(log: Path, tmp_path: Path) -> None:
     other = write_episode(tmp_path / "other.mcap", samples=SAMPLES, change=nudge_at(7))
-    run = reenact("diff", log, other, "--json", cwd=tmp_path)
+    run = reenact_here("diff", log, other, "--json", cwd=tmp_path)
     assert run.returncode == 1
     found = json.loads(run.stdout)["first_divergence"]
     assert (found["topic"], found["sequence"], found["stamp_ns"]) == (SAMPLE_JOINTS, 7, 7 * 200_000_000)
@@ -83,7 +84,7 @@ def test_the_last_bit_of_one_float_is_named(log: Path, tmp_path: Path) -> None:
 def test_a_message_out_of_its_place_is_named(
     log: Path, tmp_path: Path, edit: Callable[[list[RecordedMessage]], list[RecordedMessage]], sequence: int
 ) -> None:
-    run = reenact("diff", log, copied(log, tmp_path / "other.mcap", edit), cwd=tmp_path)
+    run = reenact_here("diff", log, copied(log, tmp_path / "other.mcap", edit), cwd=tmp_path)
     assert run.returncode == 1
     assert run.stdout.startswith(f"{LEFT_TARGET} #{sequence} at 1000000000 ns")
 
@@ -98,15 +99,15 @@ def test_controllers_are_compared_by_element(log: Path, tmp_path: Path) -> None:
             state["b"][4] += 1e-9
             controller = replace(controller, state=state)
         controller.save(tmp_path / f"{seed}.npz")
-    assert reenact("diff", "0.npz", "0.npz", cwd=tmp_path).returncode == 0
-    run = reenact("diff", "0.npz", "1.npz", cwd=tmp_path)
+    assert reenact_here("diff", "0.npz", "0.npz", cwd=tmp_path).returncode == 0
+    run = reenact_here("diff", "0.npz", "1.npz", cwd=tmp_path)
     assert run.returncode == 1
     assert run.stdout.startswith("b[4]: ")
 
 
 def test_a_log_and_a_controller_cannot_be_compared(log: Path, tmp_path: Path) -> None:
     (tmp_path / "c.npz").write_bytes(b"")
-    run = reenact("diff", log, "c.npz", cwd=tmp_path)
+    run = reenact_here("diff", log, "c.npz", cwd=tmp_path)
     assert run.returncode == 2
     assert len(run.stderr.splitlines()) == 1
 

@@ -7,7 +7,8 @@ from pathlib import Path
 
 import pytest
 from episodes import write_episode
-from processes import complaint, reenact
+from here import reenact_here
+from processes import complaint
 
 from pipeline.cli import app
 from recorders.messages.message_types import JointState, Message
@@ -20,14 +21,14 @@ def work(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("golden")
     write_episode(folder / "log.mcap", samples=8)
     (folder / "learner.toml").write_text(SETTINGS)
-    made = reenact("golden", "add", "log.mcap", "--config", "learner.toml", "--name", "a", "--json", cwd=folder)
+    made = reenact_here("golden", "add", "log.mcap", "--config", "learner.toml", "--name", "a", "--json", cwd=folder)
     assert made.returncode == 0, made.stderr
     assert json.loads(made.stdout)["bytes"] < 300_000
     return folder
 
 
 def test_a_case_that_holds(work: Path) -> None:
-    run = reenact("golden", "check", "golden", "--json", cwd=work)
+    run = reenact_here("golden", "check", "golden", "--json", cwd=work)
     assert run.returncode == 0, run.stderr
     case = {"name": "a", "status": "passed", "tier": None, "first_divergence": None}
     assert json.loads(run.stdout) == {"checked": 1, "failed": 0, "cases": [case]}
@@ -38,7 +39,7 @@ def test_a_case_that_does_not_hold(work: Path, tmp_path: Path) -> None:
     shutil.copytree(work / "golden" / "a", tmp_path / "golden" / "b")
     log = tmp_path / "golden" / "b" / "log.mcap"
     log.write_bytes(log.read_bytes()[:-500])
-    run = reenact("golden", "check", "golden", cwd=tmp_path)
+    run = reenact_here("golden", "check", "golden", cwd=tmp_path)
     assert run.returncode == 1, run.stderr
     passed, failed = run.stdout.splitlines()
     assert passed == "passed  a"
@@ -64,7 +65,7 @@ def test_a_case_that_cannot_be_read_fails_alone(work: Path, tmp_path: Path) -> N
     shutil.copytree(work / "golden", tmp_path / "golden")
     shutil.copytree(work / "golden" / "a", tmp_path / "golden" / "b")
     (tmp_path / "golden" / "a" / "case.json").write_text("{")
-    run = reenact("golden", "check", "golden", "--json", cwd=tmp_path)
+    run = reenact_here("golden", "check", "golden", "--json", cwd=tmp_path)
     assert run.returncode == 1, run.stderr
     found = json.loads(run.stdout)
     assert [(case["name"], case["status"], case["tier"]) for case in found["cases"]] == [
@@ -162,4 +163,4 @@ def test_what_makes_no_case(
 
 
 def test_no_cases_are_bad_usage(tmp_path: Path) -> None:
-    assert "expected golden cases" in complaint(reenact("golden", "check", tmp_path, cwd=tmp_path))
+    assert "expected golden cases" in complaint(reenact_here("golden", "check", tmp_path, cwd=tmp_path))

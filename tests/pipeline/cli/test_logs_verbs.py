@@ -10,6 +10,7 @@ from typing import Any
 
 import hostile
 import pytest
+from here import reenact_here
 from processes import complaint, reenact
 
 from pipeline.cli import app
@@ -55,17 +56,17 @@ def damaged(tmp_path: Path) -> Path:
 
 def test_info_of_a_sound_log(tmp_path: Path) -> None:
     log = write(tmp_path / "log.mcap")
-    run = reenact("info", log, cwd=tmp_path)
+    run = reenact_here("info", log, cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     for said in ("/clock", "200", "rosgraph_msgs/msg/Clock", "1.00", "asimo", "robot.urdf (8 B)", "finished, complete"):
         assert said in run.stdout
-    run = reenact("info", log, "--json", cwd=tmp_path)
+    run = reenact_here("info", log, "--json", cwd=tmp_path)
     said = json.loads(run.stdout)
     assert (run.returncode, said["sound"], said["messages"], said["manifest"]["robot"]) == (0, True, 200, "asimo")
 
 
 def test_info_of_a_damaged_log_says_what_there_is_and_exits_1(damaged: Path) -> None:
-    run = reenact("info", damaged, cwd=damaged.parent)
+    run = reenact_here("info", damaged, cwd=damaged.parent)
     assert run.returncode == 1, run.stderr
     assert "136" in run.stdout
     assert "the CRC of a chunk does not hold" in run.stdout or "does not decompress" in run.stdout
@@ -75,16 +76,16 @@ def test_info_of_a_damaged_log_says_what_there_is_and_exits_1(damaged: Path) -> 
 
 def test_recover_keeps_what_is_whole(damaged: Path) -> None:
     raw = damaged.read_bytes()
-    run = reenact("recover", damaged, "--out", "good.mcap", "--json", cwd=damaged.parent)
+    run = reenact_here("recover", damaged, "--out", "good.mcap", "--json", cwd=damaged.parent)
     assert run.returncode == 0, run.stderr
     said = json.loads(run.stdout)
     assert (said["kept"], said["lost"], said["lost_by_topic"], said["complete"]) == (136, 64, {CLOCK: 64}, False)
     good = damaged.parent / "good.mcap"
     assert [record.sequence for record in LogReader(good)] == [*range(64), *range(128, 200)]
     assert damaged.read_bytes() == raw
-    assert reenact("info", good, cwd=damaged.parent).returncode == 0
-    assert "exists" in complaint(reenact("recover", damaged, "--out", good, cwd=damaged.parent))
-    run = reenact("recover", damaged, "--out", good, "--overwrite", cwd=damaged.parent)
+    assert reenact_here("info", good, cwd=damaged.parent).returncode == 0
+    assert "exists" in complaint(reenact_here("recover", damaged, "--out", good, cwd=damaged.parent))
+    run = reenact_here("recover", damaged, "--out", good, "--overwrite", cwd=damaged.parent)
     assert run.returncode == 0, run.stderr
     assert re.search(r"^recovered +136 messages$", run.stdout, re.MULTILINE)
     assert "64 messages (/clock 64)" in run.stdout
@@ -103,10 +104,10 @@ def test_a_killed_recording_is_recovered(tmp_path: Path) -> None:
         assert recording.stdout is not None
         assert recording.stdout.readline() == "written\n"
         recording.kill()
-    run = reenact("info", "log.mcap.part", "--json", cwd=tmp_path)
+    run = reenact_here("info", "log.mcap.part", "--json", cwd=tmp_path)
     said = json.loads(run.stdout)
     assert (run.returncode, said["finished"], said["complete"], said["messages"]) == (1, False, False, 200)
-    run = reenact("recover", "log.mcap.part", "--out", "good.mcap", cwd=tmp_path)
+    run = reenact_here("recover", "log.mcap.part", "--out", "good.mcap", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     reader = LogReader(tmp_path / "good.mcap")
     assert [record.sequence for record in reader] == list(range(200))
@@ -127,7 +128,7 @@ def test_what_is_no_log_is_one_line(tmp_path: Path, verb: tuple[str, ...], conte
 def test_nothing_in_a_log_reaches_the_terminal_raw(tmp_path: Path) -> None:
     with LogWriter(tmp_path / "x.mcap", manifest={"kind": "\x1b[31mred\x07", "[bold]": "[/nothing]"}) as log:
         log.write("/\x1b]0;title\x07[red]", b"x", log_time_ns=1, opaque=True)
-    run = reenact("info", "x.mcap", cwd=tmp_path)
+    run = reenact_here("info", "x.mcap", cwd=tmp_path)
     assert run.returncode == 0, run.stderr
     assert "\x1b" not in run.stdout
     assert "\x07" not in run.stdout
@@ -137,7 +138,7 @@ def test_nothing_in_a_log_reaches_the_terminal_raw(tmp_path: Path) -> None:
 
 def test_the_name_of_a_refused_file_commands_no_terminal(tmp_path: Path) -> None:
     (tmp_path / "a\x1b[31m.mcap").write_bytes(b"no log at all")
-    said = complaint(reenact("info", "a\x1b[31m.mcap", cwd=tmp_path))
+    said = complaint(reenact_here("info", "a\x1b[31m.mcap", cwd=tmp_path))
     assert "\x1b" not in said
     assert r"a\x1b[31m.mcap" in said
 
@@ -186,3 +187,19 @@ def test_no_memory_left_is_one_line(tmp_path: Path) -> None:
     assert run.stderr.splitlines() == [
         "reenact: there is not enough memory for this; close other programs, or take a smaller input"
     ]
+
+
+def test_reading_comparing_and_replaying_logs_loads_nothing_that_learns_or_moves_a_robot(tmp_path: Path) -> None:
+    program = """
+import sys
+from contextlib import suppress
+from pipeline.cli import app
+import pipeline.learner_node.replay_node
+for verb in "info", "diff":
+    with suppress(SystemExit):
+        app.main([verb, *["log.mcap"] * (1 + (verb == "diff"))])
+print(sorted({"numba", "pinocchio", "pydrake", "scipy"} & set(sys.modules)), "numpy" in sys.modules)
+"""
+    write(tmp_path / "log.mcap")
+    run = subprocess.run([sys.executable, "-c", program], cwd=tmp_path, capture_output=True, text=True, check=True)
+    assert run.stdout.splitlines()[-1] == "[] True", run.stdout

@@ -18,6 +18,7 @@ from typing import Any
 import pytest
 import zenoh
 from episodes import write_episode
+from here import reenact_here
 from live import robot as live_robot
 from live import spawn
 from processes import complaint, reenact, start, wait_for_line
@@ -372,12 +373,12 @@ def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_re
             replayed = reenact(*replaying, cwd=tmp_path)
             assert replayed.returncode == 0, replayed.stderr
             process.communicate(timeout=120)
-    recorded = reenact("train", "run.mcap", "--as-recorded", "--out", "a.npz", "--json", cwd=tmp_path)
-    direct = reenact("train", log, "--epochs", 3, "--out", "b.npz", "--json", cwd=tmp_path)
+    recorded = reenact_here("train", "run.mcap", "--as-recorded", "--out", "a.npz", "--json", cwd=tmp_path)
+    direct = reenact_here("train", log, "--epochs", 3, "--out", "b.npz", "--json", cwd=tmp_path)
     assert recorded.returncode == 0, recorded.stderr
     for key in ("digest", "stream_digest", "steps", "ticks", "train_cm"):
         assert json.loads(recorded.stdout)[key] == json.loads(direct.stdout)[key]
-    assert reenact("diff", "a.npz", "b.npz", cwd=tmp_path).returncode == 0
+    assert reenact_here("diff", "a.npz", "b.npz", cwd=tmp_path).returncode == 0
 
 
 def test_the_recording_of_a_live_session_has_the_robots_description_and_the_learners_last_words(

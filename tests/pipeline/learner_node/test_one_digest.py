@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from here import reenact_here
 from live import spawn
 from processes import reenact, start, wait_for_line
 
@@ -149,7 +150,7 @@ def test_live_replayed_and_offline_are_one_state(motion: str, samples: int, doma
     replayed = replayed_session(tmp_path, options_of(domain))
     for name in RULES:
         training = ("train", "live.mcap", "--as-recorded", "--out", "trained.npz", "--overwrite", *settings(name))
-        trained = reenact(*training, cwd=tmp_path)
+        trained = reenact_here(*training, cwd=tmp_path)
         assert trained.returncode == 0, trained.stderr
         for key in SAME:
             offline, awaited = json.loads(trained.stdout)[key], explored["consumers"][name][key]
@@ -157,5 +158,5 @@ def test_live_replayed_and_offline_are_one_state(motion: str, samples: int, doma
         one, other = (Controller.load(tmp_path / f"{name}-{way}.npz") for way in ("live", "replayed"))
         assert one.pairs == PAIRS[name]
         assert first_difference(one, other) is None
-        difference = reenact("diff", f"{name}-live.npz", "trained.npz", cwd=tmp_path)
+        difference = reenact_here("diff", f"{name}-live.npz", "trained.npz", cwd=tmp_path)
         assert (difference.returncode, difference.stdout) == (0, "no divergence\n")
