@@ -9,7 +9,6 @@ EXTRAS = {
     "matplotlib": "view",
     "distributed": "dask",
     "viser": "browser",
-    "yourdfpy": "browser",
     "prometheus_client": "metrics",
     "google": "foxglove",
     "mcap_protobuf": "foxglove",

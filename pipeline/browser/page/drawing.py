@@ -11,9 +11,6 @@ from pipeline.arrays import Floats
 from pipeline.browser.page.colours import hand_colour
 from pipeline.browser.page.segments import NOTHING, segments
 from pipeline.browser.page.sent import vector
-from pipeline.exploration.demonstration import DemonstrationConfig, to_motion
-from pipeline.exploration.hand_paths import DemonstratedPaths
-from pipeline.exploration.pose_track import HandPath
 from pipeline.motions.motion import Motion
 from pipeline.robot.config import RobotConfig
 from pipeline.robot.kinematics import Kinematics
@@ -24,7 +21,7 @@ from recorders.errors import MotionError
 
 _SHEET_M = 0.5
 _THICK_M = 0.001
-_SHOWING = DemonstrationConfig(hz=50.0, align="as-is", project_to_plane=True)
+_HZ = 50.0
 _LEAST_POINTS = 5
 _LEAST_M = 0.02
 
@@ -48,12 +45,17 @@ def drawn_motion(robot: RobotConfig, hand: str, times_s: Floats, points: Floats)
     MotionError
         If it is too short to be a stroke.
     """
+    # These bring most of SciPy, which takes as long to import as all the rest of the page.
+    from pipeline.exploration.demonstration import DemonstrationConfig, to_motion  # noqa: PLC0415
+    from pipeline.exploration.hand_paths import DemonstratedPaths  # noqa: PLC0415
+    from pipeline.exploration.pose_track import HandPath  # noqa: PLC0415
+
     size_m = float((points.max(axis=0) - points.min(axis=0)).max()) if len(points) else 0.0
     if len(points) < _LEAST_POINTS or size_m < _LEAST_M:
         raise MotionError(f"drawing: expected a stroke of at least {100 * _LEAST_M:g} cm, found {100 * size_m:.1f} cm")
     source: Mapping[str, Any] = {"kind": "drawn", "name": "drawing", "hands": [hand]}
     shown = DemonstratedPaths("drawing", {hand: HandPath(times_s, points)}, source)
-    motion = to_motion(robot, shown, config=_SHOWING)
+    motion = to_motion(robot, shown, config=DemonstrationConfig(hz=_HZ, align="as-is", project_to_plane=True))
     return bring_within_reach(Teacher(Kinematics(robot)), motion, choice="clip")[0]
 
 
@@ -96,7 +98,9 @@ class Sheet:
             visible=False,
             cast_shadow=False,
         )
-        self._line = server.scene.add_line_segments(f"/strokes/{name}", NOTHING, hand_colour(place), thickness=0.006)
+        self._line = server.scene.add_line_segments(
+            f"/strokes/{name}", NOTHING, hand_colour(place), thickness=3.0, thickness_units="screen"
+        )
         self._sheet.on_drag(self._drag)
 
     def show(self, visible: bool) -> None:

@@ -25,6 +25,7 @@ from pipeline.browser.teaching.teaching import Teaching
 FRAME_S = 1.0 / 30.0
 """Time from picture to picture [s]."""
 
+_BEHIND_S = 3.0 * FRAME_S  # what is late by more is left out, not made up for
 _PANEL_EVERY, _PATHS_EVERY = 6, 6  # frames
 _STATUS_S = 0.5
 _MAY_NOT = "You look on. Take over to lead the robot."
@@ -71,7 +72,7 @@ class Page:
         frame, due_s = 0, time.monotonic()
         while not (self._over.wait(max(0.0, due_s - time.monotonic())) or stopped()):
             self.show(panel=frame % _PANEL_EVERY == 0, paths=frame % _PATHS_EVERY == _PATHS_EVERY // 2)
-            frame, due_s = frame + 1, max(due_s + FRAME_S, time.monotonic())
+            frame, due_s = frame + 1, max(due_s + FRAME_S, time.monotonic() - _BEHIND_S)
 
     def end(self) -> None:
         """End `run`."""

@@ -21,6 +21,8 @@ none that one sees."""
 _HANDLE_M = 0.16
 _LEAST_HALO_M, _MOST_HALO_M = 0.02, 0.3
 _MOVED_M = 1e-4
+_FLOOR_M, _CELL_M = 2.0, 0.25  # half of a side
+_METRE, _CELL = np.array([150, 150, 150]), np.array([205, 205, 205])
 _EVERY = 2  # of the points of a path is shown
 
 Moved = Callable[[int, Floats, int], bool]
@@ -44,7 +46,7 @@ class Scene:
         self._server, self._robot, self._on_move = server, robot, on_move
         self._place_camera()
         _light(server)
-        server.scene.add_grid("/floor", width=4.0, height=4.0, cell_size=0.25, shadow_opacity=0.0)
+        _floor(server)
         self.shape = RobotShape(server, robot)
         self._dragged: set[int] = set()
         self._rows: list[Floats] = [np.full(row_size(robot), np.nan)] * len(robot.hands)
@@ -58,11 +60,15 @@ class Scene:
         self._asked, self._reached = (
             [
                 server.scene.add_line_segments(
-                    f"/hands/{name}/{kind}", NOTHING, colour or hand_colour(place), thickness=width
+                    f"/hands/{name}/{kind}",
+                    NOTHING,
+                    colour or hand_colour(place),
+                    thickness=width,
+                    thickness_units="screen",
                 )
                 for place, name in enumerate(robot.hand_names)
             ]
-            for kind, colour, width in (("asked", ASKED, 0.003), ("reached", None, 0.005))
+            for kind, colour, width in (("asked", ASKED, 2.0), ("reached", None, 3.0))
         )
 
     def show(self, snapshot: Snapshot, deviations_m: Floats | None) -> None:
@@ -75,6 +81,7 @@ class Scene:
             for place, halo in enumerate(self._halos):
                 halo.position = snapshot.hands[place, :POSITION_SIZE]
                 halo.scale = _radius_m(None if deviations_m is None else float(deviations_m[place]))
+        self._server.flush()  # now: it would wait for more, for a sixtieth of a second
 
     def show_paths(self, asked: Floats, reached: Floats) -> None:
         """Show the last positions of all hands [m], shapes (T, hands, 3)."""
@@ -163,6 +170,24 @@ def _light(server: ViserServer) -> None:
     server.scene.configure_environment_map(None)
     server.scene.configure_default_lights(cast_shadow=False)
     server.scene.add_light_hemisphere("/light", intensity=2.5)
+
+
+def _floor(server: ViserServer) -> None:
+    """Draw a grid on the floor, of lines: viser's own is a surface, each point of which is computed."""
+    places = np.arange(-_FLOOR_M, _FLOOR_M + 0.5 * _CELL_M, _CELL_M)
+    ends = np.array([-_FLOOR_M, _FLOOR_M])
+    lines = np.zeros((2, len(places), 2, 3))
+    lines[0, :, :, 0] = lines[1, :, :, 1] = places[:, np.newaxis]
+    lines[0, :, :, 1] = lines[1, :, :, 0] = ends
+    whole = places % 1.0 == 0.0
+    colours = np.where(whole[:, np.newaxis, np.newaxis], _METRE, _CELL).astype(np.uint8)
+    server.scene.add_line_segments(
+        "/floor",
+        lines.reshape(-1, 2, 3).astype(np.float32),
+        np.broadcast_to(colours, (2, len(places), 2, 3)).reshape(-1, 2, 3),
+        thickness=1.0,
+        thickness_units="screen",
+    )
 
 
 def _radius_m(deviation_m: float | None) -> float:

@@ -1,7 +1,7 @@
 """Everything behind a page: robot, link, drive and controllers, started and ended together."""
 
 import logging
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -140,8 +140,15 @@ class Play:
 
 
 @contextmanager
-def playing(config: PlayConfig) -> Iterator[Play]:
+def playing(config: PlayConfig, *, meanwhile: Callable[[], object] = lambda: None) -> Iterator[Play]:
     """Run everything while the block runs.
+
+    Parameters
+    ----------
+    config : PlayConfig
+        What is played with.
+    meanwhile : callable
+        Called while a simulated robot of our own starts, in a process of its own.
 
     Raises
     ------
@@ -152,8 +159,9 @@ def playing(config: PlayConfig) -> Iterator[Play]:
     """
     with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
         if config.session is None:
-            yield _own(config, Path(name), stack)
+            yield _own(config, Path(name), stack, meanwhile)
         else:
+            meanwhile()
             session = stack.enter_context(open_session(config.session))
             stack.enter_context(config.keys.joined(session))
             drive = Drive(_robot_there(session, config))
@@ -165,11 +173,12 @@ def playing(config: PlayConfig) -> Iterator[Play]:
             yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
 
 
-def _own(config: PlayConfig, folder: Path, stack: ExitStack) -> Play:
+def _own(config: PlayConfig, folder: Path, stack: ExitStack, meanwhile: Callable[[], object]) -> Play:
     """Return a simulated robot of our own, and controllers beside it."""
     robot = load_robot(config.robot or "asimo") if config.texts is None else parse_robot(*config.texts)
     endpoint, keys = free_endpoint(), config.keys
     own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=keys.namespace))
+    meanwhile()
     drive = Drive(robot)
     try:
         session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,), wait_s=_WAIT_S)))

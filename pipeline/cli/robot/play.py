@@ -14,8 +14,11 @@ from pipeline.terminal import console
 from recorders.errors import ConfigError
 
 if TYPE_CHECKING:
+    from contextlib import AbstractContextManager
+
     from pipeline.browser.page.gate import Gate
-    from pipeline.browser.session.play import PlayConfig
+    from pipeline.browser.page.page import Page
+    from pipeline.browser.session.play import Play, PlayConfig
 
 
 @dataclass(frozen=True)
@@ -73,7 +76,6 @@ def play(
     Starts a simulated robot, the teacher and learned controllers, and a page; Ctrl-C ends all of it. With --connect or
     --listen it leads a robot and a controller that run already.
     """
-    from pipeline.browser.page.page import served_page
     from pipeline.browser.session.play import playing
     from pipeline.terminal.signals import until_stopped
 
@@ -81,8 +83,8 @@ def play(
         raise ConfigError(f"--out: expected a folder for the recordings, found the file {out}")
     gate, config = page.gate(), _config(controllers or [], robot, session, out)
     with (
-        playing(config) as running,
-        served_page(running, gate, port=page.port) as shown,
+        playing(config, meanwhile=_import_page) as running,
+        _served(running, gate, page.port) as shown,
         until_stopped() as stopped,
     ):
         console.notice(f"{running.robot.name} is at {shown.address}; Ctrl-C ends it")
@@ -91,6 +93,17 @@ def play(
 
             webbrowser.open(shown.address)
         shown.run(stopped)
+
+
+def _import_page() -> None:
+    """Import the page, which takes as long as the robot does to start."""
+    import pipeline.browser.page.page  # noqa: F401
+
+
+def _served(running: "Play", gate: "Gate", port: int | None) -> "AbstractContextManager[Page]":
+    from pipeline.browser.page.page import served_page
+
+    return served_page(running, gate, port=port)
 
 
 def _config(controllers: list[Path], robot: str | None, session: LookingSession, out: Path) -> "PlayConfig":
