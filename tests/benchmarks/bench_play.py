@@ -1,134 +1,99 @@
-"""The page of `reenact play`: frames that a visitor gets and draws, when it is there, and what it costs a command.
+"""The page of `reenact play`: how soon it is there, and the pictures that arrive at a visitor and are drawn.
 
     python tests/benchmarks/bench_play.py
 
-Needs Debian's Chromium, and measures nothing where that is missing. Without a GPU it draws in software, on the same
-processors as all the rest, which is why what arrives and what is drawn are counted apart. Nothing is asserted.
+What a visitor costs a command is measured by `bench_serve.py`. Nothing is asserted. Compiled kernels are there already.
 
-- *to the address*, *to a moving robot*: from the start of `reenact play` until it prints where the page is, and until
-  the simulated robot's hands have moved by a centimetre. Compiled kernels are there already.
-- *frames that arrive*: messages a second from the page's server to the browser that move the robot's hands; *frames
-  drawn*: calls of `requestAnimationFrame` that the browser managed in the same while.
+- From the start of the process of `reenact play` to its address, to the first picture at a client, to a hand of the
+  simulated robot that has moved by 5 cm, and to a hand that a client has dragged by 10 cm and that is there to 1 cm;
+  and the processor time [s] that was spent by then.
+- *pictures that arrive*: those in which a hand moved, a second, at a client in a process of its own that draws nothing;
+  by itself, and beside Chromium that draws the page in software, on the same processors as all the rest.
+- *drawn*: calls of `requestAnimationFrame` a second that this Chromium managed, and the processor time of each [ms].
 - *states*: of the robot a second, as the page takes them; each is answered with targets.
-- *target to command*: of a controller that is served to the robot as the page drives it, the median of the last
-  commands as `serve` itself measures it, without a visitor and with one whose browser draws.
+
+Without Debian's Chromium, the lines about drawing are left out.
 """
 
-import json
+import os
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import zstandard
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
-from chromium import chromium, find_chromium
-from small_inverse import taught
+from chromium import drawn_page, find_chromium
+from page_client import PageClient
+from playwright.sync_api import Page as Tab
+from processor_time import processor_time_s
 from visit import shown_page, wait_until
 
 from pipeline.browser.page.page import Page
-from pipeline.browser.session.play import FIRST_MOTION, PlayConfig
-from recorders.nodes.keys import controller_key
-from recorders.wire.keys.namespace import DEFAULT_NAMESPACE
+from pipeline.browser.session.play import PlayConfig
 
 WATCHED_S = 10.0
-MOVED_M = 0.01
-SIZE = {"width": 1280, "height": 800}
-HALO = b"/hands/right/halo"
+STARTS = 3
+MOVED_M, DRAGGED_M, NEAR_M = 0.05, 0.1, 0.01
 COUNT_DRAWN = "() => {window.drawn = 0; const count = () => {window.drawn++; requestAnimationFrame(count)}; count()}"
 
 
-def time_to_address() -> float:
-    """Return how long `reenact play` takes to print its address [s]."""
+def start() -> dict[str, tuple[float, float]]:
+    """Return when what was reached since `reenact play` began, and the processor time by then [s]."""
+    reached: dict[str, tuple[float, float]] = {}
     began_s = time.monotonic()
-    with (
-        tempfile.TemporaryDirectory() as folder,
-        subprocess.Popen(
-            [sys.executable, "-m", "pipeline", "play", "--no-browser", "--out", folder],
-            stderr=subprocess.PIPE,
-            text=True,
-        ) as process,
-    ):
-        assert process.stderr is not None
-        line = next(line for line in process.stderr if " is at " in line)
-        passed_s = time.monotonic() - began_s
-        process.terminate()
-    assert "http://" in line
-    return passed_s
+    with tempfile.TemporaryDirectory() as folder:
+        command = [sys.executable, "-m", "pipeline", "play", "--no-browser", "--out", folder]
+        with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+            assert process.stderr is not None
+
+            def note(what: str, at_s: float) -> None:
+                reached[what] = at_s - began_s, processor_time_s(process.pid)
+
+            line = next(line for line in process.stderr if " is at " in line)
+            note("the address", time.monotonic())
+            with PageClient(line.split(" is at ")[1].split(";")[0]) as client:
+                note("the first picture", client.pictures[0].time_s)
+                note("a moving robot", client.await_moved(MOVED_M))
+                target = client.pictures[-1].hand + np.array([0.0, 0.0, DRAGGED_M])
+                note("a dragged hand", client.drag(target, within_m=NEAR_M))
+            process.terminate()
+    return reached
 
 
-def time_to_move(page: Page, began_s: float) -> float:
-    """Return how long after an instant the robot's hands have moved [s]."""
-    wait_until(lambda: page.play.drive.snapshot().states)
-    first = page.play.drive.snapshot().hands
-    wait_until(lambda: np.abs(page.play.drive.snapshot().hands - first).max() > MOVED_M)
-    return time.monotonic() - began_s
+def watch(page: Page, tab: Tab | None) -> str:
+    """Return a line on the pictures and states of a while."""
 
+    def counts() -> tuple[float, ...]:
+        drawn = 0 if tab is None else int(tab.evaluate("() => window.drawn"))
+        cpu_s = processor_time_s(os.getpid(), named="chromium")
+        return time.monotonic(), page.play.drive.snapshot().states, drawn, cpu_s
 
-def counted(page: Page, counts: Callable[[], list[int]]) -> list[float]:
-    """Return by how much counts and the states of the robot grow a second."""
-    before, begin_s = [*counts(), page.play.drive.snapshot().states], time.monotonic()
-    time.sleep(WATCHED_S)
-    after, passed_s = [*counts(), page.play.drive.snapshot().states], time.monotonic() - begin_s
-    return [(late - early) / passed_s for early, late in zip(before, after, strict=True)]
-
-
-def latency_us(page: Page) -> dict[str, float]:
-    """Return what `serve` has measured of its last commands [us]."""
-    key = controller_key(DEFAULT_NAMESPACE, page.play.link.controller, "status")
-    (reply,) = page.play.recordings.place.session.get(key, timeout=10.0)
-    status: dict[str, Any] = json.loads(reply.ok.payload.to_bytes())
-    return dict(status["latency_us"])
-
-
-def visited(page: Page) -> tuple[list[float], dict[str, float]]:
-    """Return frames that arrive and are drawn and states a second, and the latency of the controller meanwhile."""
-    arrived = 0
-
-    def count(frame: bytes | str) -> None:
-        nonlocal arrived
-        if isinstance(frame, bytes):
-            compressed = int.from_bytes(frame[8:16], "little")  # of the message; what follows is numbers as they are
-            arrived += HALO in zstandard.decompress(frame[16 : 16 + compressed])
-
-    with chromium() as browser:
-        tab = browser.new_page(viewport=SIZE)
-        tab.on("websocket", lambda socket: socket.on("framereceived", count))
-        tab.goto(page.address)
-        tab.locator("[data-reenact='visitor']").wait_for()
-        tab.evaluate(COUNT_DRAWN)
-
-        def counts() -> list[int]:
-            drawn = int(tab.evaluate("() => window.drawn"))  # first: all that arrived before is counted with it
-            return [arrived, drawn]
-
-        return counted(page, counts), latency_us(page)
+    with PageClient(page.address) as client:
+        before, first = counts(), len(client.pictures)
+        time.sleep(WATCHED_S)
+        after, last = counts(), len(client.pictures)
+    passed_s, states, drawn, cpu_s = (late - early for early, late in zip(before, after, strict=True))
+    line = f"{(last - first) / passed_s:.1f} pictures arrive a second, {states / passed_s:.1f} states a second"
+    if tab is None:
+        return line
+    return f"{line}, {drawn / passed_s:.1f} drawn, at {1e3 * cpu_s / max(1.0, drawn):.0f} ms of processor time each"
 
 
 def main() -> None:
-    if find_chromium() is None:
-        print("the page is not measured: no Chromium on this machine")
-        return
-    print(f"to the address {time_to_address():.1f} s")
-    with tempfile.TemporaryDirectory() as name:
-        controller = Path(name) / "learned.npz"
-        taught().save(controller)
-        began_s = time.monotonic()
-        with shown_page(PlayConfig(folder=Path(name))) as page:
-            print(f"to a moving robot {time_to_move(page, began_s):.1f} s (imports aside)")
-        with shown_page(PlayConfig(robot="asimo", controllers=(controller,), folder=Path(name))) as page:
-            wait_until(lambda: page.play.link.controller == "learned")
-            page.play.go_through(FIRST_MOTION)
-            (states,) = counted(page, list)
-            print(f"without a visitor: {states:.1f} states a second, target to command {latency_us(page)}")
-            (arrive, drawn, states), latency = visited(page)
-            print(f"with a visitor: {states:.1f} states a second, target to command {latency}")
-            print(f"{arrive:.1f} frames arrive a second, {drawn:.1f} are drawn")
+    for _ in range(STARTS):
+        print("; ".join(f"to {what} {at_s:.1f} s ({cpu_s:.1f} s)" for what, (at_s, cpu_s) in start().items()))
+    with tempfile.TemporaryDirectory() as name, shown_page(PlayConfig(folder=Path(name))) as page:
+        wait_until(lambda: page.play.link.controller and not page.play.activity.doing)
+        print(f"a client that draws nothing: {watch(page, None)}")
+        if find_chromium() is None:
+            print("drawing is not measured: no Chromium on this machine")
+            return
+        with drawn_page(page.address) as tab:
+            tab.evaluate(COUNT_DRAWN)
+            print(f"beside a browser without a GPU: {watch(page, tab)}")
 
 
 if __name__ == "__main__":

@@ -9,6 +9,11 @@ from the network; the third has its callbacks and threads as `serve` has them, t
 Rounds take turns, so that a slow moment of the machine hits all. Nothing is asserted. Where other machines share the
 processor, p5 says more of the program than p50 does, and late ticks come in bursts: of these, only sums over several
 runs say something.
+
+After that, or with `--page` alone, `reenact play` has a simulated robot and a served controller at 50 Hz go through a motion, and a
+process of its own notes when states, targets and commands arrive. Nobody looks on, a client that takes every picture
+of the page and draws none, or Chromium that draws them in software on the same processors, if there is one: in turns,
+in one run, each as a ratio to the same round without a visitor.
 """
 
 import random
@@ -18,7 +23,7 @@ import sys
 import tempfile
 import time
 from collections.abc import Callable
-from contextlib import AbstractContextManager, ExitStack
+from contextlib import AbstractContextManager, ExitStack, nullcontext
 from functools import partial
 from itertools import chain
 from pathlib import Path
@@ -27,6 +32,14 @@ from typing import Any
 import numpy as np
 import zenoh
 
+sys.path.insert(0, str(Path(__file__).parents[1] / "support"))
+from chromium import drawn_page, find_chromium
+from command_watch import watched_commands
+from page_client import PageClient
+from small_inverse import taught
+from visit import shown_page, wait_until
+
+from pipeline.browser.session.play import FIRST_MOTION, PlayConfig
 from pipeline.learner.controller import Controller
 from pipeline.learner.rules.reservoir.config import LearnerConfig
 from pipeline.learner.rules.reservoir.learner import Learner
@@ -34,7 +47,7 @@ from pipeline.motions.patterns.circles import circles
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import encode, stamp_ns
 from recorders.messages.message_types import JointState, PoseStamped
-from recorders.messages.topics import JOINT_COMMANDS, LEFT_TARGET, RIGHT_TARGET
+from recorders.messages.topics import JOINT_COMMANDS, JOINT_STATES, LEFT_TARGET, RIGHT_TARGET
 from recorders.protocol.frames import live_attachment
 from recorders.rmw_zenoh.attachment import Attachment
 from recorders.rmw_zenoh.names import NodeName
@@ -62,6 +75,8 @@ SERVED: dict[str, tuple[TopicKeys, list[str]]] = {
     "serve --ros": (RosKeys(DOMAIN, NodeName("driver")), ["--ros", str(DOMAIN)]),
 }
 LISTEN = "--listen"
+PAGE = "--page"
+PAGE_ROUNDS, PAGE_ROUND_S = 10, 4.0
 PATIENCE_S = 2.0  # what is not back by then is lost
 LATE_US = 1000.0
 LOST_US = float("inf")
@@ -170,6 +185,50 @@ def show(times: dict[str, list[list[float]]]) -> None:
         print(f"{name} adds {middle:.1f} us to {to} (p50, median over rounds; half of them {low:.1f} to {high:.1f})")
 
 
+def beside_visitors() -> None:
+    """Measure what a visitor of the page of `play` costs a command of a controller that is served to its robot."""
+    with tempfile.TemporaryDirectory() as name, ExitStack() as stack:
+        controller = Path(name) / "learned.npz"
+        taught().save(controller)
+        page = stack.enter_context(shown_page(PlayConfig(robot="asimo", controllers=(controller,), folder=Path(name))))
+        wait_until(lambda: page.play.link.controller == controller.stem)
+        page.play.go_through(FIRST_MOTION)
+        place = page.play.recordings.place
+        watch = stack.enter_context(watched_commands(place.endpoints[0], place.namespace))
+        visitors: dict[str, Callable[[], AbstractContextManager[object]]] = {
+            "no visitor": nullcontext,
+            "a client": partial(PageClient, page.address),
+        }
+        if find_chromium() is not None:
+            visitors["a browser"] = partial(drawn_page, page.address)
+        times: dict[str, list[dict[str, list[float]]]] = {visitor: [] for visitor in visitors}
+        turns = random.Random(0)
+        for _ in range(PAGE_ROUNDS):
+            for visitor in turns.sample(list(visitors), len(visitors)):
+                with visitors[visitor]():
+                    watch.take()
+                    time.sleep(PAGE_ROUND_S)
+                    times[visitor].append(watch.take())
+    show_visitors(times)
+
+
+def show_visitors(times: dict[str, list[dict[str, list[float]]]]) -> None:
+    print(f"the page's robot at 50 Hz, {PAGE_ROUNDS} rounds of {PAGE_ROUND_S:g} s")
+    for begin in (RIGHT_TARGET, JOINT_STATES):
+        for visitor, rounds in times.items():
+            values = sorted(chain.from_iterable(found[begin] for found in rounds))
+            p50, p99 = (values[len(values) * percent // 100] for percent in (50, 99))
+            medians = [
+                statistics.median(found[begin]) / statistics.median(alone[begin])
+                for found, alone in zip(rounds, times["no visitor"], strict=True)
+            ]
+            low, middle, high = statistics.quantiles(medians, n=4)
+            print(
+                f"{begin} to command, {visitor:10s} p50 {p50:7.1f} us   p99 {p99:8.1f} us   {len(values)} commands   "
+                f"p50 {middle:.2f} times as without a visitor (half of the rounds {low:.2f} to {high:.2f})"
+            )
+
+
 def main(*, listens: bool) -> None:
     times: dict[str, list[list[float]]] = {name: [] for name in (*ECHOES, *SERVED)}
     with ExitStack() as stack:
@@ -198,6 +257,10 @@ def main(*, listens: bool) -> None:
 if __name__ == "__main__":
     if sys.argv[1:] in ([], [LISTEN]):
         main(listens=sys.argv[1:] == [LISTEN])
+        if not sys.argv[1:]:
+            beside_visitors()
+    elif sys.argv[1:] == [PAGE]:
+        beside_visitors()
     else:
         _, name, role, endpoint = sys.argv
         echo(name, session_at(endpoint, listens=role == LISTEN))

@@ -8,6 +8,7 @@ from contextlib import contextmanager
 import numpy as np
 import pytest
 from playwright.sync_api import Browser, sync_playwright
+from playwright.sync_api import Page as Tab
 from viser import CameraHandle
 
 from pipeline.arrays import Floats
@@ -51,6 +52,16 @@ def chromium() -> Iterator[Browser]:
             yield browser
         finally:
             browser.close()
+
+
+@contextmanager
+def drawn_page(address: str) -> Iterator[Tab]:
+    """Have a Chromium of its own draw the page at an address while the block runs."""
+    with chromium() as browser:
+        tab = browser.new_page(viewport={"width": 1280, "height": 800})
+        tab.goto(address)
+        tab.locator("[data-reenact='visitor']").wait_for()
+        yield tab
 
 
 def on_screen(camera: CameraHandle, point: Floats, size: tuple[int, int]) -> tuple[float, float]:
