@@ -10,10 +10,10 @@ Rounds take turns, so that a slow moment of the machine hits all. Nothing is ass
 processor, p5 says more of the program than p50 does, and late ticks come in bursts: of these, only sums over several
 runs say something.
 
-After that, or with `--page` alone, `reenact play` has a simulated robot and a served controller at 50 Hz go through a motion, and a
-process of its own notes when states, targets and commands arrive. Nobody looks on, a client that takes every picture
-of the page and draws none, or Chromium that draws them in software on the same processors, if there is one: in turns,
-in one run, each as a ratio to the same round without a visitor.
+After that, or with `--page` alone, `reenact play` has a simulated robot and a served controller at 50 Hz go through a
+motion, and a process of its own notes when states, targets and commands arrive. Nobody looks on, a client that takes
+every picture of the page and draws none, or Chromium that draws them in software on the same processors, if there is
+one: in turns, in one run, each as a ratio to the same round without a visitor.
 """
 
 import random

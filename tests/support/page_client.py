@@ -17,6 +17,7 @@ from websockets.sync.client import ClientConnection, connect
 
 from pipeline.arrays import Floats
 
+SIZE = (1280, 800)
 HALO, HANDLE = "/hands/right/halo", "/handles/right"
 
 
@@ -84,13 +85,31 @@ def _messages(frame: bytes) -> list[dict[str, Any]]:
     return found
 
 
+def _look(socket: ClientConnection) -> None:
+    """Send where it looks from: before that, nobody is a visitor."""
+    lens = {"fov": 1.0, "near": 0.01, "far": 100.0, "image_height": SIZE[1], "image_width": SIZE[0]}
+    place = {"position": (2.0, 0.0, 1.0), "look_at": (0.0, 0.0, 1.0), "up_direction": (0.0, 0.0, 1.0)}
+    _send(socket, "ViewerCameraMessage", wxyz=(0.5, 0.5, 0.5, 0.5), **lens, **place)
+
+
+def _send(socket: ClientConnection, kind: str, **fields: object) -> None:
+    socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
+
+
 def _drag(socket: ClientConnection) -> None:
     """Send what a browser does when a handle is dragged, to each place that a line names."""
     for line in sys.stdin:
-        place = {"wxyz": (1.0, 0.0, 0.0, 0.0), "position": tuple(map(float, line.split()))}
-        for kind, more in (("DragStart", {}), ("Update", place), ("DragEnd", {})):
-            message = {"type": f"TransformControls{kind}Message", "name": HANDLE, "owner": "", **more}
-            socket.send(msgspec.msgpack.encode(message))
+        position = tuple(map(float, line.split()))
+        _send(socket, "TransformControlsDragStartMessage", name=HANDLE, owner="")
+        _send(
+            socket,
+            "TransformControlsUpdateMessage",
+            name=HANDLE,
+            owner="",
+            wxyz=(1.0, 0.0, 0.0, 0.0),
+            position=position,
+        )
+        _send(socket, "TransformControlsDragEndMessage", name=HANDLE, owner="")
 
 
 def main() -> None:
@@ -98,6 +117,7 @@ def main() -> None:
     protocol: Any = f"viser-v{viser.__version__}"
     where = f"ws://{urlsplit(sys.argv[1]).netloc}"
     with connect(where, subprotocols=[protocol], max_size=None, compression=None) as socket:
+        _look(socket)
         threading.Thread(target=_drag, args=(socket,), daemon=True).start()
         for frame in socket:
             now_s = time.monotonic()
