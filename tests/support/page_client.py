@@ -13,7 +13,8 @@ import numpy as np
 import viser
 import zstandard
 from waiting import wait_until
-from websockets.sync.client import ClientConnection, connect
+from websockets.sync.client import connect
+from websockets.sync.connection import Connection
 
 from pipeline.arrays import Floats
 
@@ -85,18 +86,18 @@ def _messages(frame: bytes) -> list[dict[str, Any]]:
     return found
 
 
-def _look(socket: ClientConnection) -> None:
+def _look(socket: Connection) -> None:
     """Send where it looks from: before that, nobody is a visitor."""
     lens = {"fov": 1.0, "near": 0.01, "far": 100.0, "image_height": SIZE[1], "image_width": SIZE[0]}
     place = {"position": (2.0, 0.0, 1.0), "look_at": (0.0, 0.0, 1.0), "up_direction": (0.0, 0.0, 1.0)}
     _send(socket, "ViewerCameraMessage", wxyz=(0.5, 0.5, 0.5, 0.5), **lens, **place)
 
 
-def _send(socket: ClientConnection, kind: str, **fields: object) -> None:
+def _send(socket: Connection, kind: str, **fields: object) -> None:
     socket.send(msgspec.msgpack.encode({"type": kind, **fields}))
 
 
-def _drag(socket: ClientConnection) -> None:
+def _drag(socket: Connection) -> None:
     """Send what a browser does when a handle is dragged, to each place that a line names."""
     for line in sys.stdin:
         position = tuple(map(float, line.split()))
