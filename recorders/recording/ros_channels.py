@@ -1,7 +1,7 @@
 """Channels of what is recorded in a ROS domain: type, hash and quality of service, as the graph states them."""
 
 import logging
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from typing import TypeAlias
 
@@ -40,13 +40,20 @@ class RosChannels:
         The name in the graph of a topic that is recorded; raises WireError if it can have none there.
     too_many : callable
         How many tokens are not in the view, as they were too many.
+    departed : callable
+        Tokens that are there no more: what their publishers sent may be taken later.
     """
 
     def __init__(
-        self, view: Callable[[], GraphView], graph_name: Callable[[str], str], too_many: Callable[[], int] = int
+        self,
+        view: Callable[[], GraphView],
+        graph_name: Callable[[str], str],
+        too_many: Callable[[], int] = int,
+        departed: Callable[[], Iterable[Token]] = tuple,
     ) -> None:
         self.view = view
         self.too_many = too_many
+        self._departed = departed
         self._graph_name = graph_name
         self._channels: dict[_Key, DeclaredChannel] = {}
         self._offered: dict[_Key, frozenset[Qos]] = {}
@@ -94,8 +101,9 @@ class RosChannels:
                 f"{escape_control(record.topic)}: {escape_control(others[0].node.full_name)} came later and offers "
                 "another quality of service; the recording states that of the publishers which were there first"
             )
-        by_gid = {token.node.full_name for token, _ in publishers if token.gid == gid}
-        found = by_gid or {token.node.full_name for token, _ in publishers if token.session == session}
+        tokens = [token for token, _ in publishers] + [token for token, _ in self._of(self._departed(), *key)]
+        by_gid = {token.node.full_name for token in tokens if token.gid == gid}
+        found = by_gid or {token.node.full_name for token in tokens if token.session == session}
         return found.pop() if len(found) == 1 else ""
 
     def _declared(self, topic: str, kind: str, type_hash: str) -> DeclaredChannel:
@@ -112,16 +120,19 @@ class RosChannels:
         return bag_channel(topic, kind, type_hash or next(iter(hashes), ""), profiles)
 
     def _publishers(self, topic: str, kind: str, type_hash: str) -> list[tuple[Token, Endpoint]]:
+        return self._of(self.view().tokens, topic, kind, type_hash)
+
+    def _of(self, tokens: Iterable[Token], topic: str, kind: str, type_hash: str) -> list[tuple[Token, Endpoint]]:
+        """Return those tokens which are of publishers of a topic, with their side of it."""
         try:
             name = self._graph_name(topic)
         except WireError:
             return []
-        tokens = self.view().endpoints(name, EntityType.PUBLISHER)
-        ends = [(token, token.endpoint) for token in tokens]
+        ends = [(token, token.endpoint) for token in tokens if token.entity is EntityType.PUBLISHER]
         return [
             (token, end)
             for token, end in ends
-            if end is not None and end.type == kind and type_hash in ("", end.type_hash)
+            if end is not None and (end.topic, end.type) == (name, kind) and type_hash in ("", end.type_hash)
         ]
 
 
@@ -132,4 +143,4 @@ def domain_channels(session: Session, keys: TopicKeys) -> Iterator[RosChannels |
         yield None
         return
     with RosGraph(session, keys.domain) as graph:
-        yield RosChannels(lambda: graph.view, keys.graph_name, lambda: graph.too_many)
+        yield RosChannels(lambda: graph.view, keys.graph_name, lambda: graph.too_many, lambda: graph.departed.values())

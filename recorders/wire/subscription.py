@@ -118,6 +118,7 @@ class Subscription:
         if topics is not None and use_sim_time:
             topics = {**topics, CLOCK: Clock.TYPE}
         self._topics = topics or {}
+        self._wanted = {topic: keys.expressions(topic, kind) for topic, kind in self._topics.items()}
         self._selected = keys.everything if topics is None else keys.selection(topics)
         latched = (key for topic in latched_topics for key in keys.expressions(topic, self._topics.get(topic, "")))
         self._history = HistorySubscriber(session, latched, self._on_sample, refuse)
@@ -187,6 +188,8 @@ class Subscription:
             return
         if not topic.topic:
             raise MessageError("another topic has that name here, by --remap")
+        if topic.topic in self._wanted and str(sample.key_expr) not in self._wanted[topic.topic]:
+            raise MessageError("another type, or another definition of it")  # beside a stream, when all topics come
         received = Received(topic, sample, None, origin, self._arrival_ns(topic.topic, sample))
         self._hand_over(received if ours is None else received._replace(frame=self._framed(received, ours)))
 

@@ -21,6 +21,8 @@ logger = logging.getLogger(__name__)
 MAX_TOKENS = 10_000
 """As many tokens are remembered: anyone may declare them."""
 
+_MAX_DEPARTED = 1000  # tokens: anyone may declare them and go
+
 _warnings = OnceWarner(logger, limit=MAX_DOMAIN + 1)
 
 
@@ -124,6 +126,8 @@ class RosGraph:
         How many tokens were none of rmw_zenoh, or too many.
     too_many : int
         How many of these were too many, which is also reported.
+    departed : dict of str to Token
+        The last that are gone, by their keys: what they published may come later.
     """
 
     def __init__(self, session: zenoh.Session, domain: int) -> None:
@@ -131,6 +135,7 @@ class RosGraph:
         self._domain = domain
         self._changed = threading.Condition()
         self._tokens: dict[str, Token] = {}
+        self.departed: dict[str, Token] = {}
         self._view: GraphView | None = None  # of these tokens, once it is asked for
         self._stack = ExitStack()
         self.refused = self.too_many = 0
@@ -180,7 +185,7 @@ class RosGraph:
     def _on_change(self, key: str, present: bool) -> None:
         with self._changed:
             if not present:
-                self._tokens.pop(key, None)
+                self._leave(key)
             elif len(self._tokens) >= MAX_TOKENS:
                 self.refused += 1
                 self.too_many += 1
@@ -189,6 +194,11 @@ class RosGraph:
                 self._add(key)
             self._view = None
             self._changed.notify_all()
+
+    def _leave(self, key: str) -> None:
+        token = self._tokens.pop(key, None)
+        if token is not None:
+            self.departed = dict([*self.departed.items(), (key, token)][-_MAX_DEPARTED:])
 
     def _add(self, key: str) -> None:
         try:

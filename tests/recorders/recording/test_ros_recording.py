@@ -36,7 +36,7 @@ from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import EVERY_TOPIC
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 
 pytest.importorskip("zenoh_ros2_sdk")
 
@@ -113,6 +113,26 @@ def test_a_bag_has_what_a_client_of_others_published(beside: Beside, tmp_path: P
     assert stats.to_dict()["publishers"] == log.manifest["publishers"]
     assert (rows[JOINT_STATES]["messages"], rows[JOINT_STATES]["missing"], stats.gaps) == (5, 0, {})
     assert {topic: row["node"] for topic, row in rows.items()} == {"/map": "/mapper", JOINT_STATES: "/arm"}
+
+
+def test_a_publisher_that_is_gone_when_its_message_is_taken_is_named(beside: Beside, tmp_path: Path) -> None:
+    session, _, other = beside
+    keys = RosKeys(DOMAIN, NodeName("brief"))
+    receiving = ReceiverConfig(name="recorder", keys=RosKeys(DOMAIN, NodeName("recorder")), live=True)
+    with (
+        RosGraph(session, DOMAIN) as graph,
+        domain_channels(session, keys) as channels,
+        Receiver(session, config=receiving) as receiver,
+        LiveRecorder(tmp_path / "log.mcap", ros=channels) as recorder,
+    ):
+        with keys.publishing(other, "/once", String.TYPE) as publisher:
+            wait_until(lambda: "/once" in graph.view.topics and has_subscribers(publisher))
+            publisher.put(encode(String("once")))
+        wait_until(lambda: "/once" not in graph.view.topics)
+        assert channels is not None
+        wait_until(lambda: "/once" not in channels.view().topics)
+        recorder.run(receiver, stopped=lambda: recorder.recording.messages == 1)
+    assert [row["node"] for row in recorder.recording.publishers.rows()] == ["/brief"]
 
 
 def test_a_recorder_subscribes_to_each_topic_that_it_records_and_is_counted_there(

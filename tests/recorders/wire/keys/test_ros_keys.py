@@ -24,7 +24,7 @@ from recorders.wire.loopback import free_endpoint
 from recorders.wire.publisher import TopicPublisher
 from recorders.wire.receiver import Receiver, ReceiverConfig
 from recorders.wire.session import SessionConfig, has_subscribers, open_session
-from recorders.wire.subscription import LiveMessage
+from recorders.wire.subscription import LiveMessage, Received, Subscription
 
 _STATE = JointState(1_700_000_000_123_456_789, ("a", "b"), np.array([1e-300, -2.5]))
 _POSE = PoseStamped(17, (0.25, -1.0, 1 / 3))
@@ -167,6 +167,29 @@ def test_nodes_of_ros_2_humble_whose_keys_have_no_hashes_are_understood_both_way
         wait_until(lambda: len(found) == 1)
         publisher.put(encode(_STATE))
         assert peer.received("/humble", 1) == [encode(_STATE)]
+
+
+def test_beside_a_stream_messages_of_another_definition_are_refused_as_they_are_before_it(ends: Ends) -> None:
+    session, _, endpoint = ends
+    other = RosKeys(7, NodeName("other"), hashes={("/arm", JointState.TYPE): "RIHS01_" + 64 * "a"})
+    found, refused = [], []
+
+    def take(received: Received) -> None:
+        found.append(received.sample.payload.to_bytes())
+
+    def refuse(topic: str, reason: str) -> None:
+        refused.append((topic, reason))
+
+    wanted = {"/arm": JointState.TYPE}
+    with (
+        open_session(SessionConfig(connect=(endpoint,))) as there,
+        Subscription(session, keys(), hand_over=take, refuse=refuse, topics=wanted, live=True) as subscription,
+    ):
+        subscription.take_all()
+        for ours, data in ((other, b"foreign"), (keys(), b"same")):
+            there.put(ours.key("/arm", JointState.TYPE), data, attachment=Attachment(1, 1, bytes(16)).pack())
+        wait_until(lambda: bool(found))
+    assert (found, refused) == ([b"same"], [("/arm", "another type, or another definition of it")])
 
 
 def test_whoever_publishes_another_definition_is_reported_and_shown(
