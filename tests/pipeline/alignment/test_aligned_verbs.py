@@ -90,7 +90,7 @@ def test_a_replay_presents_the_ticks(robot: Path, trained: Any, tmp_path: Path) 
     with start("learn", *arguments, cwd=tmp_path) as learner:
         wait_for_line(learner, "waits for a replay")
         options = ("--rule", "forward-inverse", "--epochs", 1, "--robot", robot, *MAPPED, "--connect", endpoint)
-        assert run("replay", log, *options, "--json") == 0
+        assert run("replay", log, *options, "--wait", 120, "--json") == 0
         fed = json.loads(learner.communicate(timeout=120)[0])
     assert {name: fed[name] for name in ("digest", "stream_digest", "ticks")} == {
         name: result[name] for name in ("digest", "stream_digest", "ticks")
@@ -109,7 +109,7 @@ def test_live_learning_aligns_as_training_does(
     arguments = ("--listen", endpoint, "--robot", robot, "--rule", "forward-inverse", "--out", out, "--json")
     with start("learn", "--live", *arguments, *options, cwd=tmp_path) as learner:
         wait_for_line(learner, "learns more")
-        assert run("replay", log, "--play", "--await", "learner", "--connect", endpoint) == 0
+        assert run("replay", log, "--play", "--await", "learner", "--wait", 120, "--connect", endpoint) == 0
         live = json.loads(learner.communicate(timeout=120)[0])
     assert {name: live[name] for name in ("digest", "ticks")} == {name: result[name] for name in ("digest", "ticks")}
     assert (live["gaps"], live["missed"], live["aligned"]) == (1, 21, result["ticks"])

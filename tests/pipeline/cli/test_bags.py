@@ -102,7 +102,8 @@ def test_a_bag_is_replayed_into_a_learner_with_the_robot_that_is_given(
     endpoint = free_endpoint()
     with start("learn", "--listen", endpoint, "--out", tmp_path / "fed.npz", "--json", cwd=tmp_path) as learner:
         wait_for_line(learner, "waits for a replay")
-        reenact("replay", folder / "bag", "--epochs", 1, "--robot", "asimo", "--connect", endpoint)
+        options = ("--epochs", 1, "--robot", "asimo", "--wait", 120, "--connect", endpoint)
+        reenact("replay", folder / "bag", *options)
         fed = json.loads(learner.communicate(timeout=120)[0])
     assert {name: fed[name] for name in ("digest", "ticks")} == {name: trained[name] for name in ("digest", "ticks")}
 

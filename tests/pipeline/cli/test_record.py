@@ -76,7 +76,7 @@ def recorder(folder: Path, *options: object) -> Iterator[tuple[zenoh.Session, su
 
 @contextmanager
 def endless_replay(log: Path, endpoint: str) -> Iterator[subprocess.Popen[str]]:
-    arguments = ("--epochs", 100_000, "--connect", endpoint, "--await", "recorder")
+    arguments = ("--epochs", 100_000, "--connect", endpoint, "--await", "recorder", "--wait", 120)
     with start("replay", log, *arguments, cwd=log.parent) as process:
         yield process
         process.kill()
@@ -369,8 +369,8 @@ def test_an_awaited_recorder_misses_nothing_of_a_replay_and_its_log_trains_as_re
         arguments = ("record", "--out", "run.mcap", "--connect", endpoint, "--stop-at-stream-end", "--json")
         with start(*arguments, cwd=tmp_path) as process:
             wait_for_line(process, "records reenact/**")
-            replaying = ("replay", log, "--epochs", 3, "--connect", endpoint, "--await", "recorder", "--json")
-            replayed = reenact(*replaying, cwd=tmp_path)
+            awaited = ("--await", "recorder", "--wait", 120, "--connect", endpoint)
+            replayed = reenact("replay", log, "--epochs", 3, *awaited, "--json", cwd=tmp_path)
             assert replayed.returncode == 0, replayed.stderr
             process.communicate(timeout=120)
     recorded = reenact_here("train", "run.mcap", "--as-recorded", "--out", "a.npz", "--json", cwd=tmp_path)
@@ -500,7 +500,7 @@ def test_stop_at_stream_end_is_the_end_too_when_another_who_was_awaited_fails(tm
     ):
         last = Last(lambda: await_result(session), fail)
         consuming = pool.submit(receiver.serve, last, wait_s=120.0)
-        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner")
+        arguments = ("--epochs", 1, "--connect", endpoint, "--await", "recorder", "--await", "learner", "--wait", 120)
         replayed = reenact("replay", log, *arguments, cwd=tmp_path)
         assert "learner: nothing comes of it" in complaint(replayed)
         assert isinstance(consuming.exception(timeout=120), WireError)

@@ -381,7 +381,7 @@ def test_a_stream_that_breaks_off_leaves_it_alive_and_one_that_ends_ends_it(
     log: Path, ticks: list[list[RecordedMessage]], tmp_path: Path
 ) -> None:
     with learner(tmp_path, "--record", "kept.mcap") as (endpoint, process), publisher(endpoint) as robot:
-        awaited = ("replay", log, "--play", "--await", "learner", "--json", "--connect", endpoint)
+        awaited = ("replay", log, "--play", "--await", "learner", "--wait", 120, "--json", "--connect", endpoint)
         with start(*awaited, "--rate", 1, "--window", 1, "--start", 15, "--loop", 0, cwd=tmp_path) as first:
             wait_for_line(process, "takes run")
             first.send_signal(signal.SIGTERM)

@@ -3,6 +3,7 @@
 import json
 import signal
 import subprocess
+import threading
 import time
 from collections.abc import Iterator, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -24,10 +25,12 @@ from pipeline.robot.config import load_robot
 from pipeline.training.checkpoints import CheckpointConfig
 from pipeline.training.trainer import Trainer, train, train_on
 from recorders.messages.message_types import JointState, Message, PoseStamped
+from recorders.messages.record import RecordedMessage
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 from replay.sources.schedule import Schedule
 from replay.sources.scheduled import Replay
+from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
 EPOCHS = 3
@@ -179,38 +182,32 @@ def test_a_learner_listens_on_loopback_alone_and_a_replay_nowhere(log: Path, emp
 
 
 def test_a_learner_that_is_killed_twice_goes_on_from_its_checkpoint(log: Path, empty: Path, tmp_path: Path) -> None:
-    epochs = 60
-    expected = train([log], schedule=Schedule(epochs=epochs), config=LearnerConfig(seed=5)).result()
-    endpoint = free_endpoint()
-    arguments = (
-        "learn",
-        "--connect",
-        endpoint,
-        "--out",
-        "c.npz",
-        "--seed",
-        5,
-        "--checkpoint",
-        "k.npz",
-        "--checkpoint-every",
-        500,
-    )
-    replaying = ("replay", log, "--listen", endpoint, "--epochs", epochs, "--wait", 60, "--json", "--window", 256)
-    with start(*replaying, cwd=tmp_path) as replay:
+    source, endpoint = Replay([log], Schedule(epochs=60)), free_endpoint()
+    expected = train([log], schedule=Schedule(epochs=60), config=LearnerConfig(seed=5)).result()
+    checkpointed = ("--checkpoint", "k.npz", "--checkpoint-every", 500)
+    arguments = ("learn", "--connect", endpoint, "--out", "c.npz", "--seed", 5, *checkpointed)
+    gates = {share * len(source) // 3: threading.Event() for share in (1, 2)}  # some 800 and 1600 of 2400 ticks
+
+    def gated(begin: int) -> Iterator[RecordedMessage]:
+        for index, message in enumerate(source.stream(begin), begin):
+            assert index not in gates or gates[index].wait(PATIENCE_S)
+            yield message
+
+    config = SenderConfig(window=256, wait_s=PATIENCE_S, patience_s=PATIENCE_S)
+    with open_session(SessionConfig(listen=(endpoint,))) as session, ThreadPoolExecutor() as pool:
+        replayed = pool.submit(ZenohTransport(session, config=config).deliver, source.offer(), gated)
         beginnings = []
-        for _ in range(2):
+        for gate in gates.values():
             with start(*arguments, cwd=empty) as process:
                 beginnings.append(int(wait_for_line(process, "takes run").split(" from message ")[1].split()[0]))
-                before = kept(empty / "k.npz")
-                wait_until(lambda before=before: kept(empty / "k.npz") > before)  # type: ignore[misc]
+                wait_until(lambda: kept(empty / "k.npz") > beginnings[-1])
                 process.kill()
+            gate.set()
         last = reenact(*arguments, "--json", cwd=empty)
-        replayed, complaints = replay.communicate(timeout=120)
-    assert last.returncode == 0, last.stderr
-    assert replay.returncode == 0, complaints
+        assert last.returncode == 0, last.stderr
+        assert replayed.result(timeout=120) == {"learner": expected}
     assert beginnings[0] == 0
     assert 0 < beginnings[1] < kept(empty / "k.npz")
-    assert json.loads(replayed)["consumers"]["learner"] == expected
     assert json.loads(last.stdout) == expected | {"controller": "c.npz", "pairs": "commanded"}
 
 

@@ -125,7 +125,8 @@ def replayed_session(folder: Path, in_ros: tuple[str, ...]) -> dict[str, dict[st
     with ExitStack() as stack:
         started = learners(stack, ("--listen", endpoint), "replayed", folder, in_ros)
         awaited = [option for name in RULES for option in ("--await", name)]
-        replayed = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, *in_ros, *awaited, cwd=folder)
+        options = ("--as-recorded", "--connect", endpoint, *in_ros, *awaited, "--wait", 120)
+        replayed = reenact("replay", "live.mcap", *options, cwd=folder)
         assert replayed.returncode == 0, replayed.stderr
         return results(started)
 

@@ -160,7 +160,8 @@ def test_live_over_zenoh_recorded_and_from_the_file_are_one_state(log: Path, tmp
     replayed = ("learn", "--pairs", "reached", "--listen", endpoint, "--out", "again.npz", "--json")
     with start(*replayed, cwd=tmp_path) as learner:
         wait_for_line(learner, "waits for a replay")
-        sent = reenact("replay", "live.mcap", "--as-recorded", "--connect", endpoint, "--json", cwd=tmp_path)
+        arguments = ("--as-recorded", "--wait", 120, "--connect", endpoint, "--json")
+        sent = reenact("replay", "live.mcap", *arguments, cwd=tmp_path)
         assert sent.returncode == 0, sent.stderr
         again, complaints = learner.communicate(timeout=60)
     assert learner.returncode == 0, complaints

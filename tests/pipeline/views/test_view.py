@@ -304,7 +304,8 @@ def learn_and_replay(log: Path, folder: Path, *options: str) -> tuple[str, str]:
             line = learner.stderr.readline()
             assert line, said
             said += line
-        replay = reenact("replay", log, "--connect", endpoint, "--epochs", EPOCHS, "--json", cwd=folder)
+        arguments = ("--connect", endpoint, "--epochs", EPOCHS, "--wait", 120, "--json")
+        replay = reenact("replay", log, *arguments, cwd=folder)
         assert replay.returncode == 0, replay.stderr
         printed, complaints = learner.communicate(timeout=120)
     finally:

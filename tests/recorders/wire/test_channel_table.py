@@ -88,7 +88,7 @@ def test_a_replay_that_is_recorded_has_the_channels_of_its_log(
                 ZenohTransport(playing, config=config, channels=playback.channels).deliver(
                     playback.offer(), playback.stream
                 )
-                recording.result(timeout=30)
+                recording.result(timeout=120)
         else:  # the sender is gone before anything is recorded
             ZenohTransport(playing, config=config, channels=playback.channels).deliver(
                 playback.offer(), playback.stream

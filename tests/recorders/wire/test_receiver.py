@@ -9,11 +9,13 @@ import pytest
 import zenoh
 from collector import Collector
 from sealed import Peer
+from stepped_clock import SteppedClock
 from visitor import OFFER, await_ready, outcome, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
 from recorders.protocol.frames import Frame, FrameType, pack
+from recorders.protocol.receiver import FAREWELL_WAIT_S
 from recorders.protocol.stream import Offer, Progress, asking
 from recorders.wire.keys.namespace import batch_key, control_key
 from recorders.wire.loopback import free_endpoint
@@ -113,14 +115,15 @@ def test_a_stream_that_was_left_is_over_for_good() -> None:
 def test_a_sender_that_is_gone_before_it_has_the_result_is_left_and_told_if_it_comes_back(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    offer = replace(OFFER, sender="cd" * 16)
+    clock, offer = SteppedClock(monkeypatch), replace(OFFER, sender="cd" * 16)
     with two_sessions() as (session, other), Receiver(session, config=ReceiverConfig(live=True)) as receiver:
         peer, replies = accepted(receiver, other, offer)
         assert [reply.ok is not None for reply in replies] == [True]
         receiver.report({"count": 3})
-        assert not receiver.is_released()
-        monkeypatch.setattr("recorders.protocol.receiver.FAREWELL_WAIT_S", 0.5)
-        assert receiver.is_released(1.0)
+        for _ in range(round(FAREWELL_WAIT_S)):
+            assert not receiver.is_released()
+            clock.step()
+        assert receiver.is_released()
         assert receiver.offer is None
         answer = peer.ask("status", offer.sender.encode())
         assert answer is not None

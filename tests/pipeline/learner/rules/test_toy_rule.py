@@ -83,7 +83,7 @@ def test_learning_over_zenoh_ends_where_training_from_the_file_does(folder: Path
     options = ("--rule", "toy", "--checkpoint", "kept.npz", "--checkpoint-every", 5, "--out", "learned.npz", "--json")
     with start("learn", "--listen", endpoint, *options, cwd=folder) as learner:
         wait_for_line(learner, "waits for a replay")
-        run("replay", "log.mcap", "--epochs", EPOCHS, "--connect", endpoint, cwd=folder)
+        run("replay", "log.mcap", "--epochs", EPOCHS, "--wait", 120, "--connect", endpoint, cwd=folder)
         learned, complaints = learner.communicate(timeout=120)
     assert learner.returncode == 0, complaints
     assert json.loads(learned)["digest"] == trained["digest"]
@@ -130,7 +130,8 @@ def test_serve_answers_a_replay_of_its_targets(folder: Path) -> None:
     endpoint = free_endpoint()
     with start("serve", "trained.npz", "--listen", endpoint, "--json", cwd=folder) as serving:
         wait_for_line(serving, "serves")
-        run("replay", "log.mcap", "--play", "--await", "controller", "--rate", 5, "--connect", endpoint, cwd=folder)
+        awaited = ("--await", "controller", "--wait", 120, "--connect", endpoint)
+        run("replay", "log.mcap", "--play", "--rate", 5, *awaited, cwd=folder)
         serving.send_signal(signal.SIGTERM)
         summary, complaints = serving.communicate(timeout=120)
     assert json.loads(summary)["accepted"] == SAMPLES + 1, complaints
