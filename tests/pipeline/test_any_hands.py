@@ -126,7 +126,7 @@ def test_learned_over_zenoh_and_from_the_file_is_one_state(work: Path, hands: tu
     with start("learn", "--listen", endpoint, "--seed", 3, "--out", "live.npz", "--json", cwd=tmp_path) as learner:
         wait_for_line(learner, "waits for a replay")
         session = SessionConfig(connect=(endpoint,))
-        sent = replay(Replay([work / "log.mcap"], schedule), session=session, sender=SenderConfig())
+        sent = replay(Replay([work / "log.mcap"], schedule), session=session, sender=SenderConfig(wait_s=120.0))
         out, complaints = learner.communicate(timeout=120)
     assert learner.returncode == 0, complaints
     trained = Controller.load(work / "trained.npz")

@@ -444,9 +444,8 @@ def test_stop_at_stream_end_waits_for_as_long_as_the_sender_awaits_another(
         recording = pool.submit(live.run, receiver, stopped=over.is_set, stop_at_stream_end=True)
         consuming = pool.submit(slow.serve, last_words)
         source = Replay([log], Schedule(epochs=1))
-        ZenohTransport(sending, config=SenderConfig(consumers=("recorder", "learner"))).deliver(
-            source.offer(), source.stream
-        )
+        config = SenderConfig(consumers=("recorder", "learner"), wait_s=120.0)
+        ZenohTransport(sending, config=config).deliver(source.offer(), source.stream)
         consuming.result(timeout=120)
         recording.result(timeout=120)
     assert LogReader(tmp_path / "run.mcap").counts[LEARNER_OUTPUT] == 1

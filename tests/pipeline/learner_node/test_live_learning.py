@@ -392,7 +392,7 @@ def test_a_stream_that_breaks_off_leaves_it_alive_and_one_that_ends_ends_it(
         playback = Playback([log], PlaybackConfig())
         held = HeldStream(playback, at=50)
         with open_session(SessionConfig(connect=(endpoint,))) as session, ThreadPoolExecutor() as pool:
-            transport = ZenohTransport(session, config=SenderConfig(batch_size=1, window=30))
+            transport = ZenohTransport(session, config=SenderConfig(batch_size=1, window=30, wait_s=120.0))
             delivered = pool.submit(transport.deliver, playback.offer(), held.stream)
             wait_for_line(process, "takes run")
             robot.say([altered(ticks[99][0], position=[0.3, 0.2, 0.7])])

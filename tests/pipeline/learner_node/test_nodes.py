@@ -146,7 +146,8 @@ def test_a_second_replay_is_refused_while_the_first_goes_on(log: Path, empty: Pa
     with learner(empty) as (endpoint, process), ThreadPoolExecutor() as pool:
         wait_for_line(process, "waits for a replay")
         with open_session(SessionConfig(connect=(endpoint,))) as session:
-            first = pool.submit(ZenohTransport(session).deliver, source.offer(), held.stream)
+            transport = ZenohTransport(session, config=SenderConfig(wait_s=PATIENCE_S))
+            first = pool.submit(transport.deliver, source.offer(), held.stream)
             assert held.reached.wait(PATIENCE_S)
             line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
             assert "already fed by another replay" in line

@@ -75,7 +75,7 @@ def test_a_replay_that_is_recorded_has_the_channels_of_its_log(
 ) -> None:
     endpoint, log = free_endpoint(), write(tmp_path / "log.mcap")
     playback = Playback([log], PlaybackConfig(renames={"/gauge": "/renamed"}))
-    config = SenderConfig(consumers=consumers, batch_size=batch)
+    config = SenderConfig(consumers=consumers, batch_size=batch, wait_s=120.0)
     with (
         open_session(SessionConfig(listen=(endpoint,))) as hearing,
         open_session(SessionConfig(connect=(endpoint,))) as playing,

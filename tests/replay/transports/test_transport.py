@@ -303,7 +303,7 @@ def test_no_more_than_so_many_bytes_are_under_way() -> None:
         ThreadPoolExecutor() as threads,
     ):
         served = threads.submit(receiver.serve, Waiting(blocked))
-        ZenohTransport(session, config=SenderConfig(batch_size=1)).deliver(OFFER, large)
+        ZenohTransport(session, config=SenderConfig(batch_size=1, wait_s=PATIENCE_S)).deliver(OFFER, large)
         assert served.result(timeout=120) == {"count": 8}
     assert max(under_way) * size <= WINDOW_BYTES
 
