@@ -11,6 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 import zenoh
+from here import reenact_here
 from processes import complaint, reenact, start, wait_for_line
 from shown import EPOCH_NS, RIGHT, TRACKER, line_of, poses_of, write_csv, write_log
 
@@ -46,7 +47,7 @@ def test_a_csv_becomes_an_episode(tmp_path: Path) -> None:
 
 
 def test_a_drawing_out_of_reach_is_one_clear_line(tmp_path: Path) -> None:
-    line = complaint(reenact("demonstrate", "right_hand_spiral", "--scale", 3, "--out", "s.mcap", cwd=tmp_path))
+    line = complaint(reenact_here("demonstrate", "right_hand_spiral", "--scale", 3, "--out", "s.mcap", cwd=tmp_path))
     assert line.startswith("reenact: motion 'right_hand_spiral' is out of reach: at sample ")
     assert line.endswith("make it smaller, or choose to clip, skip or keep such samples")
     assert list(tmp_path.iterdir()) == []

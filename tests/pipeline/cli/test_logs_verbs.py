@@ -11,7 +11,7 @@ from typing import Any
 import hostile
 import pytest
 from here import reenact_here
-from processes import complaint, reenact
+from processes import complaint
 
 from pipeline.cli import app
 from pipeline.terminal.log_tables import recovered
@@ -120,7 +120,7 @@ def test_a_killed_recording_is_recovered(tmp_path: Path) -> None:
 def test_what_is_no_log_is_one_line(tmp_path: Path, verb: tuple[str, ...], content: bytes | None) -> None:
     if content is not None:
         (tmp_path / "x.mcap").write_bytes(content)
-    said = complaint(reenact(verb[0], "x.mcap", *verb[1:], cwd=tmp_path))
+    said = complaint(reenact_here(verb[0], "x.mcap", *verb[1:], cwd=tmp_path))
     assert "x.mcap" in said
     assert not list(tmp_path.glob("good*"))
 

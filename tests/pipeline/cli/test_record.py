@@ -157,18 +157,18 @@ def test_a_bag_is_recorded_whose_parts_its_metadata_name(tmp_path: Path) -> None
 
 
 def test_a_bag_takes_no_other_name_and_no_folder_with_files(tmp_path: Path) -> None:
-    both = complaint(reenact("record", "--bag", "run", "--out", "a.mcap", cwd=tmp_path))
+    both = complaint(reenact_here("record", "--bag", "run", "--out", "a.mcap", cwd=tmp_path))
     assert "--bag: expected a new folder" in both
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "old").touch()
-    assert "found old in it" in complaint(reenact("record", "--bag", "run", cwd=tmp_path))
+    assert "found old in it" in complaint(reenact_here("record", "--bag", "run", cwd=tmp_path))
 
 
 def test_nothing_is_left_of_a_bag_that_was_never_begun(tmp_path: Path) -> None:
     with socket.create_server(("127.0.0.1", 0)) as taken:
         endpoint = f"tcp/127.0.0.1:{taken.getsockname()[1]}"
         assert "something else listens there" in complaint(
-            reenact("record", "--bag", "run", "--listen", endpoint, cwd=tmp_path)
+            reenact_here("record", "--bag", "run", "--listen", endpoint, cwd=tmp_path)
         )
     assert not (tmp_path / "run").exists()
 
@@ -625,7 +625,7 @@ def test_a_name_that_is_taken_is_said_before_anybody_is_looked_for(tmp_path: Pat
     endpoint = free_endpoint()
     with open_session(SessionConfig(listen=(endpoint,))):  # so that another cannot
         for name, expected in (("there.mcap", "there.mcap exists"), ("new.mcap", "something else listens there")):
-            assert expected in complaint(reenact("record", "--out", name, "--listen", endpoint, cwd=tmp_path))
+            assert expected in complaint(reenact_here("record", "--out", name, "--listen", endpoint, cwd=tmp_path))
     assert [path.name for path in tmp_path.iterdir()] == ["there.mcap"]
 
 
@@ -640,7 +640,7 @@ def test_bad_input_is_one_clear_line(tmp_path: Path) -> None:
             (("--out", "log.mcap", "--split", "10 apples"), "--split"),
             (("--out", "nowhere/log.mcap"), "nowhere"),
         ):
-            assert expected in complaint(reenact("record", *options, "--connect", endpoint, cwd=tmp_path))
+            assert expected in complaint(reenact_here("record", *options, "--connect", endpoint, cwd=tmp_path))
 
 
 def test_recording_needs_no_drake(tmp_path: Path) -> None:

@@ -10,7 +10,8 @@ from typing import Any
 import pytest
 import zenoh
 from episodes import PERIOD_NS, write_episode
-from processes import complaint, reenact, start, wait_for_line
+from here import reenact_here
+from processes import complaint, start, wait_for_line
 from waiting import wait_until
 
 from recorders.messages.message_types import PoseStamped
@@ -134,4 +135,4 @@ def test_another_namespace_other_names_chosen_topics_twice(log: Path, tmp_path: 
     ],
 )
 def test_bad_usage_is_one_clear_line(log: Path, tmp_path: Path, options: tuple[object, ...], expected: str) -> None:
-    assert expected in complaint(reenact("replay", log, *options, "--connect", free_endpoint(), cwd=tmp_path))
+    assert expected in complaint(reenact_here("replay", log, *options, "--connect", free_endpoint(), cwd=tmp_path))

@@ -5,7 +5,8 @@ from contextvars import copy_context
 from pathlib import Path
 
 import pytest
-from processes import complaint, reenact
+from here import reenact_here
+from processes import complaint
 from typer.testing import CliRunner
 
 from pipeline.cli.app import app, main
@@ -79,11 +80,11 @@ def test_what_is_no_domain_is_refused(domain: str, capsys: pytest.CaptureFixture
 
 
 def test_the_verbs_refuse_in_one_line(tmp_path: Path) -> None:
-    asked = reenact("cat", "--connect", "tcp/127.0.0.1:9", "--ros", "2", "--remap", "a=b", cwd=tmp_path)
+    asked = reenact_here("cat", "--connect", "tcp/127.0.0.1:9", "--ros", "2", "--remap", "a=b", cwd=tmp_path)
     assert complaint(asked) == (
         "reenact: remap: expected FROM:=TO, such as joint_states:=/arm/joint_states, found 'a=b'"
     )
-    printed = reenact("cat", "log.mcap", "--ros", "2", cwd=tmp_path)
+    printed = reenact_here("cat", "log.mcap", "--ros", "2", cwd=tmp_path)
     assert complaint(printed) == "reenact: --connect, --listen, --ros: expected no recording beside them"
 
 

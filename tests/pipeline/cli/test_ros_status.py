@@ -5,7 +5,8 @@ from io import StringIO
 from pathlib import Path
 
 import pytest
-from processes import complaint, reenact
+from here import reenact_here
+from processes import complaint
 from rich.console import Console
 from ros_peer import ros_peer
 from waiting import wait_until
@@ -29,9 +30,9 @@ def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
         peer.ask("publisher", topic="/joint_states", type_name=JointState.TYPE, name="arm")
         peer.ask("subscribe", topic="/chatter", type_name=String.TYPE, name="listener")
         wait_until(lambda: len(find_graph(session, 3).topics) == 2)
-        printed = reenact("status", "--ros", "3", "--connect", endpoint, "--json", cwd=tmp_path)
-        shown = reenact("status", "--connect", endpoint, "--ros", "3", cwd=tmp_path)
-        other = reenact("status", "--ros", "--connect", endpoint, "--json", cwd=tmp_path)
+        printed = reenact_here("status", "--ros", "3", "--connect", endpoint, "--json", cwd=tmp_path)
+        shown = reenact_here("status", "--connect", endpoint, "--ros", "3", cwd=tmp_path)
+        other = reenact_here("status", "--ros", "--connect", endpoint, "--json", cwd=tmp_path)
     chatter, states = ({kind: [type_hash(kind)]} for kind in (String.TYPE, JointState.TYPE))
     assert json.loads(printed.stdout) == {
         "domain": 3,
@@ -63,7 +64,7 @@ def test_topics_are_listed_with_types_and_nodes(tmp_path: Path) -> None:
 
 def test_where_nothing_listens_the_router_of_rmw_zenoh_is_named(tmp_path: Path) -> None:
     endpoint = free_endpoint()
-    looked = reenact("status", "--ros", "7", "--connect", endpoint, "--wait", "0", cwd=tmp_path)
+    looked = reenact_here("status", "--ros", "7", "--connect", endpoint, "--wait", "0", cwd=tmp_path)
     assert (looked.returncode, looked.stdout) == (1, "")
     assert looked.stderr == (
         f"no node is in ROS domain 7: nothing listens at {endpoint}; start the router of rmw_zenoh there, "
@@ -96,4 +97,4 @@ def test_two_definitions_of_a_type_are_shown_on_one_topic() -> None:
 
 def test_the_domain_of_the_environment_is_checked(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("ROS_DOMAIN_ID", "a lab")
-    assert "ROS_DOMAIN_ID: expected 0 to 232, found 'a lab'" in complaint(reenact("status", "--ros", cwd=tmp_path))
+    assert "ROS_DOMAIN_ID: expected 0 to 232, found 'a lab'" in complaint(reenact_here("status", "--ros", cwd=tmp_path))

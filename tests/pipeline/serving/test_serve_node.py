@@ -16,7 +16,8 @@ import numpy as np
 import pytest
 import zenoh
 from episodes import write_episode
-from processes import complaint, reenact, start, wait_for_line, zenoh_pools
+from here import reenact_here
+from processes import complaint, start, wait_for_line, zenoh_pools
 from small_inverse import asked, hands_at, measured, postures, taught
 from unfinished import so_far
 from waiting import wait_until
@@ -437,17 +438,17 @@ def test_a_second_controller_in_a_namespace_is_refused_unless_told_otherwise(
     controller.save(tmp_path / "c.npz")
     with serving(controller, tmp_path, name="anna") as (watcher, process):
         second = ("serve", "c.npz", "--connect", watcher.endpoint)
-        line = complaint(reenact(*second, "--record", "s.mcap", cwd=tmp_path))
+        line = complaint(reenact_here(*second, "--record", "s.mcap", cwd=tmp_path))
         assert line == (
             "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
             "or allow both with --allow-multiple"
         )
-        line = complaint(reenact(*second, "--name", "anna", "--allow-multiple", cwd=tmp_path))
+        line = complaint(reenact_here(*second, "--name", "anna", "--allow-multiple", cwd=tmp_path))
         assert line == (
             "reenact: controller 'anna' serves in namespace 'reenact' already: end it, choose a --namespace, "
             "or choose another --name"
         )
-        line = complaint(reenact(*second, "--name", "anna", cwd=tmp_path))
+        line = complaint(reenact_here(*second, "--name", "anna", cwd=tmp_path))
         assert line.endswith("choose a --namespace, or allow both with --allow-multiple and another --name")
         with start(*second, "--name", "berta", "--allow-multiple", "--json", cwd=tmp_path) as beside:
             assert (
@@ -491,7 +492,7 @@ def test_a_robot_with_other_joints_is_refused_by_name(controller: Controller, tm
     endpoint = free_endpoint()
     joints = (*controller.joints[1:], *(f"finger_{k}" for k in range(7)))
     with robot_status(endpoint, joints=joints):
-        line = complaint(reenact("serve", "c.npz", "--connect", endpoint, "--out", "o.npz", cwd=tmp_path))
+        line = complaint(reenact_here("serve", "c.npz", "--connect", endpoint, "--out", "o.npz", cwd=tmp_path))
     assert line == (
         f"reenact: robot 'berta\\x1b' has other joints than the controller: it lacks {controller.joints[0]}, the "
         "controller lacks finger_0, finger_1, finger_2, finger_3, finger_4 and 2 more; serve a controller of this "
@@ -556,7 +557,7 @@ def test_a_replay_that_does_not_pace_itself_cannot_await_a_controller(
 ) -> None:
     with serving(controller, tmp_path) as (watcher, process):
         there = ("--connect", watcher.endpoint, "--await", "controller")
-        assert "pace the replay with --rate" in complaint(reenact("replay", log, "--play", *there, cwd=tmp_path))
+        assert "pace the replay with --rate" in complaint(reenact_here("replay", log, "--play", *there, cwd=tmp_path))
         assert watcher.heard_nothing()
         stop(process)
 
@@ -581,14 +582,14 @@ def test_when_nobody_comes_the_verb_to_start_is_named(name: str, started: str) -
 def test_a_file_that_is_no_controller_is_one_clear_line(tmp_path: Path) -> None:
     (tmp_path / "bad.npz").write_bytes(b"no zip")
     for name in ("bad.npz", "absent.npz"):
-        line = complaint(reenact("serve", name, "--listen", free_endpoint(), "--record", "s.mcap", cwd=tmp_path))
+        line = complaint(reenact_here("serve", name, "--listen", free_endpoint(), "--record", "s.mcap", cwd=tmp_path))
         assert f"cannot use controller {name}" in line
     assert [path.name for path in tmp_path.iterdir()] == ["bad.npz"]
 
 
 def test_a_log_that_exists_is_one_clear_line(controller: Controller, log: Path, tmp_path: Path) -> None:
     controller.save(tmp_path / "c.npz")
-    line = complaint(reenact("serve", "c.npz", "--listen", free_endpoint(), "--record", log, cwd=tmp_path))
+    line = complaint(reenact_here("serve", "c.npz", "--listen", free_endpoint(), "--record", log, cwd=tmp_path))
     assert f"{log} exists" in line
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 from episodes import write_episode
+from here import reenact_here
 from processes import complaint, reenact, start
 from rerun.chunk import RrdReader
 from rerun_server import rerun_server, rows
@@ -34,7 +35,7 @@ def test_view_saves_from_the_command_line(tmp_path: Path) -> None:
     assert run.returncode == 0, run.stderr
     assert json.loads(run.stdout) == {"shown": "circles.mcap", "samples": 5, "recording": "circles.rrd"}
     assert RrdReader(tmp_path / "circles.rrd").recordings()
-    assert "expected a log or a controller" in complaint(reenact("view", "none.mcap", cwd=tmp_path))
+    assert "expected a log or a controller" in complaint(reenact_here("view", "none.mcap", cwd=tmp_path))
 
 
 def test_an_exploration_is_shown_as_it_is_recorded(tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import toy_rule
 from episodes import write_plain_episode
+from here import reenact_here
 from installed import installed
 from processes import complaint, reenact, start, wait_for_line
 from rerun_server import rerun_server
@@ -64,7 +65,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def run(*arguments: object, cwd: Path) -> dict[str, Any]:
-    found = reenact(*arguments, "--json", cwd=cwd)
+    found = reenact_here(*arguments, "--json", cwd=cwd)
     assert found.returncode == 0, found.stderr
     return dict(json.loads(found.stdout))
 
@@ -98,7 +99,7 @@ def test_a_golden_case_of_it_holds_and_catches_other_settings(folder: Path) -> N
     (folder / "ours.toml").write_text('rule = "toy"\nrate = 0.25\n')
     (folder / "other.toml").write_text("reservoir = 300\n")
     for settings, what in (("ours", "learner setting rate"), ("other", "learner setting rule")):
-        found = reenact("golden", "check", "golden", "--config", f"{settings}.toml", cwd=folder)
+        found = reenact_here("golden", "check", "golden", "--config", f"{settings}.toml", cwd=folder)
         assert (found.returncode, what in found.stdout) == (1, True), found.stdout
 
 
@@ -106,7 +107,7 @@ def test_diff_names_the_first_array_or_rule_that_differs(folder: Path) -> None:
     run("train", "log.mcap", "--rule", "toy", "--epochs", EPOCHS + 1, "--out", "longer.npz", cwd=folder)
     run("train", "log.mcap", "--epochs", EPOCHS, "--out", "reservoir.npz", cwd=folder)
     for other, name in (("longer.npz", "config.epochs"), ("reservoir.npz", "config.rule")):
-        found = reenact("diff", "trained.npz", other, "--json", cwd=folder)
+        found = reenact_here("diff", "trained.npz", other, "--json", cwd=folder)
         assert (found.returncode, json.loads(found.stdout)["first_divergence"]["name"]) == (1, name)
 
 
@@ -166,7 +167,7 @@ def test_a_rule_is_looked_up_and_never_imported_by_name(folder: Path, tmp_path: 
         config_from_dict({"rule": "broken"})
     with pytest.raises(ConfigError, match="rule to be a text, found 3"):
         config_from_dict({"rule": 3})
-    line = complaint(reenact("train", folder / "log.mcap", "--rule", "evil", "--out", "c.npz", cwd=tmp_path))
+    line = complaint(reenact_here("train", folder / "log.mcap", "--rule", "evil", "--out", "c.npz", cwd=tmp_path))
     assert "expected a learning rule, one of " in line
 
 
