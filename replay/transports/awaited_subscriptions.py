@@ -60,7 +60,7 @@ def await_subscriptions(
             kind, publisher = publishers[topic]
             left_s, name = max(0.0, deadline_s - time.monotonic()), keys.graph_name(topic)
             found = partial(graph.subscriptions, name, kind)
-            logger.info(f"waits for {number} subscriptions of {name} ({kind}), of which {found()} are there")
+            logger.info(f"waits for subscriptions of {name} ({kind}): {found()} of {number} there")
             graph.wait_for(name, number, timeout_s=left_s, type_name=kind)
             while not (is_latched(topic) or has_subscribers(publisher)):
                 if time.monotonic() > deadline_s:
@@ -68,4 +68,4 @@ def await_subscriptions(
                         f"{topic}: its subscriptions are there, but nothing that is put reaches one within {wait_s:g} s"
                     )
                 time.sleep(_RETRY_S)
-            logger.info(f"{name} has {found()} subscriptions")
+            logger.info(f"subscriptions of {name}: {found()} there")
