@@ -37,7 +37,7 @@ class SenderMachine:
     batched : bool
         Whether messages travel in batches, or each on its own topic.
     wait_s : float
-        How long a consumer may take to appear [s].
+        How long a consumer may take to appear, and once it has, to decide [s].
     patience_s : float
         How long a consumer may leave every question unanswered, or receive nothing of what is sent [s].
     refuse : callable
