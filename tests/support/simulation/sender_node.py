@@ -155,11 +155,12 @@ class SenderNode(Node):
         """Take an answer to a question, or that there are no more."""
         if self._asked.get(ask.number) is not ask:
             return
-        counted, was_over = self._refused, self.machine.is_over
+        counted, was_over, was_awaited = self._refused, self.machine.is_over, self.machine.awaits(ask)
         self.machine.on_answer(ask, packet, self.now_s)
         if not self.machine.awaits(ask):
             del self._asked[ask.number]
-            self._note_appearance(ask, packet)
+            if was_awaited:
+                self._note_appearance(ask, packet)
         elif packet is not None and not was_over:
             self.doubted.add(ask.consumer)
             if self._refused == counted:
