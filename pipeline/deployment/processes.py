@@ -3,9 +3,8 @@
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from pathlib import Path
-from tempfile import TemporaryDirectory
 
+from pipeline.deployment.session_folder import session_folder
 from pipeline.deployment.verb_process import IN_NAMESPACE, VerbProcess
 from pipeline.learner.controller import Controller
 from pipeline.robot.config import TOML_FILE, URDF_FILE
@@ -42,8 +41,7 @@ def served_robot(controller: Controller, *, wait_s: float) -> Iterator[tuple[Ses
         If one of them does not start; also, with the last line that it printed, if it ends while the block runs.
     """
     endpoint = free_endpoint()
-    with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
-        folder = Path(name)
+    with session_folder() as folder, ExitStack() as stack:
         controller.save(folder / "controller.npz")
         (folder / TOML_FILE).write_text(controller.robot_toml, encoding="utf-8")
         (folder / URDF_FILE).write_text(controller.robot_urdf, encoding="utf-8")

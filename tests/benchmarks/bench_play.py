@@ -29,7 +29,8 @@ from chromium import drawn_page, find_chromium
 from page_client import PageClient
 from playwright.sync_api import Page as Tab
 from processor_time import processor_time_s
-from visit import shown_page, wait_until
+from visit import shown_page
+from waiting import wait_until
 
 from pipeline.browser.page.page import Page
 from pipeline.browser.session.play import PlayConfig

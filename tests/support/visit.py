@@ -1,13 +1,14 @@
 """A visitor of the page, in a real Chromium, and the page with what runs behind it."""
 
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
+from itertools import pairwise
 
 import numpy as np
 from chromium import on_screen
 from playwright.sync_api import Browser
-from waiting import wait_until as wait_at_most
+from waiting import wait_until
 
 from pipeline.arrays import Floats
 from pipeline.browser.page.gate import Gate
@@ -17,12 +18,9 @@ from pipeline.browser.session.play import PlayConfig, playing
 SIZE = (900, 640)
 PHONE = (390, 844)
 ARRIVED_CM = 0.2
+_PATIENCE_MS = 120_000
+_NEAR_M = 0.01  # a few pixels
 _TWO_FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
-
-
-def wait_until(holds: Callable[[], object]) -> None:
-    """Wait until something holds, on a machine that is busy with something else."""
-    wait_at_most(holds, timeout_s=600.0)
 
 
 class Visit:
@@ -40,7 +38,7 @@ class Visit:
         self.requested: list[str] = []
         self.tab.on("request", lambda request: self.requested.append(request.url))
         self.tab.on("websocket", lambda socket: self.requested.append(socket.url))
-        self.tab.set_default_timeout(600_000)
+        self.tab.set_default_timeout(_PATIENCE_MS)
         self.tab.goto(f"{page.address}/?fixedDpr=0.5")
         self.await_client(before)
 
@@ -92,6 +90,25 @@ class Visit:
         self.press(points[0])
         for point in points[1:]:
             self.move(point)
+        self.let_go()
+
+    def draw(self, place: int, *points: Floats) -> None:
+        """Bring out the sheet, and draw through points of it [m], each of which has come there before the next."""
+        self.tab.get_by_label("Draw").click()
+        self.tab.get_by_label("Hand", exact=True).wait_for()  # which is seen after the sheet
+        self.press(points[0])
+        for begin, end in pairwise(points):
+            for share in (0.5, 1.0):
+                self._draw_to(place, begin + share * (end - begin))
+        self.let_go()
+
+    def _draw_to(self, place: int, point: Floats) -> None:
+        sheet = self._page._sheets[place]
+        self.move(point)
+        wait_until(lambda: sheet._stroke and np.linalg.norm(sheet._stroke[-1][1] - point) < _NEAR_M)
+
+    def let_go(self) -> None:
+        """Let go of what is dragged."""
         if self._on_phone:
             self._finger("touchEnd")
         else:

@@ -1,22 +1,28 @@
 """The panel of the page: state, errors, and what the robot is to do."""
 
+import time
 from collections.abc import Callable
+from concurrent.futures import Future
+from functools import partial
 from typing import Any
 
-from viser import GuiEvent, ViserServer
+from viser import ViserServer
 
-from pipeline.browser.page.error_plot import ErrorPlot
-from pipeline.browser.page.texts import hand_rows, joint_rows, paragraph, rows
+from pipeline.browser.page.elements.error_plot import ErrorPlot
+from pipeline.browser.page.elements.texts import hand_rows, joint_rows, paragraph, rows
+from pipeline.browser.page.elements.visitor_input import Allowed, VisitorInput, set_visible
 from pipeline.browser.session.activity import Activity
+from pipeline.browser.session.clock_rate import ClockRate
 from pipeline.browser.session.drive import Mode, Snapshot
 from pipeline.browser.session.play import Play
+from recorders.messages.topics import JOINT_COMMANDS
 from recorders.text.wording import names_text
 
 _HOLD, _PAUSE, _DRAW = "Hold", "Pause", "Draw"
 _STATUS = "state"
-
-Allowed = Callable[[int | None], bool]
-"""Whether a visitor, by number, may do something; it is told if not."""
+_WAITS = f"No controller has answered yet: errors count from its first command ({JOINT_COMMANDS})."
+_SLOW = 0.9  # a clock that is slower than this part of real time is stated
+_DRAGGED_S = 0.5  # for so long after the last place that a visitor drags the slider to, it stays there
 
 
 class MotionPart:
@@ -37,117 +43,104 @@ class MotionPart:
     def __init__(
         self, server: ViserServer, play: Play, *, allowed: Allowed, on_sheet: Callable[[bool, int], None]
     ) -> None:
-        self._play, self._allowed, self._on_sheet = play, allowed, on_sheet
+        self._play, self._on_sheet = play, on_sheet
+        self._draws, self._hand = False, play.robot.hand_names[-1]
         gui, hands = server.gui, play.robot.hand_names
         with gui.add_folder("Move", order=20):
             gui.add_html(paragraph("Drag a handle in the picture, or:"))
-            self._motion: Any = gui.add_dropdown("Motion", (_HOLD, *play.motions))
-            self._place: Any = gui.add_slider(
-                "Place [s]", min=0.0, max=1.0, step=0.02, initial_value=0.0, visible=False
-            )
-            self._pause: Any = gui.add_checkbox(_PAUSE, initial_value=False, visible=False)
-            self._draw: Any = gui.add_checkbox(_DRAW, initial_value=False)
-            self._hand: Any = gui.add_dropdown("Hand", hands, initial_value=hands[-1], visible=False)
-        self._shown: Any = None
-        self._motion.on_update(self._choose)
-        self._place.on_update(self._seek)
-        self._pause.on_update(self._set_paused)
-        self._draw.on_update(self._set_drawing)
-        self._hand.on_update(self._set_drawing)
+            put = partial(VisitorInput, server, allowed=allowed)
+            self._motion = put(gui.add_dropdown("Motion", (_HOLD, *play.motions)), take=self._choose)
+            place = gui.add_slider("Place [s]", min=0.0, max=1.0, step=0.02, initial_value=0.0, visible=False)
+            self._place = put(place, take=self._seek, rest_s=_DRAGGED_S)
+            self._pause = put(gui.add_checkbox(_PAUSE, False, visible=False), take=self._set_paused)
+            self._draw = put(gui.add_checkbox(_DRAW, False), take=self._set_drawing)
+            hand = gui.add_dropdown("Hand", hands, initial_value=self._hand, visible=False)
+            self._drawer = put(hand, take=self._set_hand)
 
     def stop_drawing(self) -> None:
         """Put the sheet away."""
-        self._draw.value = False
-        self._show_sheet()
+        self._set_drawing(False)
+        self._draw.show(lambda: self._draws)
 
     def show(self, snapshot: Snapshot) -> None:
         """Show what moves the hands now."""
-        loop = snapshot.loop if snapshot.mode is Mode.MOTION else None
-        name = _HOLD if loop is None else loop.name
-        if name not in self._motion.options:
-            self._motion.options = (*self._motion.options, name)
-        if self._shown != (name, loop is not None):
-            self._shown = name, loop is not None
-            self._motion.value = name
-            self._place.visible = self._pause.visible = loop is not None
+        loop, motions = snapshot.loop, self._play.motions
+        others = () if loop is None or loop.name in motions else (loop.name,)
+        self._motion.show(self._name, options=(_HOLD, *motions, *others))
+        set_visible(snapshot.mode is Mode.MOTION, self._place.element, self._pause.element)
         if loop is not None:
-            if self._place.max != loop.duration_s:
-                self._place.max = loop.duration_s
-            self._pause.value = loop.paused
-            if not loop.paused:
-                self._place.value = loop.at_s
+            if self._place.element.max != loop.duration_s:
+                self._place.element.max = loop.duration_s
+            self._pause.show(lambda: loop.paused)
+            self._place.show(lambda: loop.at_s)
+        self._draw.show(lambda: self._draws)
+        self._drawer.show(lambda: self._hand)
 
-    def _choose(self, event: GuiEvent[Any]) -> None:
-        if event.client_id is None or event.target.value == (self._shown or ("",))[0]:
-            return
-        name, self._shown = event.target.value, None
-        if not self._allowed(event.client_id):
-            return
+    def _name(self) -> str:
+        """Return the name of the motion of now, as it can be chosen."""
+        snapshot = self._play.drive.snapshot()
+        return snapshot.loop.name if snapshot.mode is Mode.MOTION and snapshot.loop is not None else _HOLD
+
+    def _choose(self, name: str) -> "Future[None] | None":
+        """Hold the hands, or go through a motion that is known by name, or through the last one again."""
+        drive, loop = self._play.drive, self._play.drive.snapshot().loop
         if name == _HOLD:
-            self._play.drive.hold()
+            drive.hold()
         elif name in self._play.motions:
-            self._play.activity.do(f"motion {name}", lambda: self._play.go_through(name))
+            return self._play.activity.do(f"motion {name}", lambda: self._play.go_through(name))
+        elif loop is not None and loop.name == name:
+            drive.seek(loop.at_s)
+        return None
 
-    def _seek(self, event: GuiEvent[Any]) -> None:
-        if event.client_id is not None and self._allowed(event.client_id):
-            self._play.drive.seek(float(event.target.value))
+    def _seek(self, at_s: float) -> None:
+        self._play.drive.seek(at_s)
 
-    def _set_paused(self, event: GuiEvent[Any]) -> None:
+    def _set_paused(self, paused: bool) -> None:
         loop = self._play.drive.snapshot().loop
-        if event.client_id is not None and loop is not None and self._allowed(event.client_id):
-            loop.paused = bool(event.target.value)
+        if loop is not None:
+            loop.paused = paused
 
-    def _set_drawing(self, event: GuiEvent[Any]) -> None:
-        if event.client_id is None or self._hand.value not in self._play.robot.hand_names:
-            return
-        if not self._allowed(event.client_id):
-            self._draw.value = False
-            return
-        if self._draw.value:
+    def _set_drawing(self, draws: bool) -> None:
+        if draws:
             self._play.drive.hold()
+        self._draws = draws
         self._show_sheet()
 
+    def _set_hand(self, hand: str) -> None:
+        if hand in self._play.robot.hand_names:
+            self._hand = hand
+            self._show_sheet()
+
     def _show_sheet(self) -> None:
-        names, hand = self._play.robot.hand_names, self._hand.value
-        self._hand.visible = self._draw.value
-        self._on_sheet(self._draw.value, names.index(hand) if hand in names else len(names) - 1)
+        self._on_sheet(self._draws, self._play.robot.hand_names.index(self._hand))
+        self._drawer.element.visible = self._draws
 
 
 class ControllerPart:
     """Choice of the controller that leads, where there are several."""
 
     def __init__(self, server: ViserServer, play: Play, *, allowed: Allowed) -> None:
-        self._play, self._allowed = play, allowed
+        self._play = play
         names = ("",) if play.controllers is None else play.controllers.names
         with server.gui.add_folder("Controller", order=30, visible=play.controllers is not None):
-            self._choice: Any = server.gui.add_dropdown("Leads", names)
-        self._choice.on_update(self._choose)
+            leads = server.gui.add_dropdown("Leads", names)
+        self._choice = VisitorInput(server, leads, allowed=allowed, take=self._choose)
 
     def show(self) -> None:
         """Show which one leads."""
-        if self._play.controllers is None:
-            return
-        names, leading = self._play.controllers.names, self._play.link.controller
-        if self._choice.options != names:
-            self._choice.options = names
-        if leading in names and self._choice.value != leading and not self._play.activity.doing:
-            self._choice.value = leading
+        if self._play.controllers is not None:
+            self._choice.show(lambda: self._play.link.controller, options=self._play.controllers.names)
 
-    def _choose(self, event: GuiEvent[Any]) -> None:
-        name = event.target.value
-        if event.client_id is None or name == self._play.link.controller:
-            return
-        if self._allowed(event.client_id) and name in self._choice.options:
-            self._play.choose(name)
-        else:
-            self._choice.value = self._play.link.controller
+    def _choose(self, name: str) -> "Future[None] | None":
+        controllers = self._play.controllers
+        return self._play.choose(name) if controllers is not None and name in controllers.names else None
 
 
 class StatePart:
     """What is so: robot, controller, errors, what was refused, joints against their limits."""
 
     def __init__(self, server: ViserServer, play: Play) -> None:
-        self._play = play
+        self._play, self._rate = play, ClockRate()
         gui = server.gui
         self._state = gui.add_html("", order=0)
         self._errors = gui.add_html("", order=1)
@@ -158,13 +151,32 @@ class StatePart:
 
     def show(self, snapshot: Snapshot, controller: dict[str, Any]) -> None:
         """Show what is so now."""
-        play, error, mean = self._play, snapshot.error, snapshot.mean
-        _set(self._state, state_html(play, snapshot, controller))
-        if error is not None:
-            deviations_m = play.link.deviations_m
-            _set(self._errors, hand_rows(play.robot, error.distances_cm, error.turns_deg, deviations_m, mean.hands_cm))
+        play = self._play
+        _set(self._state, state_html(play, snapshot, controller) + self._rate_line(snapshot))
+        _set(self._errors, self._error_rows(snapshot))
         _set(self._joints, joint_rows(play.robot, snapshot.q))
         self._plot.show(play.drive.errors())
+
+    def _error_rows(self, snapshot: Snapshot) -> str:
+        """Return the errors of the hands, or why there are none."""
+        play, error = self._play, snapshot.error
+        if error is None:
+            return "" if snapshot.mode in (Mode.AT_REST, Mode.LENT) else paragraph(_WAITS, name="waits")
+        deviations_m, means_cm = play.link.deviations_m, snapshot.mean.hands_cm
+        return hand_rows(play.robot, error.distances_cm, error.turns_deg, deviations_m, means_cm)
+
+    def _rate_line(self, snapshot: Snapshot) -> str:
+        """Return a line where the robot's time passes more slowly than that of this machine."""
+        if not self._play.link.is_there:
+            self._rate.clear()
+            return ""
+        rate = self._rate.add(time.monotonic(), snapshot.time_ns)
+        return "" if rate is None or rate >= _SLOW else paragraph(slow_text(rate), warning=True, name="rate")
+
+
+def slow_text(rate: float) -> str:
+    """Return a line on a robot's clock of a rate beside real time."""
+    return f"the robot's time passes at {rate:.2f} of real time: what simulates it is too slow or too busy"
 
 
 def state_html(play: Play, snapshot: Snapshot, controller: dict[str, Any]) -> str:

@@ -1,11 +1,12 @@
 """Part of the panel that records, and goes through what was recorded."""
 
+from concurrent.futures import Future
 from typing import Any
 
 from viser import GuiEvent, ViserServer
 
-from pipeline.browser.page.panel import Allowed
-from pipeline.browser.page.texts import paragraph
+from pipeline.browser.page.elements.texts import paragraph
+from pipeline.browser.page.elements.visitor_input import Allowed, StoredInput, VisitorInput
 from pipeline.browser.page.visitor_bar import notify
 from pipeline.browser.session.play import Play
 
@@ -30,12 +31,13 @@ class RecordPart:
         self._line = ""
         gui = server.gui
         with gui.add_folder("Record", order=40):
-            self._name: Any = gui.add_text("Name", initial_value="demonstration")
+            name = gui.add_text("Name", initial_value="demonstration")
             self._button: Any = gui.add_button(_BEGIN)
             self._figures: Any = gui.add_html("")
-            self._logs: Any = gui.add_dropdown("Play", (_NONE,))
+            logs = gui.add_dropdown("Play", (_NONE,))
+        self._name = StoredInput(server, name, allowed=allowed)
+        self._logs = VisitorInput(server, logs, allowed=allowed, take=self._choose)
         self._button.on_click(self._press)
-        self._logs.on_update(self._choose)
 
     def show(self) -> None:
         """Show what is recorded, and which logs there are."""
@@ -49,9 +51,8 @@ class RecordPart:
         content = paragraph(self._line, name="recording") if self._line else ""
         if self._figures.content != content:
             self._figures.content = content
-        logs = (_NONE, *self._play.recordings.logs())
-        if tuple(self._logs.options) != logs:
-            self._logs.options = logs
+        self._name.show_value()
+        self._logs.show(lambda: _NONE, options=(_NONE, *self._play.recordings.logs()))
 
     def _press(self, event: GuiEvent[Any]) -> None:
         if not self._allowed(event.client_id):
@@ -70,9 +71,7 @@ class RecordPart:
         self._line = ""
         self._line = self._play.end_recording()
 
-    def _choose(self, event: GuiEvent[Any]) -> None:
-        name = str(event.target.value)
-        if event.client_id is None or name == _NONE or not self._allowed(event.client_id):
-            return
-        self._play.activity.do(f"log {name:.60}", lambda: self._play.go_through_log(name))
-        self._logs.value = _NONE
+    def _choose(self, name: str) -> "Future[None] | None":
+        if name == _NONE:
+            return None
+        return self._play.activity.do(f"log {name:.60}", lambda: self._play.go_through_log(name))

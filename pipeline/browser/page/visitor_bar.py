@@ -2,7 +2,7 @@
 
 from viser import ClientHandle, GuiButtonHandle, GuiHtmlHandle, ViserServer
 
-from pipeline.browser.page.texts import paragraph
+from pipeline.browser.page.elements.texts import paragraph
 from pipeline.browser.page.visitors import Visitors
 
 

@@ -21,6 +21,7 @@ TICK_NS = 20_000_000
 
 _EARLY_NS = TICK_NS // 10  # by so much a state may be early, and make a tick nevertheless
 _LONGEST_S = 0.1  # however long no state came, targets go on as after this time
+_MOST_UNANSWERED = 50  # ticks, 1 s at 50 Hz: after so many without a command, no controller answers
 _PATH = 300  # points of each path that is shown: 6 s at 50 Hz
 
 
@@ -70,8 +71,10 @@ class Snapshot:
         Source of the targets.
     loop : MotionLoop or None
         Motion that is gone through, or was the last.
+    is_answered : bool
+        Whether a controller answers the targets with commands.
     error : TickError or None
-        Of the last tick.
+        Of the last tick; None while no controller answers.
     mean : Mean
         Mean error since it was begun anew.
     """
@@ -84,6 +87,7 @@ class Snapshot:
     wanted: Floats
     mode: Mode
     loop: MotionLoop | None
+    is_answered: bool
     error: TickError | None
     mean: Mean
 
@@ -115,6 +119,8 @@ class Drive:
         self._moving = MovingTargets(robot, self._hands)
         self._last: Tick | None = None
         self._states = self._time_ns = 0
+        self._unanswered = _MOST_UNANSWERED  # ticks since the last command
+        self._is_answered = False  # the last tick
         self._reached: deque[Floats] = deque(maxlen=_PATH)
         self._asked: deque[Floats] = deque(maxlen=_PATH)
 
@@ -135,9 +141,17 @@ class Drive:
             passed_ns = stamp_ns - self._last.stamp_ns
             if passed_ns < TICK_NS - _EARLY_NS:
                 return None
-            error = self._figures.add(stamp_ns, self._last.rows, q)
-            self._rounds.add(self._followed, error, passed_ns * 1e-9)
+            was_answered, self._is_answered = self._is_answered, self._unanswered < _MOST_UNANSWERED
+            self._unanswered += 1
+            if self._is_answered and not was_answered:
+                return self._first(stamp_ns)
+            self._count(stamp_ns, passed_ns)
             return self._tick(stamp_ns, min(passed_ns * 1e-9, _LONGEST_S), begins=False)
+
+    def answer(self) -> None:
+        """Note that a controller commands the joints; what it does not answer is no error of any controller."""
+        with self._lock:
+            self._unanswered = 0
 
     def move_hand(self, place: int, row: Floats) -> None:
         """Want a hand elsewhere, by row; what moves by itself stops, the other hands stay where they are asked to.
@@ -220,7 +234,8 @@ class Drive:
                 self._moving.wanted.copy(),
                 Mode.LENT if self._lent else self._mode,
                 self._loop,
-                recent[-1] if recent else None,
+                self._is_answered,
+                recent[-1] if recent and self._is_answered else None,
                 Mean(mean.ticks, mean.sums_cm),
             )
 
@@ -235,6 +250,14 @@ class Drive:
             empty = np.empty((0, len(self.robot.hands), POSITION_SIZE))
             asked, reached = (np.array(path) if path else empty for path in (self._asked, self._reached))
             return asked, reached
+
+    def _count(self, stamp_ns: int, passed_ns: int) -> None:
+        """Count the error of the last tick, if a controller answers."""
+        if self._last is None or not self._is_answered:
+            self._rounds.break_off()
+            return
+        error = self._figures.add(stamp_ns, self._last.rows, self._q)
+        self._rounds.add(self._followed, error, passed_ns * 1e-9)
 
     def _first(self, stamp_ns: int) -> Tick:
         """Return the first tick: where the hands are, so that nothing leaps."""

@@ -143,6 +143,10 @@ class RoundFigures:
         """Note that a controller leads from now on."""
         self._controller, self._changing_s, self._under_way = controller, _CHANGE_S, None
 
+    def break_off(self) -> None:
+        """Break off the round under way."""
+        self._under_way = None
+
     def forget(self, controller: str) -> None:
         """Forget all rounds of a controller."""
         for rounds in self._rounds.values():

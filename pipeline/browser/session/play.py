@@ -2,18 +2,19 @@
 
 import logging
 from collections.abc import Callable, Iterator
+from concurrent.futures import Future
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
-from tempfile import TemporaryDirectory
 
 from pipeline.browser.session.activity import Activity
 from pipeline.browser.session.controllers import TEACHER, Controllers, Place
-from pipeline.browser.session.drive import Drive
+from pipeline.browser.session.drive import Drive, Mode
 from pipeline.browser.session.own_robot import OwnRobot
 from pipeline.browser.session.recorded_motion import motion_of_log, recorded_errors
 from pipeline.browser.session.recordings import Recordings, evaluated
 from pipeline.browser.session.robot_link import RobotLink
+from pipeline.deployment.session_folder import session_folder
 from pipeline.motions.motion import load_motion
 from pipeline.motions.names import motion_names
 from pipeline.robot.config import RobotConfig, load_robot, parse_robot
@@ -117,10 +118,15 @@ class Play:
         answers = evaluated(leading, log)
         return f"{line}; {self.link.controller} evaluated on it {answers['mean_cm']:.2f} cm"
 
-    def choose(self, name: str) -> None:
+    def choose(self, name: str) -> "Future[None]":
         """Have a controller of our own lead, once it stands ready."""
-        if self.controllers is not None:
-            self.activity.do(f"starting {name}", lambda: self.lead(name))
+        return self.activity.do(f"starting {name}", lambda: self.lead(name))
+
+    def begin(self, name: str) -> None:
+        """Have a controller of our own lead, and once it does the robot move, unless a visitor has it do something."""
+        self.lead(name)
+        if FIRST_MOTION in self.motions and self.drive.snapshot().mode is Mode.AT_REST:
+            self.go_through(FIRST_MOTION)
 
     def lead(self, name: str) -> None:
         """Start a controller of our own, unless it runs, and give it the targets; raises as `Controllers.start`."""
@@ -157,9 +163,9 @@ def playing(config: PlayConfig, *, meanwhile: Callable[[], object] = lambda: Non
     WireError
         If a robot does not start, or none answers; or one that is there moves in lockstep.
     """
-    with TemporaryDirectory(prefix="reenact-") as name, ExitStack() as stack:
+    with session_folder() as folder, ExitStack() as stack:
         if config.session is None:
-            yield _own(config, Path(name), stack, meanwhile)
+            yield _own(config, folder, stack, meanwhile)
         else:
             meanwhile()
             session = stack.enter_context(open_session(config.session))
@@ -167,7 +173,7 @@ def playing(config: PlayConfig, *, meanwhile: Callable[[], object] = lambda: Non
             drive = Drive(_robot_there(session, config))
             link = stack.enter_context(RobotLink(session, drive, keys=config.keys))
             ends = config.session.connect or config.session.listen
-            where = Place(session, ends[:1], config.keys, Path(name), drive.robot.hand_names)
+            where = Place(session, ends[:1], config.keys, folder, drive.robot.hand_names)
             recordings = _recordings(stack, where, drive, config)
             activity = _activity(stack)
             yield Play(drive, link, activity, None, recordings, None, _reachable(drive.robot))
@@ -193,9 +199,8 @@ def _own(config: PlayConfig, folder: Path, stack: ExitStack, meanwhile: Callable
     stack.callback(activity.cancel)
     play = Play(drive, link, activity, controllers, recordings, own, _reachable(robot))
     added = [controllers.add(path) for path in config.controllers]
-    play.choose(added[0] if added else TEACHER)
-    if FIRST_MOTION in play.motions:
-        play.go_through(FIRST_MOTION)
+    first = added[0] if added else TEACHER
+    activity.do(f"starting {first}", lambda: play.begin(first))
     return play
 
 

@@ -90,7 +90,7 @@ class Recordings:
         Raises
         ------
         LogError
-            If one is under way, or nothing is asked of the robot.
+            If one is under way, nothing is asked of the robot, or the name is none.
         WireError
             If the recorder does not begin.
         """
@@ -98,6 +98,7 @@ class Recordings:
             raise LogError(f"expected none under way, found the recording {self.under_way.name}")
         if self._drive.last_stamp_ns is None:
             raise LogError("expected a robot that is led, found nothing asked of it: drag a handle or choose a motion")
+        free = self._free(name)
         self._begun += 1
         log = self.place.folder / f"recorded_{self._begun}.mcap"
         where = (*self.place.arguments, "--name", _RECORDER)
@@ -112,7 +113,7 @@ class Recordings:
             raise
         self._drive.begin_figures()
         last_ns = self._drive.last_stamp_ns
-        self.under_way = Recording(self._free(name), process, log, 0 if last_ns is None else last_ns + 1)
+        self.under_way = Recording(free, process, log, 0 if last_ns is None else last_ns + 1)
 
     def end(self) -> Path:
         """End the recording that is under way, and return its log.
@@ -151,6 +152,7 @@ class Recordings:
             last_ns=last_ns,
             notes={"name": recording.name, "robot": self._drive.robot.name},
         )
+        recording.log.unlink(missing_ok=True)
         return out
 
     def _left(self, recording: Recording) -> str:
@@ -173,7 +175,21 @@ class Recordings:
 
     def _free(self, name: str) -> str:
         """Return a name that no log has."""
-        return free_path(self._file(node_name(name.strip() or "demonstration"))).stem
+        return free_path(self._file(visible_name(name.strip() or "demonstration"))).stem
+
+
+def visible_name(text: str) -> str:
+    """Return a text as the name of a file that is listed, without what begins a hidden one or an option.
+
+    Raises
+    ------
+    LogError
+        If nothing is left of it.
+    """
+    name = node_name(text).lstrip("._-")
+    if not name:
+        raise LogError(f"name: expected letters from a to z or digits, found {text!r:.60}")
+    return name
 
 
 def free_path(path: Path) -> Path:

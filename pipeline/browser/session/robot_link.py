@@ -22,6 +22,7 @@ from recorders.messages.message_types import Float64MultiArray, JointState
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.topics import (
     CONTROLLER_DEVIATION,
+    JOINT_COMMANDS,
     JOINT_STATES,
     SAMPLE_JOINTS,
     SESSION_PHASE,
@@ -80,7 +81,11 @@ class RobotLink:
 
     def __enter__(self) -> Self:
         self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=self._keys))
-        for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
+        for topic, take in (
+            (JOINT_STATES, self._on_state),
+            (JOINT_COMMANDS, self._on_command),
+            (CONTROLLER_DEVIATION, self._on_deviation),
+        ):
             self._stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
         return self
 
@@ -141,6 +146,14 @@ class RobotLink:
                 put(controller_topic(self.controller, hand), message, log_time_ns=tick.stamp_ns)
             put(hand_target(hand), message, log_time_ns=tick.stamp_ns)
         put(SAMPLE_JOINTS, state, log_time_ns=tick.stamp_ns)
+
+    def _on_command(self, sample: Sample) -> None:
+        try:
+            decode_as(JointState, _small(sample))
+        except ReenactError as error:
+            self._warnings.warn(f"{JOINT_COMMANDS}: {error}", kind=JOINT_COMMANDS)
+            return
+        self._drive.answer()
 
     def _on_deviation(self, sample: Sample) -> None:
         try:

@@ -9,13 +9,12 @@ from pathlib import Path
 from pipeline.browser.session.controllers import TEACHER
 from pipeline.browser.session.drive import Mode
 from pipeline.browser.session.play import Play
-from pipeline.browser.session.recordings import free_path
+from pipeline.browser.session.recordings import free_path, visible_name
 from pipeline.browser.teaching.curve import Curve
 from pipeline.browser.teaching.lessons import ExploringLesson, Lesson, LiveLesson, LogLesson
 from recorders.errors import LearningError, ReenactError
 from recorders.files.anonymous_file import write_whole
 from recorders.files.disk import make_folders
-from recorders.nodes.keys import node_name
 from recorders.text.wording import names_text
 
 logger = logging.getLogger(__name__)
@@ -135,11 +134,13 @@ class Teaching:
         ------
         LearningError
             If there is none that is not kept.
+        LogError
+            If the name is none.
         OSError
             If it cannot be written.
         """
         taught, folder = self._last(), self._play.recordings.folder
-        name = node_name(name.strip() or taught.name)
+        name = visible_name(name.strip() or taught.name)
         make_folders(folder)
         kept = free_path(folder / f"{name}.npz")
         write_whole(kept, taught.path.read_bytes())

@@ -11,7 +11,8 @@ from chromium import chromium, executable
 from processes import start, wait_for_line
 from proxy import Proxy
 from small_inverse import taught
-from visit import Visit, await_arrival, shown_page, wait_until
+from visit import Visit, await_arrival, shown_page
+from waiting import wait_until
 
 from pipeline.browser.session.drive import Mode
 from pipeline.browser.session.play import PlayConfig

@@ -80,13 +80,43 @@ def test_a_clock_that_begins_anew_is_followed_from_where_the_hands_are(robot):
 def test_an_error_is_of_a_target_at_the_end_of_its_hold(robot):
     drive = Drive(robot)
     drive.hold()
-    run(drive, robot.comfort, ticks=1)
+    drive.answer()
+    run(drive, robot.comfort, ticks=2)
     q = robot.comfort + 0.01
-    drive.take(START_NS + TICK_NS, q)
+    drive.take(START_NS + 2 * TICK_NS, q)
     kinematics = Kinematics(robot)
     moved_cm = 100 * np.linalg.norm(kinematics.hands(q) - kinematics.hands(robot.comfort), axis=1)
     assert drive.snapshot().error.distances_cm == pytest.approx(moved_cm, rel=1e-12)
     assert drive.snapshot().mean.ticks == 1
+
+
+def test_no_error_is_counted_until_a_controller_answers_and_then_nothing_leaps(robot):
+    drive = Drive(robot)
+    drive.hold()
+    run(drive, robot.comfort, ticks=1)
+    drive.move_hand(1, drive.snapshot().hands[1] + [0.0, 0.0, 0.1])
+    run(drive, robot.comfort, ticks=100, start_ns=START_NS + TICK_NS)
+    now = drive.snapshot()
+    assert np.abs(now.targets - now.hands).max() > 0.05
+    assert (now.is_answered, now.error, now.mean.ticks, drive.errors()) == (False, None, 0, [])
+    drive.answer()
+    tick = drive.take(START_NS + 101 * TICK_NS, robot.comfort)
+    assert tick.begins
+    assert np.array_equal(tick.rows, now.hands)
+    drive.take(START_NS + 102 * TICK_NS, robot.comfort)
+    assert drive.snapshot().is_answered
+    assert drive.snapshot().error.distances_cm.max() < 0.1
+    assert drive.snapshot().mean.ticks == 1
+
+
+def test_a_controller_that_answers_no_more_has_no_errors(robot):
+    drive = Drive(robot)
+    drive.hold()
+    drive.answer()
+    run(drive, robot.comfort, ticks=200)
+    now = drive.snapshot()
+    assert (now.is_answered, now.error) == (False, None)
+    assert 0 < now.mean.ticks < 100
 
 
 def test_a_motion_is_gone_through_in_its_own_time(robot):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from pipeline.browser.page.error_plot import ErrorPlot
+from pipeline.browser.page.elements.error_plot import ErrorPlot
 from pipeline.browser.page.gate import Gate
 from pipeline.browser.page.server import page_server
 from pipeline.browser.session.figures import TickError

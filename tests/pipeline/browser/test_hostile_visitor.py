@@ -5,11 +5,8 @@ import re
 import socket
 from contextlib import suppress
 
-import msgspec
 import pytest
-import viser
-import websockets
-from websockets.typing import Subprotocol
+from visitor_socket import packed, sent_by_visitor
 
 from pipeline.browser.page.drawing import Sheet
 from pipeline.browser.page.gate import Gate
@@ -17,7 +14,6 @@ from pipeline.browser.page.scene import Scene
 from pipeline.browser.page.server import page_server
 from pipeline.robot.config import load_robot
 
-OURS = f"viser-v{viser.__version__}"
 UPGRADE = b"GET / HTTP/1.1\r\nHost: 127.0.0.1\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\r\n"
 
 
@@ -61,18 +57,6 @@ def assert_quiet(capfd, caplog):
         assert record.exc_info is None
 
 
-async def sent_by_visitor(port: int, message: bytes | str, *, version: str = OURS) -> None:
-    """Send one message as a visitor's browser does, and a question whose answer shows that it was read."""
-    async with websockets.connect(f"ws://127.0.0.1:{port}/", subprotocols=[Subprotocol(version)]) as visitor:
-        with suppress(websockets.ConnectionClosed):
-            await visitor.send(message)
-            await (await visitor.ping())
-
-
-def packed(kind: str, **fields: object) -> bytes:
-    return msgspec.msgpack.encode({"type": kind, **fields})
-
-
 def of_scene(kind: str, **fields: object) -> bytes:
     return packed(kind, owner="", **fields)
 
@@ -86,6 +70,16 @@ class Moves:
     def take(self, place: int, row: object, visitor: int) -> bool:
         self.places.append(place)
         return True
+
+
+@pytest.fixture(scope="module")
+def scene():
+    """The port of a page with a robot, and what visitors have moved of it."""
+    robot, moved = load_robot("asimo"), Moves()
+    with page_server(Gate(), port=None, label="") as server:
+        Scene(server, robot, on_move=moved.take)
+        Sheet(server, robot, 0, on_stroke=lambda *stroke: None)
+        yield server.get_port(), moved
 
 
 POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}
@@ -106,22 +100,16 @@ POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0
         of_scene("TransformControlsUpdateMessage", **POSE | {"position": (1e999, 0.0, 0.0)}),
     ],
 )
-def test_what_no_page_of_ours_sends_causes_a_line_at_most(message, capfd, caplog):
-    robot, moved = load_robot("asimo"), Moves()
-    with page_server(Gate(), port=None, label="") as server:
-        Scene(server, robot, on_move=moved.take)
-        Sheet(server, robot, 0, on_stroke=lambda *stroke: None)
-        for _ in range(3):
-            asyncio.run(sent_by_visitor(server.get_port(), message))
+def test_what_no_page_of_ours_sends_causes_a_line_at_most(message, scene, capfd, caplog):
+    port, moved = scene
+    asyncio.run(sent_by_visitor(port, *[message] * 3))
     assert_quiet(capfd, caplog)
     assert not moved.places
 
 
-def test_a_handle_that_a_visitor_sends_is_moved(capfd, caplog):
-    moved = Moves()
-    with page_server(Gate(), port=None, label="") as server:
-        Scene(server, load_robot("asimo"), on_move=moved.take)
-        asyncio.run(sent_by_visitor(server.get_port(), of_scene("TransformControlsUpdateMessage", **POSE)))
+def test_a_handle_that_a_visitor_sends_is_moved(scene, capfd, caplog):
+    port, moved = scene
+    asyncio.run(sent_by_visitor(port, of_scene("TransformControlsUpdateMessage", **POSE)))
     assert moved.places == [1]
     assert_quiet(capfd, caplog)
 

@@ -6,7 +6,8 @@ import signal
 import numpy as np
 import pytest
 from chromium import chromium, executable
-from visit import ARRIVED_CM, Visit, await_arrival, shown_page, wait_until
+from visit import ARRIVED_CM, Visit, await_arrival, shown_page
+from waiting import wait_until
 
 pytestmark = pytest.mark.timeout(1500)  # software WebGL on a machine that is busy with something else
 
@@ -59,11 +60,9 @@ def test_a_handle_dragged_by_10_cm_takes_the_hand_with_it(page, visit):
 
 
 def test_a_stroke_is_followed_again_and_again(page, visit):
-    visit.tab.get_by_label("Draw").click()
     centre, (left, up) = page.play.robot.centres[1], (page.play.robot.lateral, page.play.robot.up)
     corners = [centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))]
-    wait_until(lambda: page._sheets[1]._sheet.visible)
-    visit.drag(*corners)
+    visit.draw(1, *corners)
     wait_until(lambda: (loop := page.play.drive.snapshot().loop) is not None and loop.name == "drawing")
     loop = page.play.drive.snapshot().loop
     size = loop.path[:, 1].max(axis=0) - loop.path[:, 1].min(axis=0)
@@ -96,10 +95,8 @@ def test_on_a_phone_a_finger_drags_and_draws(page, phone):
     before, earlier = page.play.drive.snapshot().wanted, page.play.drive.snapshot().loop
     phone.drag_handle(1, -0.05)
     wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[1] - before[1]) > 0.03)
-    phone.tab.get_by_label("Draw").click()
-    wait_until(lambda: page._sheets[1]._sheet.visible)
     centre, (left, up) = page.play.robot.centres[1], (page.play.robot.lateral, page.play.robot.up)
-    phone.drag(*(centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))))
+    phone.draw(1, *(centre + 0.08 * (a * left + b * up) for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1), (-1, -1))))
     wait_until(lambda: page.play.drive.snapshot().loop is not earlier and not page.play.activity.doing)
     assert page.play.drive.snapshot().loop.name == "drawing"
 

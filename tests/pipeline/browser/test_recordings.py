@@ -133,6 +133,25 @@ def test_only_a_log_of_the_folder_is_found(robot, session, endpoint, tmp_path):
     assert recordings.path("here") == folder / "here.mcap"
 
 
+@pytest.mark.parametrize(
+    ("name", "begun"),
+    [("../x", "x"), (".._x y", "x_y"), ("--out", "out"), (" my own ", "my_own"), ("", "demonstration")],
+)
+def test_a_recording_has_a_name_that_is_listed(name, begun, robot, session, endpoint, tmp_path):
+    place = Place(session, (endpoint,), NamespaceKeys(), tmp_path, robot.hand_names)
+    assert Recordings(place, driven(robot), tmp_path)._free(name) == begun
+
+
+@pytest.mark.parametrize("name", ["../", "...", "-", "\u30c7\u30e2"])
+def test_a_name_of_which_nothing_is_left_begins_no_recording(name, robot, session, endpoint, tmp_path):
+    place = Place(session, (endpoint,), NamespaceKeys(), tmp_path, robot.hand_names)
+    recordings = Recordings(place, driven(robot), tmp_path)
+    with pytest.raises(LogError, match=r"^name: expected letters from a to z or digits, found "):
+        recordings.begin(name)
+    assert recordings.under_way is None
+    assert not list(tmp_path.iterdir())
+
+
 @pytest.mark.parametrize("number", [np.nan, np.inf])
 def test_a_state_that_is_not_finite_is_refused(robot, session, number, caplog):
     drive = driven(robot)

@@ -64,6 +64,14 @@ def test_what_is_driven_elsewhere_breaks_a_round_off():
     assert figures.of(loop)[""].largest_cm[0] == 0.25
 
 
+def test_a_round_in_which_nobody_answers_is_broken_off():
+    figures, loop = RoundFigures(), loop_of()
+    drive_on(figures, loop, [0.5] * 150)
+    figures.break_off()
+    drive_on(figures, loop, [0.25] * 100)
+    assert figures.of(loop)[""].share == pytest.approx(0.5)
+
+
 def test_rounds_of_another_motion_are_others_and_those_of_the_same_are_found_again():
     figures, loop = RoundFigures(), loop_of()
     drive_on(figures, loop, [0.5] * 200)
@@ -85,6 +93,7 @@ def test_the_drive_counts_a_whole_round_of_closed_and_open_motions(closed):
     loop = drive.go_through(motion)
     ticks = round(3 * loop.duration_s / TICK_S)
     for number in range(ticks):
+        drive.answer()
         drive.take(START_NS + number * TICK_NS, robot.comfort)
     found = drive.rounds()["teacher"]
     assert found.is_whole

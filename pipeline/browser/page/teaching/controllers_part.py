@@ -8,7 +8,7 @@ from viser import ViserServer
 
 from pipeline.arrays import Floats
 from pipeline.browser.page.colours import css, hand_colour
-from pipeline.browser.page.texts import paragraph
+from pipeline.browser.page.elements.texts import paragraph
 from pipeline.browser.session.figures import Round
 from pipeline.browser.session.play import Play
 

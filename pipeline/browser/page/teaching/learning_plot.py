@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import numpy as np
 from viser import GuiUplotHandle, ViserServer, uplot
 
-from pipeline.browser.page.error_plot import AXIS, hand_series
+from pipeline.browser.page.elements.error_plot import AXIS, hand_series
 from pipeline.browser.teaching.curve import Curve
 
 _POINTS = 200

@@ -1,13 +1,14 @@
 """Part of the panel that teaches: from recordings, from what the robot does, or by itself; to be kept or undone."""
 
 from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 from viser import GuiEvent, ViserServer
 
-from pipeline.browser.page.panel import Allowed
+from pipeline.browser.page.elements.texts import paragraph
+from pipeline.browser.page.elements.visitor_input import Allowed, StoredInput, set_visible
 from pipeline.browser.page.teaching.learning_plot import LearningPlot
-from pipeline.browser.page.texts import paragraph
 from pipeline.browser.session.play import Play
 from pipeline.browser.teaching.teaching import LEAST_S, MOST_S, RULES, Teaching
 from recorders.errors import ReenactError
@@ -34,20 +35,21 @@ class TeachPart:
     def __init__(self, server: ViserServer, play: Play, teaching: Teaching, *, allowed: Allowed) -> None:
         self._play, self._teaching, self._allowed = play, teaching, allowed
         gui = server.gui
+        put, own = partial(StoredInput, server, allowed=allowed), play.controllers is not None
         with gui.add_folder("Teach", order=50):
-            self._source: Any = gui.add_dropdown("From", (_LIVE, _ALL))
-            self._rule: Any = gui.add_dropdown("Rule", RULES)
+            self._source = put(gui.add_dropdown("From", (_LIVE, _ALL)))
+            self._rule = put(gui.add_dropdown("Rule", RULES))
             self._learn: Any = gui.add_button("Learn")
-            self._seconds: Any = gui.add_number(
-                "Alone for [s]", _EXPLORING_S, min=LEAST_S, max=MOST_S, step=1, visible=play.controllers is not None
+            self._seconds = put(
+                gui.add_number("Alone for [s]", _EXPLORING_S, min=LEAST_S, max=MOST_S, step=1, visible=own)
             )
-            self._explore: Any = gui.add_button("Explore by itself", visible=play.controllers is not None)
+            self._explore: Any = gui.add_button("Explore by itself", visible=own)
             self._line: Any = gui.add_html("")
             self._bar: Any = gui.add_progress_bar(0.0, visible=False)
             self._finish: Any = gui.add_button("Finish now", visible=False)
             self._cancel: Any = gui.add_button("Cancel", visible=False, color="gray")
             self._plot = LearningPlot(server, play.robot.hand_names)
-            self._name: Any = gui.add_text("Keep as", "", visible=False)
+            self._name = put(gui.add_text("Keep as", "", visible=False))
             self._keep: Any = gui.add_button("Keep", visible=False)
             self._undo: Any = gui.add_button("Undo", visible=False, color="gray")
         self._offered = ""
@@ -70,22 +72,26 @@ class TeachPart:
         """Show the lesson of now, or what became of the last."""
         teaching = self._teaching
         lesson, taught = teaching.lesson, teaching.taught
-        sources = (_LIVE, _ALL, *self._play.recordings.logs())
-        if tuple(self._source.options) != sources:
-            self._source.options = sources
         share = None if lesson is None else lesson.share
         self._set_bar(share)
-        _set_visible(lesson is None, self._learn, self._source, self._rule)
-        _set_visible(lesson is None and self._play.controllers is not None, self._explore, self._seconds)
-        _set_visible(lesson is not None, self._cancel)
-        _set_visible(lesson is not None and lesson.can_finish, self._finish)
-        _set_visible(lesson is None and taught is not None, self._name, self._keep, self._undo)
+        set_visible(lesson is None, self._learn, self._source.element, self._rule.element)
+        set_visible(lesson is None and self._play.controllers is not None, self._explore, self._seconds.element)
+        set_visible(lesson is not None, self._cancel)
+        set_visible(lesson is not None and lesson.can_finish, self._finish)
+        set_visible(lesson is None and taught is not None, self._name.element, self._keep, self._undo)
         if taught is not None and taught.name != self._offered:
             self._offered = self._name.value = taught.name
+        self._show_values()
         self._plot.show(teaching.curve)
         content = self._text()
         if self._line.content != content:
             self._line.content = content
+
+    def _show_values(self) -> None:
+        self._source.show_value(options=(_LIVE, _ALL, *self._play.recordings.logs()))
+        self._rule.show_value(options=RULES)
+        self._seconds.show_value()
+        self._name.show_value()
 
     def _text(self) -> str:
         teaching = self._teaching
@@ -98,7 +104,7 @@ class TeachPart:
         return paragraph(teaching.line, name="taught") if teaching.line else ""
 
     def _set_bar(self, share: float | None) -> None:
-        _set_visible(share is not None, self._bar)
+        set_visible(share is not None, self._bar)
         percent = round(100.0 * (share or 0.0))
         if self._bar.value != percent:
             self._bar.value = percent
@@ -122,10 +128,3 @@ class TeachPart:
                 self._teaching.failure = str(error)
 
         return press
-
-
-def _set_visible(visible: bool, *elements: Any) -> None:
-    """Change what is to be seen only where it is otherwise: nothing is sent of what stays."""
-    for element in elements:
-        if element.visible != visible:
-            element.visible = visible

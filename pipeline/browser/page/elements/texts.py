@@ -13,6 +13,8 @@ _ROW = "display:flex;justify-content:space-between;gap:0.6em;font-size:0.85em;li
 _JOINT = "flex:0 0 47%;overflow:hidden;text-overflow:ellipsis"
 _TRACK = "flex:1;position:relative;height:0.5em;border-radius:0.25em;background:rgba(128,128,128,0.35)"
 _MARKER = "position:absolute;top:-0.15em;width:0.4em;height:0.8em;border-radius:0.2em"
+_NOTE = "font-size:0.75em;opacity:0.85;padding:0 0.9em 0.3em"
+_ERRORS = "Distance from a target to the hand when the next target comes: the lag behind a moving target is in it."
 _NUMBER = "font-variant-numeric:tabular-nums;white-space:nowrap"
 
 
@@ -55,7 +57,8 @@ def hand_rows(
         dot = f'<span style="color:{css(hand_colour(place))}">&#9679;</span>'
         lines.append(f'<tr><td style="white-space:nowrap">{dot} {escape(hand)}</td>{numbers}</tr>')
     style = "width:calc(100% - 1.4em);margin:0.2em 0.7em;font-size:0.85em;border-collapse:collapse"
-    return f'<table style="{style}"><tr style="opacity:0.75"><td>error</td>{heads}</tr>{"".join(lines)}</table>'
+    table = f'<table style="{style}"><tr style="opacity:0.75"><td>error</td>{heads}</tr>{"".join(lines)}</table>'
+    return table + f'<div data-reenact="errors" style="{_NOTE}">{_ERRORS}</div>'
 
 
 def joint_rows(robot: RobotConfig, q: Floats) -> str:
