@@ -3,7 +3,7 @@
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
-from itertools import pairwise
+from itertools import cycle, pairwise
 
 import numpy as np
 from chromium import on_screen
@@ -19,7 +19,7 @@ SIZE = (900, 640)
 PHONE = (390, 844)
 ARRIVED_CM = 0.2
 _PATIENCE_MS = 120_000
-_NEAR_M = 0.01  # a few pixels
+_NEAR_M, _SHAKING_M = 0.015, 0.005  # a few pixels
 _TWO_FRAMES = "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
 
 
@@ -103,9 +103,15 @@ class Visit:
         self.let_go()
 
     def _draw_to(self, place: int, point: Floats) -> None:
-        sheet = self._page._sheets[place]
-        self.move(point)
-        wait_until(lambda: sheet._stroke and np.linalg.norm(sheet._stroke[-1][1] - point) < _NEAR_M)
+        """Move about a point until it has come there: a browser sends where a pointer was last once it moves again."""
+        sheet, shaking = self._page._sheets[place], cycle(_SHAKING_M * np.outer((1.0, -1.0), self._page.play.robot.up))
+
+        def is_there() -> bool:
+            """Whether the stroke has come there, after another move."""
+            self.move(point + next(shaking))
+            return bool(sheet._stroke) and bool(np.linalg.norm(sheet._stroke[-1][1] - point) < _NEAR_M)
+
+        wait_until(is_there)
 
     def let_go(self) -> None:
         """Let go of what is dragged."""
