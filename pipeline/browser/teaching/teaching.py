@@ -145,7 +145,7 @@ class Teaching:
         kept = free_path(folder / f"{name}.npz")
         write_whole(kept, taught.path.read_bytes())
         self._taught.remove(taught)
-        self.line, self.failure = f"{taught.name} is kept as {kept}", ""
+        self.line, self.failure = f"{taught.name} is kept as {kept}; `reenact serve {kept}` serves it", ""
         return kept
 
     def undo(self) -> None:

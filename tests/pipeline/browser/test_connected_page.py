@@ -17,6 +17,7 @@ from waiting import wait_until
 from pipeline.browser.session.drive import Mode
 from pipeline.browser.session.play import PlayConfig
 from pipeline.learner.controller import Controller
+from recorders.errors import LearningError
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import SessionConfig, open_session
 
@@ -99,6 +100,39 @@ def test_a_robot_that_runs_already_is_driven_through_whoever_serves(page, visit)
     visit.await_shown("state:robot", "nothing is asked of it")
     assert_driven(page, visit, -0.05)
     wait_until(lambda: "targets answered" in visit.shown("state:controller"))
+
+
+def test_a_connected_robot_teaches_from_what_it_does_and_from_a_recording_of_it(page, visit):
+    explore = visit.tab.get_by_role("button", name="Explore by itself")
+    visit.tab.get_by_role("button", name="Learn").wait_for()
+    assert not explore.count()  # the robot is somebody else's
+    with pytest.raises(LearningError, match="reenact explore"):
+        page.teaching.explore(60.0)
+    page.play.go_through("eight")
+    visit.tab.get_by_role("button", name="Learn").click()
+    visit.tab.get_by_role("button", name="Record", exact=True).click()
+    visit.await_shown("recording", "recording demonstration")
+    wait_until(lambda: page.teaching.curve.last_cm is not None or page.teaching.failure)
+    visit.tab.get_by_role("button", name="End the recording").click()
+    visit.await_shown("recording", "cm on average")
+    visit.tab.get_by_role("button", name="Finish now").click()
+    assert_taught(page, visit, "forward-inverse-1")
+    visit.tab.get_by_label("From").click()
+    visit.tab.get_by_role("option", name="demonstration").click()
+    wait_until(lambda: page._teach.source == "demonstration")
+    visit.tab.get_by_role("button", name="Learn").click()
+    assert_taught(page, visit, "forward-inverse-2")
+    assert page.play.link.controller == ""  # whoever serves goes on
+    page.play.drive.hold()
+
+
+def assert_taught(page, visit, name):
+    """Keep what was learned, which is a controller of this robot, and served by whoever wants it."""
+    visit.await_taught(f"{name} learned")
+    assert "serve it in place of the one that serves" in visit.shown("taught")
+    visit.tab.get_by_role("button", name="Keep").click()
+    visit.await_shown("taught", f"{name} is kept as")
+    assert Controller.load(page.play.recordings.folder / f"{name}.npz").joints == page.play.robot.joints
 
 
 def test_a_connection_that_is_cut_is_stated_and_comes_back(page, visit, proxy):

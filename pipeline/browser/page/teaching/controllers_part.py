@@ -14,7 +14,7 @@ from pipeline.browser.session.play import Play
 
 _TABLE = "width:calc(100% - 1.4em);margin:0.2em 0.7em;font-size:0.85em;border-collapse:collapse"
 _CELL = "text-align:right;padding-left:0.4em;font-variant-numeric:tabular-nums;white-space:nowrap"
-_NAME = "overflow-wrap:anywhere"
+_NAME = "overflow-wrap:anywhere;min-width:5em"
 _LEADS = "&#9654;&nbsp;"
 _OTHERS = "whoever serves"
 
