@@ -1,13 +1,11 @@
-"""`play` in a project whose settings are of a ROS domain: a page with its own robot has no use for it, and plays."""
+"""`play` in a project whose settings are of a ROS domain: a page with its own robot has no use for it."""
 
 from contextvars import copy_context
 from pathlib import Path
 
 import pytest
 import typer
-from waiting import wait_until
 
-from pipeline.browser.session.play import PlayConfig, playing
 from pipeline.cli.app import app
 from pipeline.cli.project_settings import SETTINGS_FILE, project_defaults
 from pipeline.cli.sessions import LookingSession
@@ -34,10 +32,3 @@ def test_a_domain_of_the_settings_is_for_sessions_that_are_asked_for() -> None:
     assert own == NamespaceKeys()
     assert isinstance(there, RosKeys)
     assert there.domain == 0
-
-
-def test_the_robot_of_a_page_is_moved(tmp_path: Path) -> None:
-    with playing(PlayConfig(folder=tmp_path / "out")) as play:
-        before = play.robot.comfort
-        wait_until(lambda: play.link.controller_status().get("answered", 0) > 0)
-        wait_until(lambda: abs(play.drive.snapshot().q - before).max() > 0.01)

@@ -8,6 +8,7 @@ from waiting import wait_until
 from pipeline.browser.session.drive import Mode
 from pipeline.browser.session.play import PlayConfig, playing
 from pipeline.browser.teaching.teaching import Teaching
+from pipeline.cli.project_settings import SETTINGS_FILE
 from pipeline.evaluation.trials import evaluate_motion
 from pipeline.learner.controller import Controller
 from pipeline.resources import data_path
@@ -18,9 +19,14 @@ VOLUME = data_path("golden", "forward_inverse", "volume_50.mcap")
 
 @pytest.fixture(scope="module")
 def play(tmp_path_factory):
-    with playing(PlayConfig(folder=tmp_path_factory.mktemp("play") / "out")) as play:
-        wait_until(lambda: play.link.controller == "teacher")
-        yield play
+    """A page with a robot of its own, in a project whose settings are of a ROS domain: it has no use for it."""
+    folder = tmp_path_factory.mktemp("play")
+    (folder / SETTINGS_FILE).write_text('ros = 0\nremap = ["chatter:=/lab/chatter"]\n')
+    with pytest.MonkeyPatch.context() as patch:
+        patch.chdir(folder)
+        with playing(PlayConfig(folder=folder / "out")) as play:
+            wait_until(lambda: play.link.controller == "teacher")
+            yield play
 
 
 @pytest.fixture
@@ -44,6 +50,13 @@ def await_answers(play):
     """Wait until the controller that leads answers targets."""
     before = play.link.controller_status().get("answered", 0)
     wait_until(lambda: play.link.controller_status().get("answered", 0) > before)
+
+
+def test_the_robot_of_a_page_is_moved_whatever_domain_the_settings_name(play):
+    await_answers(play)
+    play.go_through("circles")
+    before = play.drive.snapshot().q
+    wait_until(lambda: abs(play.drive.snapshot().q - before).max() > 0.01)
 
 
 def test_nothing_teaches_nothing(play, teaching):
