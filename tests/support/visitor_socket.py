@@ -76,7 +76,7 @@ def visiting(server: ViserServer) -> Iterator[SocketVisitor]:
     with asyncio.Runner() as runner:
 
         async def connect() -> websockets.ClientConnection:
-            return await websockets.connect(address, subprotocols=[Subprotocol(OURS)], max_size=None)
+            return await websockets.connect(address, subprotocols=[Subprotocol(OURS)], max_size=None, max_queue=None)
 
         visitor = runner.run(connect())
         try:

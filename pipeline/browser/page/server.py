@@ -53,12 +53,28 @@ def page_server(gate: Gate, *, port: int | None, label: str) -> Iterator[ViserSe
         loop = server._websock_server._background_event_loop
         if loop is not None:
             loop.call_soon_threadsafe(loop.set_exception_handler, lambda _loop, context: _warn(warner, context))
+        server._websock_server._broadcast_buffer.message_event = _ThreadEvent()
         _guard(server, gate, warner)
         _keep_to_itself(server)
         try:
             yield server
         finally:
             server.stop()
+
+
+class _ThreadEvent(asyncio.Event):
+    """Event that other threads than its loop's may set: viser sets it so, and then on the loop, which wakes who waits.
+
+    One of asyncio's goes through its waiters, which the loop may change meanwhile: what is shown would be an error.
+    """
+
+    def set(self) -> None:
+        """Set it; only on its loop are waiters woken."""
+        if asyncio._get_running_loop() is None:
+            self._value = True
+            return
+        self._value = False  # else waiters are taken to be awake
+        super().set()
 
 
 @contextmanager
@@ -104,6 +120,7 @@ def _guard(server: ViserServer, gate: Gate, warner: OnceWarner) -> None:
     websockets = server._websock_server
 
     async def on_connect(client: WebsockClientConnection) -> None:
+        client.get_message_buffer().message_event = _ThreadEvent()
         connection = websockets._live_connections[client.client_id]
         request = connection.request
         reason = "it is no request" if request is None else gate.refusal(request.path, request.headers)

@@ -7,6 +7,7 @@ from contextlib import suppress
 
 import pytest
 from visitor_socket import packed, sent_by_visitor
+from waiting import wait_until
 
 from pipeline.browser.page.drawing import Sheet
 from pipeline.browser.page.gate import Gate
@@ -72,16 +73,6 @@ class Moves:
         return True
 
 
-@pytest.fixture(scope="module")
-def scene():
-    """The port of a page with a robot, and what visitors have moved of it."""
-    robot, moved = load_robot("asimo"), Moves()
-    with page_server(Gate(), port=None, label="") as server:
-        Scene(server, robot, on_move=moved.take)
-        Sheet(server, robot, 0, on_stroke=lambda *stroke: None)
-        yield server.get_port(), moved
-
-
 POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0, 0.0, 0.0)}
 
 
@@ -100,16 +91,23 @@ POSE = {"name": "/handles/right", "wxyz": (1.0, 0.0, 0.0, 0.0), "position": (0.0
         of_scene("TransformControlsUpdateMessage", **POSE | {"position": (1e999, 0.0, 0.0)}),
     ],
 )
-def test_what_no_page_of_ours_sends_causes_a_line_at_most(message, scene, capfd, caplog):
-    port, moved = scene
-    asyncio.run(sent_by_visitor(port, *[message] * 3))
+def test_what_no_page_of_ours_sends_causes_a_line_at_most(message, capfd, caplog):
+    robot, moved = load_robot("asimo"), Moves()
+    with page_server(Gate(), port=None, label="") as server:
+        Scene(server, robot, on_move=moved.take)
+        Sheet(server, robot, 0, on_stroke=lambda *stroke: None)
+        for _ in range(3):
+            asyncio.run(sent_by_visitor(server.get_port(), message))
     assert_quiet(capfd, caplog)
     assert not moved.places
 
 
-def test_a_handle_that_a_visitor_sends_is_moved(scene, capfd, caplog):
-    port, moved = scene
-    asyncio.run(sent_by_visitor(port, of_scene("TransformControlsUpdateMessage", **POSE)))
+def test_a_handle_that_a_visitor_sends_is_moved(capfd, caplog):
+    moved = Moves()
+    with page_server(Gate(), port=None, label="") as server:
+        Scene(server, load_robot("asimo"), on_move=moved.take)
+        asyncio.run(sent_by_visitor(server.get_port(), of_scene("TransformControlsUpdateMessage", **POSE)))
+        wait_until(lambda: moved.places)
     assert moved.places == [1]
     assert_quiet(capfd, caplog)
 
