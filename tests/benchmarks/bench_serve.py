@@ -37,7 +37,8 @@ from chromium import drawn_page, find_chromium
 from command_watch import watched_commands
 from page_client import PageClient
 from small_inverse import taught
-from visit import shown_page, wait_until
+from visit import shown_page
+from waiting import wait_until
 
 from pipeline.browser.session.play import FIRST_MOTION, PlayConfig
 from pipeline.learner.controller import Controller
