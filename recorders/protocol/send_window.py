@@ -37,7 +37,8 @@ class SendWindow:
         self._run = run
         self._window = window
         self._frames: deque[Frame] = deque()
-        self._bytes = 0  # of them
+        self._sizes: deque[int] = deque()  # of them [bytes]
+        self._bytes = 0  # of all of them
         self._furthest = 0  # what was ever sent
         self.progress: dict[str, Progress] = {}
         self.sent = 0
@@ -59,13 +60,15 @@ class SendWindow:
     def begin(self, index: int) -> None:
         """Begin, or begin again, at an index: nothing is under way."""
         self._frames.clear()
+        self._sizes.clear()
         self._bytes = 0
         self.sent = index
 
     def add(self, frame: Frame) -> None:
         """Note a frame that is sent now."""
         self._frames.append(frame)
-        self._bytes += frame.size
+        self._sizes.append(frame.size)
+        self._bytes += self._sizes[-1]
         self.sent = frame.end
         self._furthest = max(self._furthest, self.sent)
         self.discard_consumed()  # where nobody is awaited, this very frame
@@ -79,7 +82,8 @@ class SendWindow:
         """Forget what every consumer has consumed, and return the index up to which that is."""
         consumed = self.consumed
         while self._frames and self._frames[0].end <= consumed and self._frames[0].kind is not FrameType.END:
-            self._bytes -= self._frames.popleft().size
+            self._frames.popleft()
+            self._bytes -= self._sizes.popleft()
         return consumed
 
     def note(self, name: str, progress: Progress) -> bool:

@@ -146,7 +146,8 @@ class SenderMachine:
             return
         if progress.is_final:
             self._questions.confirm(consumer, now_s)
-        self._window.note(consumer, replace(progress, result=None, error=None))
+            progress = replace(progress, result=None, error=None)
+        self._window.note(consumer, progress)
 
     def awaits(self, ask: Ask) -> bool:
         """Whether the answer to a question is still awaited."""
