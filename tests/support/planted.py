@@ -18,7 +18,7 @@ from mutation import Mutant, find_mutants, mutated_tree
 
 PACKAGE = "recorders.protocol"
 
-_MOST_TURNS = 100_000  # of a loop that ends by itself after some tens
+_MOST_TURNS = 100_000  # in one seed, of loops that end by themselves after some tens
 
 
 class PlantedBug(NamedTuple):
@@ -71,6 +71,7 @@ def seeds_to_find(bug: PlantedBug, seeds: Sequence[int]) -> int | None:
     try:
         with planted(bug) as simulation:
             for count, seed in enumerate(seeds, 1):
+                _turns.clear()
                 if simulation.run_seed(seed).broken:
                     return count
     except Exception:  # it cannot even be imported
@@ -111,7 +112,7 @@ class _Finder(importlib.abc.MetaPathFinder, importlib.abc.Loader):
         """Run the mutant; its loops end."""
         source = (_folder() / f"{self._bug.module.replace('.', '/')}.py").read_text()
         tree = _Counting().visit(mutated_tree(source, self._bug.mutant))
-        module.__dict__["_count_turn"] = _turn_counter()
+        module.__dict__["_count_turn"] = _count_turn
         exec(compile(ast.fix_missing_locations(tree), str(self._bug), "exec"), module.__dict__)
 
 
@@ -125,16 +126,13 @@ class _Counting(ast.NodeTransformer):
         return node
 
 
-def _turn_counter() -> Any:
-    turns = 0
+_turns: Counter[str] = Counter()
 
-    def count_turn() -> None:
-        nonlocal turns
-        turns += 1
-        if turns > _MOST_TURNS:
-            raise EndlessLoopError
 
-    return count_turn
+def _count_turn() -> None:
+    _turns["of this seed"] += 1
+    if _turns.total() > _MOST_TURNS:
+        raise EndlessLoopError
 
 
 def _is_concerned(name: str) -> bool:
