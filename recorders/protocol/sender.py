@@ -172,7 +172,6 @@ class SenderMachine:
             self._greet_next(now_s)
 
     def _greet_next(self, now_s: float) -> None:
-        """Greet who is next, or begin to send where the consumers together want it."""
         if not self._questions.greet_next(now_s):
             self._window.begin(self._window.start())
             self._move("greeted")
