@@ -55,3 +55,12 @@ def test_the_type_of_a_message_in_a_batch_counts_for_itself() -> None:
     digest = StreamDigest(START)
     digest.add(batch(START, other))
     assert digest.digest() == hashlib.sha256(records(other)).digest() != EXPECTED
+
+
+@pytest.mark.parametrize("size", [0, 2_000, 2_047, 4_094, 65_480, 65_536, 200_000])
+def test_messages_of_any_size_are_in_it(size: int) -> None:
+    messages = (RecordedMessage("/clock", CLOCK, bytes(place % 251 for place in range(size)), 1, 2), BEFORE)
+    digest = StreamDigest(START)
+    for place, message in enumerate(messages):
+        digest.add(batch(START + place, (message,)))
+    assert digest.digest() == hashlib.sha256(records(messages)).digest()
