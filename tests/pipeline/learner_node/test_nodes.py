@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from episodes import Change, write_episode
 from held_stream import PATIENCE_S, HeldStream
+from here import reenact_here
 from processes import complaint, reenact, start, wait_for_line
 from sockets import listening, loopback
 from waiting import wait_until
@@ -95,7 +96,7 @@ def test_the_replay_may_listen_and_start_first(log: Path, empty: Path, tmp_path:
 
 
 def test_nobody_listening_is_one_clear_line(log: Path, tmp_path: Path) -> None:
-    line = complaint(reenact("replay", log, "--connect", free_endpoint(), "--wait", 1, cwd=tmp_path))
+    line = complaint(reenact_here("replay", log, "--connect", free_endpoint(), "--wait", 1, cwd=tmp_path))
     assert "nothing listens at tcp/127.0.0.1:" in line
     assert "reenact learn" in line
 
@@ -104,7 +105,7 @@ def test_a_log_that_is_cut_off_reaches_no_learner(log: Path, empty: Path, tmp_pa
     cut = tmp_path / "cut.mcap"
     cut.write_bytes(log.read_bytes()[:-2_000])
     with learner(empty) as (endpoint, process):
-        line = complaint(reenact("replay", cut, "--connect", endpoint, cwd=tmp_path))
+        line = complaint(reenact_here("replay", cut, "--connect", endpoint, cwd=tmp_path))
         assert "cut.mcap" in line
         assert process.poll() is None
 
@@ -116,7 +117,7 @@ def test_a_log_that_cannot_be_learned_from_is_named_before_anything_is_sent(empt
 
     log = write_episode(tmp_path / "nan.mcap", samples=10, change=spoil)
     with learner(empty) as (endpoint, process):
-        line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
+        line = complaint(reenact_here("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
         assert "nan.mcap: /hand/left/target #7: expected finite numbers" in line
         assert process.poll() is None
 
@@ -125,7 +126,7 @@ def test_a_message_that_cannot_be_learned_from_ends_both_sides_with_its_name(emp
     names = ("antenna", *load_robot("asimo").joints[1:])
     log = write_episode(tmp_path / "names.mcap", samples=10, change=at_tick_7(name=names))
     with learner(empty) as (endpoint, process):
-        line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
+        line = complaint(reenact_here("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
         _, complaints = process.communicate(timeout=120)
     assert "learner: names.mcap: /sample/joint_states #7: no joint hip_height in the message" in line
     assert process.returncode == 2
@@ -149,7 +150,7 @@ def test_a_second_replay_is_refused_while_the_first_goes_on(log: Path, empty: Pa
             transport = ZenohTransport(session, config=SenderConfig(wait_s=PATIENCE_S))
             first = pool.submit(transport.deliver, source.offer(), held.stream)
             assert held.reached.wait(PATIENCE_S)
-            line = complaint(reenact("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
+            line = complaint(reenact_here("replay", log, "--connect", endpoint, "--wait", 60, cwd=tmp_path))
             assert "already fed by another replay" in line
             held.may_go_on.set()
             replayed = first.result(timeout=PATIENCE_S)
@@ -221,7 +222,7 @@ def test_a_checkpoint_of_another_run_is_refused(log: Path, empty: Path, tmp_path
     trainer = Trainer(LearnerConfig(), checkpoint=CheckpointConfig(empty / "k.npz", 10))
     train_on(Replay([log], Schedule(epochs=1)), trainer)
     with learner(empty, "--checkpoint", "k.npz") as (endpoint, process):
-        line = complaint(reenact("replay", log, "--connect", endpoint, "--epochs", 2, "--wait", 60, cwd=tmp_path))
+        line = complaint(reenact_here("replay", log, "--connect", endpoint, "--epochs", 2, "--wait", 60, cwd=tmp_path))
         assert "k.npz: expected a checkpoint of run" in line
         assert process.poll() is None
 
