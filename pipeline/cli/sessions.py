@@ -23,7 +23,14 @@ ZenohConfig = Annotated[
 Await = Annotated[
     list[str] | None, typer.Option("--await", help="Consumer to feed and wait for; may be repeated.", metavar="NAME")
 ]
-Wait = Annotated[float, typer.Option(help="How long to wait for the other end to appear.", min=0, metavar="SECONDS")]
+Wait = Annotated[
+    float,
+    typer.Option(
+        help="How long to wait for the other end to appear; a consumer has as long again to accept.",
+        min=0,
+        metavar="SECONDS",
+    ),
+]
 StreamKey = Annotated[
     Path | None,
     typer.Option(help="Key that both ends of a stream share: 64 hexadecimal digits; yours alone.", metavar="FILE"),

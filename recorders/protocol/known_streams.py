@@ -76,7 +76,7 @@ class KnownStreams:
             return
         progress, sender = self.current.progress, self.current.offer.sender
         self._last, self.current = progress, None
-        if bytes.fromhex(sender) != NO_RUN:  # live messages are of no sender
+        if bytes.fromhex(sender) != NO_RUN:  # of those nobody is remembered by
             self._end(sender, progress if progress.is_final else replace(progress, error=reason))
 
     def _end(self, sender: str, progress: Progress) -> None:

@@ -21,7 +21,7 @@ class Questions:
     consumers : sequence of str
         Who is to be greeted, one after the other.
     wait_s : float
-        How long each may take to appear [s].
+        How long each may take to appear, and as long again to decide [s].
 
     Attributes
     ----------

@@ -107,7 +107,8 @@ class RosChannels:
         return found.pop() if len(found) == 1 else ""
 
     def _declared(self, topic: str, kind: str, type_hash: str) -> DeclaredChannel:
-        publishers = [end for _, end in self._publishers(topic, kind, type_hash)]
+        key = topic, kind, type_hash
+        publishers = [end for _, end in self._publishers(*key) or self._of(self._departed(), *key)]
         profiles = [end.qos for end in publishers]
         if len(self._offered) < MAX_CHANNELS:
             self._offered[topic, kind, type_hash] = frozenset(profiles)

@@ -4,6 +4,7 @@ import json
 import time
 from collections.abc import Callable, Mapping
 from contextlib import ExitStack
+from dataclasses import dataclass
 from typing import Any, Self
 
 from recorders.errors import WireError
@@ -16,6 +17,22 @@ _MAX_STATUS = 1 << 20  # anybody may answer [bytes]
 _MAX_TOPICS = 100
 _ANSWER_S = 5.0
 _RETRY_S = 0.01
+
+
+@dataclass(frozen=True)
+class ControllerAnswer:
+    """Answer of a served controller.
+
+    Attributes
+    ----------
+    status : dict
+        Its status, as JSON has it.
+    session : str
+        Identifier of the session that answered: another one is of a controller that was started again.
+    """
+
+    status: dict[str, Any]
+    session: str
 
 
 class AwaitedControllers:
@@ -32,7 +49,7 @@ class AwaitedControllers:
     def __init__(self, session: Session, namespace: str) -> None:
         self._session = session
         self._namespace = namespace
-        self._names: list[str] = []
+        self._sessions: dict[str, str] = {}
         self._gone: list[str] = []
         self._stack = ExitStack()
 
@@ -42,8 +59,8 @@ class AwaitedControllers:
     def __exit__(self, *error: object) -> None:
         self._stack.close()
 
-    def add(self, name: str) -> None:
-        """Await one that answers."""
+    def add(self, name: str, answer: ControllerAnswer) -> None:
+        """Await the one that has answered under a name."""
 
         def on_token(_key: str, is_there: bool) -> None:
             if not is_there:
@@ -51,7 +68,7 @@ class AwaitedControllers:
 
         key = controller_key(self._namespace, name, "alive")
         self._stack.enter_context(watching_tokens(self._session, key, on_token))
-        self._names.append(name)
+        self._sessions[name] = answer.session
 
     def check(self) -> None:
         """Check that they are there, and were all the time.
@@ -70,14 +87,14 @@ class AwaitedControllers:
         Raises
         ------
         WireError
-            If one does not answer, or was lost before.
+            If one does not answer, was lost before, or another answers in its place.
         """
-        results = {name: controller_status(self._session, name, namespace=self._namespace) for name in self._names}
+        answers = {name: ask_controller(self._session, name, namespace=self._namespace) for name in self._sessions}
         self.check()
-        for name, status in results.items():
-            if status is None:
+        for name, answer in answers.items():
+            if answer is None or answer.session != self._sessions[name]:
                 raise _lost(name)
-        return {name: status for name, status in results.items() if status is not None}
+        return {name: answer.status for name, answer in answers.items() if answer is not None}
 
 
 def _lost(name: str) -> WireError:
@@ -87,8 +104,8 @@ def _lost(name: str) -> WireError:
     )
 
 
-def controller_status(session: Session, name: str, *, namespace: str) -> dict[str, Any] | None:
-    """Return the status of a served controller; None if none of this name answers.
+def ask_controller(session: Session, name: str, *, namespace: str) -> ControllerAnswer | None:
+    """Ask a served controller for its status; None if none of this name answers.
 
     Raises
     ------
@@ -97,7 +114,7 @@ def controller_status(session: Session, name: str, *, namespace: str) -> dict[st
     """
     for reply in session.get(controller_key(namespace, name, "status"), timeout=_ANSWER_S):
         if reply.ok is not None and len(reply.ok.payload) <= _MAX_STATUS:
-            return _parsed(name, reply.ok.payload.to_bytes())
+            return ControllerAnswer(_parsed(name, reply.ok.payload.to_bytes()), str(reply.replier_id))
     return None
 
 
@@ -115,7 +132,7 @@ def await_matching(
     publisher_of : callable
         Returns the publisher of a topic and type.
     status : dict
-        As `controller_status` returns it: the controller has subscribed already.
+        As `ask_controller` returns it: the controller has subscribed already.
     types : mapping of str to str, optional
         Types of the topics that are sent, of which alone it waits; those of our topics if left out.
     wait_s : float

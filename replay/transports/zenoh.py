@@ -21,7 +21,7 @@ from recorders.wire.refusals import Refusals
 from recorders.wire.sender import StreamSender, find_listener
 from recorders.wire.session import Session
 from recorders.wire.shared_key import shared_key
-from replay.transports.awaited_controllers import AwaitedControllers, await_matching, controller_status
+from replay.transports.awaited_controllers import AwaitedControllers, ask_controller, await_matching
 from replay.transports.awaited_subscriptions import await_subscriptions
 from replay.transports.batches import batches
 from replay.transports.sender_config import SenderConfig
@@ -144,8 +144,8 @@ class ZenohTransport:
 
     def _is_controller(self, name: str, controllers: AwaitedControllers, sender: StreamSender) -> bool:
         """Whether a served controller of that name is there, which from now on is awaited."""
-        status = controller_status(self._session, name, namespace=self._config.namespace)
-        if status is None:
+        answer = ask_controller(self._session, name, namespace=self._config.namespace)
+        if answer is None:
             return False
         if self._config.batch_size > 1:
             raise WireError(
@@ -154,8 +154,8 @@ class ZenohTransport:
             )
         wait_s = max(self._config.wait_s, _SUBSCRIBED_S)
         types = {channel.topic: channel.type for channel in self._channels} or None
-        await_matching(sender.publisher, status, types=types, wait_s=wait_s)
-        controllers.add(name)
+        await_matching(sender.publisher, answer.status, types=types, wait_s=wait_s)
+        controllers.add(name, answer)
         return True
 
 

@@ -83,12 +83,17 @@ def _run(module: MutatedModule, options: argparse.Namespace, before: list[dict[s
     if module.interpreted:
         os.environ["NUMBA_DISABLE_JIT"] = "1"
     import pytest
-    from hypothesis import Phase, settings
+    from hypothesis import HealthCheck, Phase, settings
     from mutant_session import OPTIONS, MutantSession, Outcome
 
     # Each mutant meets the same examples, none from another's failure, and no time goes into making one small.
     settings.register_profile(
-        "mutants", derandomize=True, deadline=None, database=None, phases=(Phase.explicit, Phase.generate)
+        "mutants",
+        derandomize=True,
+        deadline=None,
+        database=None,
+        phases=(Phase.explicit, Phase.generate),
+        suppress_health_check=[HealthCheck.too_slow],
     )
     settings.load_profile("mutants")
     known = equivalents()

@@ -10,7 +10,10 @@ from pipeline.cli import app
 
 
 def reenact_here(*arguments: object, cwd: Path) -> subprocess.CompletedProcess[str]:
-    """Run the command line in a folder, and return what a process of its own would have ended with and printed."""
+    """Run the command line in a folder, and return what a process of its own would have ended with and printed.
+
+    What other threads of this process print meanwhile is in it: none may run a node that logs.
+    """
     words = [*map(str, arguments)]
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)}

@@ -5,6 +5,7 @@ import threading
 import time
 from contextlib import ExitStack, suppress
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any, Self
 
 import zenoh
@@ -63,11 +64,16 @@ class GraphView:
 
     def endpoints(self, topic: str, entity: EntityType) -> list[Token]:
         """Return the publishers or the subscriptions of a topic."""
-        return [
-            token
-            for token in self.tokens
-            if token.entity is entity and token.endpoint is not None and token.endpoint.topic == topic
-        ]
+        return self._by_side.get((topic, entity), [])
+
+    @cached_property
+    def _by_side(self) -> dict[tuple[str, EntityType], list[Token]]:
+        """Tokens of publishers and subscriptions by topic, put in order once: there may be many."""
+        found: dict[tuple[str, EntityType], list[Token]] = {}
+        for token in self.tokens:
+            if token.endpoint is not None:
+                found.setdefault((token.endpoint.topic, token.entity), []).append(token)
+        return found
 
     def to_dict(self) -> dict[str, Any]:
         """Return the graph as JSON values: names of nodes, and of each topic its types and who has it."""

@@ -42,10 +42,10 @@ def test_the_payload_of_a_single_message_is_its_cdr_bytes() -> None:
     assert pack(Frame(FrameType.MESSAGE, RUN, SENDER, 0, (message,)))[0] == message.data
 
 
-@given(message=stamped)
-def test_a_live_attachment_is_that_of_a_message_of_no_run(message: RecordedMessage) -> None:
-    frame = Frame(FrameType.MESSAGE, NO_RUN, NO_RUN, message.sequence, (message,))
-    assert live_attachment(message.sequence, message.log_time_ns) == pack(frame)[1]
+@given(message=stamped, publisher=st.binary(min_size=16, max_size=16))
+def test_a_live_attachment_is_that_of_a_message_of_no_run(message: RecordedMessage, publisher: bytes) -> None:
+    frame = Frame(FrameType.MESSAGE, NO_RUN, publisher, message.sequence, (message,))
+    assert live_attachment(message.sequence, message.log_time_ns, publisher) == pack(frame)[1]
 
 
 @pytest.mark.parametrize("kind", [FrameType.END, FrameType.ABORT])

@@ -185,7 +185,9 @@ def test_logs_of_other_writers_are_read_raw(tmp_path, compression, chunked, inde
 
 times = st.lists(st.integers(0, 40), max_size=30)
 bounds = st.tuples(st.integers(-1, 45), st.integers(-1, 45))
-same_file = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True)
+same_file = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], derandomize=True
+)
 
 
 def write_times(path, times_ns, draw):

@@ -33,7 +33,9 @@ BARE = {
     "use_statistics": False,
     "use_summary_offsets": False,
 }
-few = settings(suppress_health_check=[HealthCheck.function_scoped_fixture], derandomize=True, max_examples=60)
+few = settings(
+    suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow], derandomize=True, max_examples=60
+)
 
 
 def by_time(records):

@@ -181,7 +181,7 @@ def check_recovery(log: Path, raw: bytes, places: list[int], folder: Path) -> No
         begin += count
 
 
-@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(max_examples=100, suppress_health_check=[HealthCheck.function_scoped_fixture, HealthCheck.too_slow])
 @given(data=st.data())
 def test_whatever_is_damaged_what_is_kept_is_right_and_what_is_whole_is_kept(module_log, tmp_path, data):
     raw = module_log.read_bytes()
