@@ -2,6 +2,7 @@
 
 import os
 from dataclasses import dataclass
+from importlib.util import find_spec
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -11,7 +12,7 @@ from pipeline.cli.groups import grouped
 from pipeline.cli.options import complete_robot
 from pipeline.cli.sessions import LookingSession
 from pipeline.terminal import console
-from recorders.errors import ConfigError
+from recorders.errors import ConfigError, MissingExtra
 
 if TYPE_CHECKING:
     from contextlib import AbstractContextManager
@@ -79,6 +80,8 @@ def play(
     from pipeline.browser.session.play import playing
     from pipeline.terminal.signals import until_stopped
 
+    if find_spec("viser") is None:  # before a robot is started
+        raise MissingExtra("viser", "browser")
     if out.exists() and not out.is_dir():
         raise ConfigError(f"--out: expected a folder for the recordings, found the file {out}")
     gate, config = page.gate(), _config(controllers or [], robot, session, out)

@@ -81,6 +81,7 @@ def run(folder: Path) -> Run:
             ["golden", "check", case],
             ["golden", "check", case, "--json"],
             ["golden", "check", case, "--physics"],
+            ["play", "--no-browser"],
         ]
     )
 
@@ -120,7 +121,9 @@ def test_a_log_trains_and_its_controller_is_evaluated(run: Run) -> None:
     assert json.loads(run.out[1])["mean_cm"] > 0.0
 
 
-@pytest.mark.parametrize(("place", "package", "extra"), [(2, "pydrake", "sim"), (3, "rerun", "view")])
+@pytest.mark.parametrize(
+    ("place", "package", "extra"), [(2, "pydrake", "sim"), (3, "rerun", "view"), (7, "viser", "browser")]
+)
 def test_what_needs_a_missing_package_names_its_extra_in_one_line(
     run: Run, place: int, package: str, extra: str
 ) -> None:
