@@ -125,6 +125,7 @@ def main(folder: Path) -> None:
             tab.set_default_timeout(600_000)
             tab.goto(page.address)
             tab.locator(_NOTICE).first.click()
+            wait_until(play.drive.errors)
             wait_until(lambda: play.drive.errors()[-1].time_ns - play.drive.errors()[0].time_ns > 15 * 10**9)
             (folder / "play.png").write_bytes(tab.screenshot())
             play.drive.hold()

@@ -103,7 +103,7 @@ class Page:
         return False
 
     def _ask(self) -> None:
-        """Ask the controller what it has refused, again and again: on a thread of its own, as the answer takes time."""
+        """Ask the controller what it answered and refused, over and over: on a thread of its own, as it takes time."""
         while not self._over.wait(_STATUS_S):
             self._controller = self.play.link.controller_status()
             self.play.look_after()

@@ -15,12 +15,11 @@ from pipeline.browser.session.activity import Activity
 from pipeline.browser.session.clock_rate import ClockRate
 from pipeline.browser.session.drive import Mode, Snapshot
 from pipeline.browser.session.play import Play
-from recorders.messages.topics import JOINT_COMMANDS
 from recorders.text.wording import names_text
 
 _HOLD, _PAUSE, _DRAW = "Hold", "Pause", "Draw"
 _STATUS = "state"
-_WAITS = f"No controller has answered yet: errors count from its first command ({JOINT_COMMANDS})."
+_WAITS = "No controller answers: errors count only with its commands."
 _SLOW = 0.9  # a clock that is slower than this part of real time is stated
 _DRAGGED_S = 0.5  # for so long after the last place that a visitor drags the slider to, it stays there
 

@@ -21,7 +21,7 @@ TICK_NS = 20_000_000
 
 _EARLY_NS = TICK_NS // 10  # by so much a state may be early, and make a tick nevertheless
 _LONGEST_S = 0.1  # however long no state came, targets go on as after this time
-_MOST_UNANSWERED = 50  # ticks, 1 s at 50 Hz: after so many without a command, no controller answers
+_MOST_UNANSWERED = 100  # ticks, 2 s at 50 Hz: a controller is asked each 0.5 s to 1 s, and one reply may be lost
 _PATH = 300  # points of each path that is shown: 6 s at 50 Hz
 
 
@@ -119,7 +119,7 @@ class Drive:
         self._moving = MovingTargets(robot, self._hands)
         self._last: Tick | None = None
         self._states = self._time_ns = 0
-        self._unanswered = _MOST_UNANSWERED  # ticks since the last command
+        self._unanswered = _MOST_UNANSWERED  # ticks since a controller was seen to answer
         self._is_answered = False  # the last tick
         self._reached: deque[Floats] = deque(maxlen=_PATH)
         self._asked: deque[Floats] = deque(maxlen=_PATH)
@@ -149,7 +149,7 @@ class Drive:
             return self._tick(stamp_ns, min(passed_ns * 1e-9, _LONGEST_S), begins=False)
 
     def answer(self) -> None:
-        """Note that a controller commands the joints; what it does not answer is no error of any controller."""
+        """Note that a controller answers targets; what none answers is no error of any controller."""
         with self._lock:
             self._unanswered = 0
 
@@ -181,6 +181,12 @@ class Drive:
         with self._lock:
             self._loop, self._mode, self._gliding = MotionLoop(motion), Mode.MOTION, True
             return self._loop
+
+    def begin(self, motion: Motion) -> None:
+        """Go through a motion if nothing is asked of the robot yet."""
+        with self._lock:
+            if self._mode is Mode.AT_REST and not self._lent:
+                self.go_through(motion)
 
     def seek(self, at_s: float) -> None:
         """Go to a place of the motion [s], and stay there while it is paused."""

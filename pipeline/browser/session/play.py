@@ -9,7 +9,7 @@ from pathlib import Path
 
 from pipeline.browser.session.activity import Activity
 from pipeline.browser.session.controllers import TEACHER, Controllers, Place
-from pipeline.browser.session.drive import Drive, Mode
+from pipeline.browser.session.drive import Drive
 from pipeline.browser.session.own_robot import OwnRobot
 from pipeline.browser.session.recorded_motion import motion_of_log, recorded_errors
 from pipeline.browser.session.recordings import Recordings, evaluated
@@ -125,8 +125,8 @@ class Play:
     def begin(self, name: str) -> None:
         """Have a controller of our own lead, and once it does the robot move, unless a visitor has it do something."""
         self.lead(name)
-        if FIRST_MOTION in self.motions and self.drive.snapshot().mode is Mode.AT_REST:
-            self.go_through(FIRST_MOTION)
+        if FIRST_MOTION in self.motions:
+            self.drive.begin(load_motion(FIRST_MOTION, self.robot))
 
     def lead(self, name: str) -> None:
         """Start a controller of our own, unless it runs, and give it the targets; raises as `Controllers.start`."""

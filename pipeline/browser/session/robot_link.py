@@ -22,7 +22,6 @@ from recorders.messages.message_types import Float64MultiArray, JointState
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.topics import (
     CONTROLLER_DEVIATION,
-    JOINT_COMMANDS,
     JOINT_STATES,
     SAMPLE_JOINTS,
     SESSION_PHASE,
@@ -43,6 +42,7 @@ _MAX_PAYLOAD = 1 << 16  # anybody may publish [bytes]
 _ANSWER_S = 0.5
 _SILENT_S = 1.0  # after so long without a state, the robot counts as gone
 _MAX_REASONS = 20
+_MAX_CONTROLLERS = 20  # whose counts are remembered
 _MAX_TEXT = 300
 
 
@@ -75,6 +75,7 @@ class RobotLink:
         self._lock = threading.Lock()
         self._seen_s = -_SILENT_S
         self._over = False
+        self._counts: dict[str, int] = {}  # targets that each controller had answered when it was asked last
         self._stack = ExitStack()
         self.controller = ""
         self.deviations_m: Floats | None = None
@@ -83,7 +84,6 @@ class RobotLink:
         self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=self._keys))
         for topic, take in (
             (JOINT_STATES, self._on_state),
-            (JOINT_COMMANDS, self._on_command),
             (CONTROLLER_DEVIATION, self._on_deviation),
         ):
             self._stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
@@ -111,12 +111,28 @@ class RobotLink:
 
         Its `name` if it gives one, how many targets it has `answered`, reasons for what it `refused` with counts, the
         `last_refusal`, and `strange`: those of its joints that the robot does not have, and those that it lacks.
+
+        The drive counts errors while this is called at least each half second, and the controller answers in between:
+        commands may have any topic and type.
         """
-        key = controller_key(self._keys.namespace, self.controller or "*", "status")
+        asked = self.controller
+        key = controller_key(self._keys.namespace, asked or "*", "status")
         for reply in self._session.get(key, timeout=_ANSWER_S):
             if reply.ok is not None and len(reply.ok.payload) <= _MAX_PAYLOAD:
-                return _read_status(reply.ok.payload.to_bytes(), self._drive.robot.joints)
+                status = _read_status(reply.ok.payload.to_bytes(), self._drive.robot.joints)
+                if status:
+                    self._count(asked or status["name"], status["answered"])
+                return status
         return {}
+
+    def _count(self, controller: str, answered: int) -> None:
+        """Compare a controller's count with that of the last question; a smaller one is of one that was restarted."""
+        with self._lock:
+            if len(self._counts) >= _MAX_CONTROLLERS and controller not in self._counts:
+                self._counts.clear()
+            before, self._counts[controller] = self._counts.get(controller), answered
+        if answered > 0 and before not in (None, answered):
+            self._drive.answer()
 
     def _on_state(self, sample: Sample) -> None:
         """Take a state: on a thread of Zenoh's."""
@@ -146,14 +162,6 @@ class RobotLink:
                 put(controller_topic(self.controller, hand), message, log_time_ns=tick.stamp_ns)
             put(hand_target(hand), message, log_time_ns=tick.stamp_ns)
         put(SAMPLE_JOINTS, state, log_time_ns=tick.stamp_ns)
-
-    def _on_command(self, sample: Sample) -> None:
-        try:
-            decode_as(JointState, _small(sample))
-        except ReenactError as error:
-            self._warnings.warn(f"{JOINT_COMMANDS}: {error}", kind=JOINT_COMMANDS)
-            return
-        self._drive.answer()
 
     def _on_deviation(self, sample: Sample) -> None:
         try:

@@ -150,6 +150,7 @@ def test_a_connection_that_is_cut_is_stated_and_comes_back(page, visit, proxy):
 def test_a_controller_that_is_gone_and_one_of_another_robot_are_stated(page, visit, nodes):
     nodes.end("ours")
     visit.await_shown("controller", "no controller answers")
+    visit.await_shown("waits", "No controller answers: errors count only with its commands")
     nodes.end("robot")  # a controller of another robot begins to serve only where no robot stands yet
     visit.await_shown("robot", "is gone")
     nodes.serve(of_another_robot(), "strange")

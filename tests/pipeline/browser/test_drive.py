@@ -137,6 +137,18 @@ def test_a_motion_is_gone_through_in_its_own_time(robot):
     )
 
 
+def test_a_first_motion_is_gone_through_only_where_nothing_is_asked_of_the_robot(robot):
+    motion = load_motion("circles", robot)
+    for ask, mode in ((Drive.hold, Mode.HANDLES), (lambda drive: drive.lend(lent=True), Mode.LENT)):
+        drive = Drive(robot)
+        ask(drive)
+        drive.begin(motion)
+        assert (drive.snapshot().mode, drive.snapshot().loop) == (mode, None)
+    drive = Drive(robot)
+    drive.begin(motion)
+    assert (drive.snapshot().mode, drive.snapshot().loop.name) == (Mode.MOTION, "circles")
+
+
 def test_a_closed_motion_goes_round_and_an_open_one_begins_again():
     times_s, targets = np.arange(3.0), np.arange(9.0).reshape(3, 1, 3) / 10.0
     closed, opened = (MotionLoop(Motion("m", times_s, targets, closed=is_closed)) for is_closed in (True, False))

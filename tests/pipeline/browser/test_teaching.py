@@ -6,7 +6,7 @@ import pytest
 from waiting import wait_until
 
 from pipeline.browser.session.drive import Mode
-from pipeline.browser.session.play import PlayConfig, playing
+from pipeline.browser.session.play import FIRST_MOTION, PlayConfig, playing
 from pipeline.browser.teaching.teaching import Teaching
 from pipeline.cli.project_settings import SETTINGS_FILE
 from pipeline.evaluation.trials import evaluate_motion
@@ -25,7 +25,8 @@ def play(tmp_path_factory):
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         with playing(PlayConfig(folder=folder / "out")) as play:
-            wait_until(lambda: play.link.controller == "teacher")
+            await_leading(play, "teacher")
+            assert play.drive.snapshot().loop.name == FIRST_MOTION  # by itself, once somebody leads
             yield play
 
 

@@ -73,6 +73,18 @@ def nobody(_visitor):
     return False
 
 
+def test_what_a_visitor_asks_for_while_the_first_motion_is_loaded_stays(play, monkeypatch):
+    def load_late(name, robot):
+        """Load a motion, and have a visitor hold the hands meanwhile."""
+        motion = load_motion(name, robot)
+        play.drive.hold()
+        return motion
+
+    monkeypatch.setattr("pipeline.browser.session.play.load_motion", load_late)
+    play.begin("teacher")
+    assert (play.drive.snapshot().mode, play.drive.snapshot().loop) == (Mode.HANDLES, None)
+
+
 def test_a_motion_is_paused_moved_and_left_whatever_is_shown_meanwhile(server, visitor, play):
     drive, part = play.drive, MotionPart(server, play, allowed=anybody, on_sheet=lambda draws, hand: None)
     loop = drive.go_through(load_motion("eight", play.robot))
