@@ -160,7 +160,7 @@ class Source:
             It is unknown, its file is malformed, or no way is found that keeps the hands clear of the body.
         """
         if (drawn := SOURCES.get(self.name)) is None:
-            return load_motion(self.name, robot)
+            return load_motion(self.name, robot, others=SOURCES.names())
         duration_ns, tick_ns = round(self.pace.duration_s * _SECOND_NS), self.pace.tick_ns
         if self.explorer is not None:
             return unplanned_volume(robot, seed=seed, duration_ns=duration_ns, tick_ns=tick_ns)

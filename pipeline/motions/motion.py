@@ -109,7 +109,9 @@ class NamedMotion:
 MOTIONS = Registry("motion", NamedMotion, room=patterns, constant="MOTION", group="reenact.motions")
 
 
-def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = "a CSV file") -> Motion:
+def load_motion(
+    name_or_path: str | Path, robot: RobotConfig, *, or_file: str = "a CSV file", others: Sequence[str] = ()
+) -> Motion:
     """Load a motion by name, a drawing that comes with the program by name, or a CSV file by path.
 
     Parameters
@@ -120,6 +122,8 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = 
         Whose hands do it.
     or_file : str
         What may be named in its place, for the error line.
+    others : sequence of str
+        Names that are taken besides, for the error line.
 
     Raises
     ------
@@ -133,7 +137,7 @@ def load_motion(name_or_path: str | Path, robot: RobotConfig, *, or_file: str = 
     path = drawings().get(str(name_or_path), Path(name_or_path))
     require_regular_file(path, expected="a CSV file", error=MotionError)
     if not path.is_file():
-        known = [*MOTIONS.names(), *drawings()]
+        known = [*MOTIONS.names(), *others, *drawings()]
         raise MotionError(
             f"unknown motion '{name_or_path}': expected one of {names_text(known)}, or {or_file}; "
             f"there is no file of this name{did_you_mean(str(name_or_path), known)}"

@@ -10,6 +10,7 @@ from recorders.errors import JointError, WireError
 from recorders.nodes.keys import controller_key
 from recorders.text.once import OnceWarner
 from recorders.text.wording import escape_control
+from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.session import Session, watching_tokens
 
 logger = logging.getLogger(__name__)
@@ -25,7 +26,7 @@ _MAX_NAME = 100
 _MAX_LINES = 100  # anybody may answer, again and again
 
 
-def refuse_other_controllers(session: Session, name: str, *, namespace: str, allow_multiple: bool) -> None:
+def refuse_other_controllers(session: Session, name: str, *, keys: TopicKeys, allow_multiple: bool) -> None:
     """Check that no other controller serves: a robot that two of them command does what neither has learned.
 
     Parameters
@@ -34,8 +35,8 @@ def refuse_other_controllers(session: Session, name: str, *, namespace: str, all
         An open session; a controller that it does not reach yet is not found.
     name : str
         Name of the controller that is about to serve; a second one of this name is refused in any case.
-    namespace : str
-        First part of every key.
+    keys : TopicKeys
+        Keys of the topics, and the namespace.
     allow_multiple : bool
         Whether others, of other names, are welcome.
 
@@ -44,7 +45,7 @@ def refuse_other_controllers(session: Session, name: str, *, namespace: str, all
     WireError
         If there is one.
     """
-    replies = session.liveliness().get(controller_key(namespace, "*", "alive"), timeout=_ANSWER_S)
+    replies = session.liveliness().get(controller_key(keys.namespace, "*", "alive"), timeout=_ANSWER_S)
     others = sorted(str(reply.ok.key_expr).split("/")[-2] for reply in replies if reply.ok is not None)
     if name in others:
         both = "choose another --name" if allow_multiple else "allow both with --allow-multiple and another --name"
@@ -53,8 +54,8 @@ def refuse_other_controllers(session: Session, name: str, *, namespace: str, all
     else:
         return
     raise WireError(
-        f"controller '{name if name in others else others[0]}' serves in namespace '{namespace}' already: end it, "
-        f"choose a --namespace, or {both}"
+        f"controller '{name if name in others else others[0]}' serves in {keys.words} already: end it, "
+        f"choose {keys.alternative}, or {both}"
     )
 
 

@@ -185,7 +185,7 @@ class Node:
         """
         name, keys, commands = self._config.name, self._config.keys, self._config.serving.commands
         namespace = keys.namespace
-        refuse_other_controllers(session, name, namespace=namespace, allow_multiple=self._config.allow_multiple)
+        refuse_other_controllers(session, name, keys=keys, allow_multiple=self._config.allow_multiple)
         robot = RobotCheck(session, self._served.joints, namespace=namespace)
         with ExitStack() as stack:
             stack.enter_context(robot.watching())

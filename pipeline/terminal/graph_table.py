@@ -9,7 +9,7 @@ from recorders.wire.keys.ros_graph import GraphView
 
 def graph_table(view: GraphView) -> Table:
     """Return a table of topics, one a row, with types and nodes, for 80 columns; all names come from anyone."""
-    table = Table(box=None, pad_edge=False)
+    table = Table(box=None, pad_edge=False, caption_justify="left")
     for name in ("topic", "type", "published by", "subscribed by"):
         table.add_column(name, overflow="fold")
     described = view.to_dict()["topics"]
@@ -17,9 +17,8 @@ def graph_table(view: GraphView) -> Table:
         types = [_counted(kind, len(row["hashes"][kind])) for kind in row["types"]]
         table.add_row(*map(_lines, ([row["topic"]], types, row["publishers"], row["subscriptions"])))
     busy = {name for row in described for side in ("publishers", "subscriptions") for name in row[side]}
-    for name in view.nodes:
-        if name not in busy:
-            table.add_row("-", "-", _lines([name]), "-")
+    if idle := [name for name in view.nodes if name not in busy]:
+        table.caption = Text("nodes without topics: " + ", ".join(map(escape_control, idle)))
     return table
 
 

@@ -1,6 +1,7 @@
 """Settings of a recorder, and statistics of a recording."""
 
 from collections import Counter, deque
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -71,6 +72,10 @@ class RecordingStats:
         How many messages were on topics that are not to be recorded.
     publishers : PublisherCounts
         Messages that came, and that did not, of each publisher in a ROS domain.
+    topics : set of str
+        Topics of which messages are recorded.
+    silent : list of str
+        Topics that had a publisher in a ROS domain, and of which no message came.
     """
 
     paths: list[Path] = field(default_factory=list)
@@ -83,6 +88,12 @@ class RecordingStats:
     broken: deque[str] = field(default_factory=lambda: deque(maxlen=_MAX_BROKEN))
     left_out: int = 0
     publishers: PublisherCounts = field(default_factory=PublisherCounts)
+    topics: set[str] = field(default_factory=set)
+    silent: list[str] = field(default_factory=list)
+
+    def note_published(self, topics: Iterable[str]) -> None:
+        """Note which topics had a publisher: those that are not recorded are silent."""
+        self.silent = sorted(set(topics) - self.topics)
 
     def to_dict(self) -> dict[str, Any]:
         """Return the recording for JSON."""
@@ -100,4 +111,5 @@ class RecordingStats:
             "refused": dict(self.refused),
             "broken": list(self.broken),
             "left_out": self.left_out,
+            "silent": self.silent,
         }

@@ -276,6 +276,8 @@ class LiveRecorder:
             self._refuse_topic()
             return
         self._written += len(record.data)
+        if record.topic not in self.recording.topics and len(self.recording.topics) < MAX_CHANNELS:
+            self.recording.topics.add(record.topic)
         self.recording.messages += 1
         self.recording.size += len(record.data)
 

@@ -16,6 +16,7 @@ from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.session import Session
 from recorders.writing.periodic_thread import PeriodicThread
+from recorders.writing.writer import MAX_CHANNELS
 
 logger = logging.getLogger(__name__)
 
@@ -41,6 +42,11 @@ class RecordedTopics:
         The graph as it is now.
     wants : callable
         Whether a topic is recorded.
+
+    Attributes
+    ----------
+    topics : set of str
+        Topics that were published and recorded at any time, as a recording names them.
     """
 
     def __init__(
@@ -52,6 +58,7 @@ class RecordedTopics:
         self._wants = wants
         self._seen: GraphView | None = None
         self._declared: dict[_Key, tuple[Qos, ExitStack]] = {}
+        self.topics: set[str] = set()
         self._lines = OnceWarner(logger, limit=_MAX_LINES, level=logging.INFO)
 
     def __enter__(self) -> Self:
@@ -93,7 +100,11 @@ class RecordedTopics:
             topic = self._keys.read_key(key).topic
         except (WireError, MessageError):
             return False
-        return bool(topic) and self._wants(topic)
+        if not topic or not self._wants(topic):
+            return False
+        if len(self.topics) < MAX_CHANNELS:
+            self.topics.add(topic)
+        return True
 
     def _declare(self, key: _Key, requested: Qos) -> None:
         topic, kind, type_hash = key
@@ -112,10 +123,13 @@ class RecordedTopics:
 @contextmanager
 def recorded_topics(
     session: Session, keys: TopicKeys, channels: RosChannels | None, wants: Callable[[str], bool]
-) -> Iterator[None]:
-    """Have a recorder's subscriptions in the graph of a ROS domain while the block runs; do nothing in a namespace."""
+) -> Iterator[set[str]]:
+    """Have a recorder's subscriptions in the graph of a ROS domain while the block runs; none in a namespace.
+
+    What it yields is the topics that were published and recorded, as they come.
+    """
     if channels is None or not isinstance(keys, RosKeys):
-        yield
+        yield set()
         return
-    with RecordedTopics(session, keys, channels.view, wants):
-        yield
+    with RecordedTopics(session, keys, channels.view, wants) as recorded:
+        yield recorded.topics

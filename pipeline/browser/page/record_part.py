@@ -11,6 +11,7 @@ from pipeline.browser.page.visitor_bar import notify
 from pipeline.browser.session.play import Play
 
 _BEGIN, _END, _NONE = "Record", "End the recording", "(choose a log)"
+_BEGINNING, _ENDING = "beginning to record", "ending the recording"
 
 
 class RecordPart:
@@ -28,7 +29,7 @@ class RecordPart:
 
     def __init__(self, server: ViserServer, play: Play, *, allowed: Allowed) -> None:
         self._play, self._allowed = play, allowed
-        self._line = ""
+        self._line, self._renamed = "", ""
         gui = server.gui
         with gui.add_folder("Record", order=40):
             name = gui.add_text("Name", initial_value="demonstration")
@@ -47,8 +48,9 @@ class RecordPart:
             self._button.label = label
         if recording is not None and not activity.doing:
             ticks = self._play.drive.snapshot().mean.ticks
-            self._line = f"recording {recording.name}: {ticks} targets so far"
-        content = paragraph(self._line, name="recording") if self._line else ""
+            self._line = f"recording {recording.name}: {ticks} targets so far{self._renamed}"
+        line = f"{activity.doing} ..." if activity.doing in (_BEGINNING, _ENDING) else self._line
+        content = paragraph(line, name="recording") if line else ""
         if self._figures.content != content:
             self._figures.content = content
         self._name.show_value()
@@ -63,9 +65,16 @@ class RecordPart:
             return
         recordings, name = self._play.recordings, str(self._name.value)
         if recordings.under_way is None:
-            self._play.activity.do("beginning to record", lambda: recordings.begin(name))
+            self._play.activity.do(_BEGINNING, lambda: self._begin(name))
         else:
-            self._play.activity.do("ending the recording", self._end)
+            self._play.activity.do(_ENDING, self._end)
+
+    def _begin(self, name: str) -> None:
+        recordings = self._play.recordings
+        recordings.begin(name)
+        begun = recordings.under_way
+        as_asked = begun is None or begun.name.startswith(name.strip())
+        self._renamed = "" if as_asked else f"; {name:.40} is no name of a file"
 
     def _end(self) -> None:
         self._line = ""

@@ -1,6 +1,7 @@
 """Recordings from the page: the usual recorder in a process of its own, and what is in the folder of logs."""
 
 import json
+import logging
 import shutil
 import signal
 import subprocess
@@ -20,6 +21,8 @@ from recorders.messages.topics import SESSION_PHASE
 from recorders.nodes.keys import node_key, node_name
 from recorders.wire.keys.namespace import control_key
 from recorders.writing.part_file import part_of
+
+logger = logging.getLogger(__name__)
 
 _RECORDER = "page"
 _ARRIVAL_S = 10.0
@@ -137,7 +140,7 @@ class Recordings:
     def close(self) -> None:
         """End a recording that is under way, and keep what there is of it."""
         if self.under_way is not None:
-            self.end()
+            logger.info(f"the recording that was under way is in {self.end()}")
 
     def _written(self, recording: Recording, last_ns: int) -> Path:
         """End the recorder, and return the episode of what it recorded."""

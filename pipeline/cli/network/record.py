@@ -15,6 +15,7 @@ from pipeline.cli.ros_domain import UseSimTime, refuse_humble
 from pipeline.cli.sessions import ConnectingNode
 from pipeline.terminal import console
 from recorders.errors import ConfigError, LogError
+from recorders.text.wording import names_text
 
 if TYPE_CHECKING:
     from recorders.recording.config import RecordConfig, RecordingStats
@@ -96,11 +97,14 @@ def record(
                 bag.rmdir()
         raise
     result = recording.to_dict() if as_json else recording.totals()
-    for name in ("left_out", "of_streams"):
+    for name in ("left_out", "of_streams", "silent"):
         if not (as_json or result[name]):
             del result[name]
     console.show(result, as_json=as_json)
     console.notice(_outcome(recording, node.keys(name).described(EVERY_TOPIC)))
+    if recording.silent:
+        silent = names_text(recording.silent)
+        console.notice(f"no message came of {silent}: their publishers published nothing so far")
 
 
 def _record(
@@ -148,11 +152,12 @@ def _record(
             metrics_port=node.prometheus,
         ),
         until_stopped() as stopped,
-        recorded_topics(opened, receiving.keys, channels, config.wants),
+        recorded_topics(opened, receiving.keys, channels, config.wants) as published,
     ):
         console.notice(f"{name} records {what} at {where} to {recorder.out}; Ctrl-C ends it")
         try:
             recorder.run(receiver, stopped=stopped, stop_at_stream_end=stop_at_stream_end)
+            recorder.recording.note_published(published)
         finally:
             if config.for_rosbag2 and all(path.is_file() for path in recorder.recording.paths):
                 write_bag_metadata(recorder.recording.paths)

@@ -92,6 +92,11 @@ class RosKeys:
         """Where messages are, in words for a line."""
         return f"ROS domain {self.domain}"
 
+    @property
+    def alternative(self) -> str:
+        """What to choose in order to be elsewhere, in words for a line."""
+        return "another domain with --ros"
+
     def described(self, topic: str, type_name: str = "") -> str:
         """Return a topic with its type, by its name in the graph."""
         if topic == EVERY_TOPIC:

@@ -100,6 +100,10 @@ class TopicKeys(Protocol):
     def words(self) -> str:
         """Where messages are, in words for a line."""
 
+    @property
+    def alternative(self) -> str:
+        """What to choose in order to be elsewhere, in words for a line."""
+
     def described(self, topic: str, type_name: str = "") -> str:
         """Return a topic, or all of them, in words for a line."""
 
@@ -181,6 +185,11 @@ class NamespaceKeys:
     def words(self) -> str:
         """Where messages are, in words for a line."""
         return f"namespace '{self.namespace}'"
+
+    @property
+    def alternative(self) -> str:
+        """What to choose in order to be elsewhere, in words for a line."""
+        return "a --namespace"
 
     def described(self, topic: str, type_name: str = "") -> str:
         """Return the key of a topic."""

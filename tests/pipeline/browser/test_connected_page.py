@@ -138,7 +138,10 @@ def assert_taught(page, visit, name):
 def test_a_connection_that_is_cut_is_stated_and_comes_back(page, visit, proxy):
     proxy.cut()
     visit.await_shown("robot", "is gone")
+    before = page.play.drive.snapshot().wanted[1]
     visit.drag_handle(1, 0.05)  # nobody is there to move, and it is not forgotten
+    wait_until(lambda: np.linalg.norm(page.play.drive.snapshot().wanted[1] - before) > 0.03)
+    wait_until(lambda: not page.scene._dragged)  # let go of, behind the last move
     wanted = page.play.drive.snapshot().wanted
     proxy.restore()
     visit.await_shown("state:robot", "asimo")

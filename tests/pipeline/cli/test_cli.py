@@ -94,7 +94,7 @@ BAD_INPUT = [
         "controller.npz: there is a file that is no log, which",
     ),
     ("golden add log.mcap --config log.mcap --name a --cases .", "expected TOML in UTF-8, found a log (MCAP)"),
-    ("explore --motion spiral --out e.mcap", "unknown motion 'spiral': expected one of circles, eight"),
+    ("explore --motion spiral --out e.mcap", "unknown motion 'spiral': expected one of circles, eight, volume"),
     ("explore --motion circels --out e.mcap", "did you mean circles?"),
     ("explore --motion far.csv --out e.mcap", "reach"),
     ("explore --motion nan.csv --out e.mcap", "nan.csv', line 3, column lx"),

@@ -82,6 +82,18 @@ def test_names_of_hostile_tokens_are_shown_as_they_are() -> None:
     assert "/[/x]\\x1b[31m/[red]" in shown
 
 
+def test_nodes_without_topics_are_named_below_the_topics() -> None:
+    endpoint = Endpoint("/a", String.TYPE, type_hash(String.TYPE), Qos())
+    tokens = (
+        Token(0, "f00", 0, 1, EntityType.PUBLISHER, NodeName("talker"), endpoint),
+        Token(0, "f00", 0, 0, EntityType.NODE, NodeName("talker")),
+        Token(0, "f00", 1, 0, EntityType.NODE, NodeName("[red]")),
+    )
+    written = StringIO()
+    Console(file=written, width=80).print(graph_table(GraphView(tokens)))
+    assert written.getvalue().splitlines()[-1].strip() == "nodes without topics: /[red]"
+
+
 def test_two_definitions_of_a_type_are_shown_on_one_topic() -> None:
     hashes = type_hash(String.TYPE), UNKNOWN_HASH
     tokens = [

@@ -68,7 +68,7 @@ def recording(session: zenoh.Session, out: Path, config: RecordConfig = CONFIG) 
         domain_channels(session, keys) as channels,
         Receiver(session, config=receiving) as receiver,
         LiveRecorder(out, config=config, ros=channels) as recorder,
-        recorded_topics(session, keys, channels, config.wants),
+        recorded_topics(session, keys, channels, config.wants) as published,
     ):
         thread = threading.Thread(target=recorder.run, args=(receiver,), kwargs={"stopped": over.is_set})
         thread.start()
@@ -77,6 +77,7 @@ def recording(session: zenoh.Session, out: Path, config: RecordConfig = CONFIG) 
         finally:
             over.set()
             thread.join()
+            recorder.recording.note_published(published)
 
 
 def came(stats: RecordingStats, number: int) -> Callable[[], bool]:
@@ -147,7 +148,7 @@ def test_a_recorder_subscribes_to_each_topic_that_it_records_and_is_counted_ther
         return [row["qos"] for row in (peer.ask("info", topic=topic) or {"subscribers": []})["subscribers"]]
 
     with RosGraph(other, DOMAIN) as graph, keys.publishing(other, "/first", String.TYPE):
-        with recording(session, tmp_path / "log.mcap", replace(CONFIG, exclude=("/left_out",))):
+        with recording(session, tmp_path / "log.mcap", replace(CONFIG, exclude=("/left_out",))) as stats:
             graph.wait_for("/first", 1, timeout_s=120.0, type_name=String.TYPE)
             with (
                 keys.publishing(other, "/left_out", String.TYPE),
@@ -163,6 +164,7 @@ def test_a_recorder_subscribes_to_each_topic_that_it_records_and_is_counted_ther
             wait_until(lambda: requested("/later") == [])
             wait_until(lambda: requested("/first") == [Qos().to_token()])
         wait_until(lambda: graph.subscriptions("/first") == 0)
+        assert stats.silent == ["/first", "/latched", "/later"]  # none of them published a message
 
 
 def put(session: zenoh.Session, keys: RosKeys, topic: str, message: String | Clock, origin: Attachment) -> None:

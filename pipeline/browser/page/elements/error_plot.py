@@ -37,9 +37,9 @@ class ErrorPlot:
 
     def __init__(self, server: ViserServer, hands: Sequence[str]) -> None:
         self._hands = len(hands)
-        empty = np.zeros(1)
+        begin_s, nothing = np.array([-_SPAN_S, 0.0]), np.full(2, np.nan)  # the page keeps the span of what comes first
         self._plot: GuiUplotHandle = server.gui.add_uplot(
-            (empty, *[empty] * self._hands),
+            (begin_s, *[nothing] * self._hands),
             hand_series("s", hands),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             axes=(AXIS, AXIS),

@@ -28,7 +28,7 @@ class LearningPlot:
         self._shown: tuple[int, float | None] = (0, None)
         axis: uplot.Axis = {**AXIS, "ticks": {"show": False}}
         self._plot: GuiUplotHandle = server.gui.add_uplot(
-            tuple(np.ones(2) for _ in range(1 + len(hands))),
+            (np.arange(2.0), *(np.ones(2) for _ in hands)),
             hand_series(self._unit, hands),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True, distr=3)},  # logarithmic
             axes=(axis, axis),
@@ -44,8 +44,8 @@ class LearningPlot:
             return
         self._shown = shown
         points = np.empty((0, 0)) if curve is None else curve.points(_POINTS)
-        self._plot.visible = len(points) >= 2
         if curve is None or len(points) < 2:
+            self._plot.visible = False
             return
         if curve.unit != self._unit:
             self._unit = curve.unit
@@ -53,3 +53,4 @@ class LearningPlot:
         columns = np.ascontiguousarray(points.T)
         columns[1:] = np.maximum(columns[1:], _LEAST_CM)
         self._plot.data = tuple(columns)
+        self._plot.visible = True  # last: a page keeps the span of what it shows first
