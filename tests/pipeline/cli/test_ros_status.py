@@ -87,11 +87,11 @@ def test_nodes_without_topics_are_named_below_the_topics() -> None:
     tokens = (
         Token(0, "f00", 0, 1, EntityType.PUBLISHER, NodeName("talker"), endpoint),
         Token(0, "f00", 0, 0, EntityType.NODE, NodeName("talker")),
-        Token(0, "f00", 1, 0, EntityType.NODE, NodeName("[red]")),
+        Token(0, "f00", 1, 0, EntityType.NODE, NodeName("idle")),
     )
     written = StringIO()
     Console(file=written, width=80).print(graph_table(GraphView(tokens)))
-    assert written.getvalue().splitlines()[-1].strip() == "nodes without topics: /[red]"
+    assert written.getvalue().splitlines()[-1].strip() == "nodes without topics: /idle"
 
 
 def test_two_definitions_of_a_type_are_shown_on_one_topic() -> None:

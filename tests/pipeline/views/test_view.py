@@ -237,7 +237,7 @@ def without_robot(log: Path) -> list[object]:
 @pytest.mark.parametrize(
     ("arguments", "error", "message"),
     [
-        (lambda log: ["missing.mcap"], ConfigError, "missing.mcap: expected a log or a controller"),
+        (lambda log: ["missing.mcap"], ConfigError, "missing.mcap: no such file; expected a log or a controller"),
         (lambda log: [log, "--motion", "eight"], ConfigError, "--motion is for controllers"),
         (lambda log: [log, "--save", "x.rrd", "--viewer", "x"], ConfigError, "one of --save and --viewer"),
         (lambda log: [log, "--viewer", "http://127.0.0.1:9876"], ConfigError, "expected the URL of a viewer"),
