@@ -43,6 +43,7 @@ class ErrorPlot:
             hand_series("s", hands),
             scales={"x": uplot.Scale(time=False, auto=True), "y": uplot.Scale(auto=True)},
             axes=(AXIS, AXIS),
+            padding=(12, 12, 0, 0),  # for half of a number
             height=150,
         )
 
