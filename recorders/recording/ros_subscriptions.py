@@ -89,22 +89,20 @@ class RecordedTopics:
         found: dict[_Key, list[Qos]] = {}
         for token in view.tokens:
             end = token.endpoint
-            if token.entity is EntityType.PUBLISHER and end is not None and self._is_recorded(end):
+            if token.entity is EntityType.PUBLISHER and end is not None and (topic := self._recorded_topic(end)):
                 found.setdefault((end.topic, end.type, end.type_hash), []).append(end.qos)
+                if len(self.topics) < MAX_CHANNELS:
+                    self.topics.add(topic)
         return found
 
-    def _is_recorded(self, end: Endpoint) -> bool:
-        """Whether messages of a publisher are recorded: anyone may state what they like in a token."""
+    def _recorded_topic(self, end: Endpoint) -> str:
+        """Return the topic that a publisher's messages are recorded on, empty if on none: anybody declares tokens."""
         try:
             key = TopicKey(self._keys.domain, end.topic, end.type, end.type_hash).to_text()
             topic = self._keys.read_key(key).topic
         except (WireError, MessageError):
-            return False
-        if not topic or not self._wants(topic):
-            return False
-        if len(self.topics) < MAX_CHANNELS:
-            self.topics.add(topic)
-        return True
+            return ""
+        return topic if topic and self._wants(topic) else ""
 
     def _declare(self, key: _Key, requested: Qos) -> None:
         topic, kind, type_hash = key

@@ -140,7 +140,8 @@ class Recordings:
     def close(self) -> None:
         """End a recording that is under way, and keep what there is of it."""
         if self.under_way is not None:
-            logger.info(f"the recording that was under way is in {self.end()}")
+            log = self.end()
+            logger.info(f"the recording that was under way is in {log}")
 
     def _written(self, recording: Recording, last_ns: int) -> Path:
         """End the recorder, and return the episode of what it recorded."""

@@ -82,10 +82,7 @@ class RobotLink:
 
     def __enter__(self) -> Self:
         self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=self._keys))
-        for topic, take in (
-            (JOINT_STATES, self._on_state),
-            (CONTROLLER_DEVIATION, self._on_deviation),
-        ):
+        for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
             self._stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
         return self
 
