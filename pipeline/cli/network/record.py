@@ -144,6 +144,7 @@ def _record(
             on_progress=lambda so_far: show(so_far.messages, so_far.size),
             ros=channels,
         ) as recorder,
+        until_stopped() as stopped,  # before anybody sees that this is there, and may stop it
         running_node(
             opened,
             recorder.source(name),
@@ -151,7 +152,6 @@ def _record(
             namespace=node.namespace,
             metrics_port=node.prometheus,
         ),
-        until_stopped() as stopped,
         recorded_topics(opened, receiving.keys, channels, config.wants) as published,
     ):
         console.notice(f"{name} records {what} at {where} to {recorder.out}; Ctrl-C ends it")
