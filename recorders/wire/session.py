@@ -26,6 +26,7 @@ Sample: TypeAlias = zenoh.Sample
 DEFAULT_ENDPOINT = "tcp/127.0.0.1:7447"
 """The default endpoint: a consumer listens there and a sender connects to it."""
 
+_RUNTIME = "ZENOH_RUNTIME"
 _READING_AS_IT_COMES = "(rx: (handover: app), acc: (handover: app), net: (handover: app), app: (worker_threads: 2))"
 _DESCRIPTORS = 48  # a session takes 10, each connection one more, and its log, its files and questions some others
 _RETRY_S = 0.1
@@ -165,14 +166,23 @@ def endpoint_of(connect: Sequence[str], destination: str) -> str | None:
     return found[0] if len(found) == 1 else destination if found else None
 
 
-def use_single_network_thread() -> None:
-    """Have the thread that notices a message read it and call its handler, in this process, for good.
+@contextmanager
+def single_network_thread() -> Iterator[None]:
+    """Have the thread that notices a message read it and call its handler, if the first session opens in the block.
 
-    By default Zenoh notices it on one thread and wakes another to read it. To be called before the first session opens,
-    and only where none will listen: who listens passes messages on, and the thread that waits to send a large one
-    on would be missing to notice that it can be sent. `ZENOH_RUNTIME` stands if it is set.
+    By default Zenoh notices it on one thread and wakes another to read it. Only where none of the process will listen:
+    who listens passes messages on, and the thread that waits to send a large one on would be missing to notice that it
+    can be sent. Zenoh reads `ZENOH_RUNTIME` once, when the first session opens; it stands if it is set. After the block
+    it is not set any more: other processes that are started here may listen.
     """
-    os.environ.setdefault("ZENOH_RUNTIME", _READING_AS_IT_COMES)
+    if _RUNTIME in os.environ:
+        yield
+        return
+    os.environ[_RUNTIME] = _READING_AS_IT_COMES
+    try:
+        yield
+    finally:
+        os.environ.pop(_RUNTIME, None)
 
 
 def open_session(

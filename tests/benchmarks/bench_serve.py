@@ -57,7 +57,7 @@ from recorders.wire.keys.namespace import message_key
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import NamespaceKeys, TopicKeys
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
+from recorders.wire.session import SessionConfig, open_session, single_network_thread
 
 Handler = Callable[[zenoh.Sample], None]
 Declare = Callable[[Any], AbstractContextManager[Any]]
@@ -111,9 +111,10 @@ def echo(name: str, session_config: SessionConfig) -> None:
     def on_right(sample: zenoh.Sample) -> None:
         publisher.put(answer[:4] + sample.payload.to_bytes()[4:12] + answer[12:], attachment=reply)
 
-    if name == "best echo" and not session_config.listen:
-        use_single_network_thread()
-    with open_session(session_config) as session, ExitStack() as stack:
+    with ExitStack() as stack:
+        if name == "best echo" and not session_config.listen:
+            stack.enter_context(single_network_thread())
+        session = stack.enter_context(open_session(session_config))
         publisher = session.declare_publisher(message_key(NAMESPACE, JOINT_COMMANDS), **QUALITY)
         for topic, handler in ((LEFT_TARGET, on_left), (RIGHT_TARGET, on_right)):
             subscribe = partial(session.declare_subscriber, message_key(NAMESPACE, topic))

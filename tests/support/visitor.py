@@ -8,7 +8,7 @@ import sys
 import threading
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from functools import partial
 from itertools import count
 from pathlib import Path
@@ -22,7 +22,7 @@ from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import LEARNER_TOPICS
 from recorders.protocol.stream import Offer
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session, use_single_network_thread
+from recorders.wire.session import SessionConfig, open_session, single_network_thread
 from replay.transports.sender_config import SenderConfig
 from replay.transports.zenoh import ZenohTransport
 
@@ -160,14 +160,13 @@ def main() -> None:
     role, options = sys.argv[1], json.loads(sys.argv[2])
     seconds = options.pop("seconds")
     taking = partial(learn, silence_s=options.pop("silence_s", PATIENCE_S))
-    if options.pop("as_it_comes", False):
-        use_single_network_thread()
+    threads = single_network_thread() if options.pop("as_it_comes", False) else nullcontext()
     if "config_file" in options:
         options["config_file"] = Path(options["config_file"])
     for name in {"connect", "listen"} & set(options):
         options[name] = tuple(options[name])
     try:
-        with open_session(SessionConfig(**{"wait_s": PATIENCE_S} | options)) as session:
+        with threads, open_session(SessionConfig(**{"wait_s": PATIENCE_S} | options)) as session:
             roles: dict[str, Role] = {"learn": taking, "replay": replay, "host": host, "guest": guest, "idle": idle}
             print(json.dumps(roles[role](session, seconds)))
     except ReenactError as error:

@@ -1,5 +1,6 @@
 """The verb serve."""
 
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
@@ -110,7 +111,7 @@ def serve(
     from pipeline.learner.controller import check_writable
     from pipeline.serving.node import serve as run
     from recorders.nodes.metrics import check_metrics
-    from recorders.wire.session import use_single_network_thread
+    from recorders.wire.session import single_network_thread
 
     last: dict[str, Any] = {}  # the last status
 
@@ -127,11 +128,12 @@ def serve(
         check_writable(options.out, overwrite=overwrite)
     config = options.config(node, alignment, overwrite=overwrite)
     session = node.config()
-    if not session.listen:
-        use_single_network_thread()
     loaded = Learned.load(controller)
     try:
-        with viewer.commands(loaded, title=f"{options.name} serves") as on_command:
+        with (
+            viewer.commands(loaded, title=f"{options.name} serves") as on_command,
+            nullcontext() if session.listen else single_network_thread(),
+        ):
             run(loaded, session=session, config=config, on_end=end, on_command=on_command)
     except (KeyboardInterrupt, SystemExit) as stop:
         if not last:

@@ -1,6 +1,7 @@
 """Sessions: either end may start first, routers join clients, nothing listens unasked, errors are one clear line."""
 
 import json
+import os
 import signal
 import socket
 import threading
@@ -20,7 +21,14 @@ from waiting import wait_until
 
 from recorders.errors import WireError
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, _unlinked, beyond_loopback, open_session, publishing
+from recorders.wire.session import (
+    SessionConfig,
+    _unlinked,
+    beyond_loopback,
+    open_session,
+    publishing,
+    single_network_thread,
+)
 
 SECRET = "sesame-open"
 
@@ -276,7 +284,8 @@ def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
             begun.clear()
 
 
-def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
+def test_a_client_may_read_what_comes_on_the_thread_that_notices_it(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delenv("ZENOH_RUNTIME", raising=False)
     endpoint = free_endpoint()
     with visitor("idle", listen=[endpoint]) as router, visitor("idle", connect=[endpoint], as_it_comes=True) as client:
         await_ready(router)
@@ -284,6 +293,17 @@ def test_a_client_may_read_what_comes_on_the_thread_that_notices_it() -> None:
         wait_until(lambda: {"rx", "tx", "acc"} <= zenoh_pools(router.pid))
         wait_until(lambda: {"app", "tx"} <= zenoh_pools(client.pid))
         assert zenoh_pools(client.pid) == {"app", "tx"}
+
+
+@pytest.mark.parametrize("before", [{}, {"ZENOH_RUNTIME": "(rx: (worker_threads: 1))"}])
+def test_what_is_started_after_that_may_listen(before: dict[str, str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """Other processes take over the environment, by which a router would read on one thread as well."""
+    monkeypatch.delenv("ZENOH_RUNTIME", raising=False)
+    for name, value in before.items():
+        monkeypatch.setenv(name, value)
+    with single_network_thread():
+        assert "ZENOH_RUNTIME" in os.environ
+    assert os.environ.get("ZENOH_RUNTIME") == before.get("ZENOH_RUNTIME")
 
 
 def test_what_the_environment_says_of_threads_stands(monkeypatch: pytest.MonkeyPatch) -> None:
