@@ -137,7 +137,7 @@ class LiveTicks:
         self._measured = measured
         self._ticks: StampJoiner[int | None] = StampJoiner(topics, limit=MAX_PENDING, give_up=self._give_up)
         self._refused_at: dict[int, None] = {}  # stamps of targets that were refused, in order of arrival
-        self._numbers = _Numbers()
+        self._numbers, self._behind = _Numbers(), _Behind(len(topics))
         self.dropped = self.restarts = 0
         self.begin()
 
@@ -148,7 +148,6 @@ class LiveTicks:
         self._refused_at.clear()
         self._numbers.begin()
         self._last_ns = -1
-        self._behind = _Behind(len(self._inputs))
         self._anew = False  # whether the clock began anew since the last complete tick
         self._lost = False  # whether a tick was given up since the last complete one
 

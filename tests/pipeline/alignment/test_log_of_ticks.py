@@ -2,6 +2,7 @@
 
 from itertools import product
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,17 +11,19 @@ from sessions import write_foreign
 
 from pipeline.alignment import aligned_log, ticks
 from pipeline.alignment.aligned_log import AlignedLog, own_frames, write_episodes
+from pipeline.alignment.aligned_session import AlignedSession
 from pipeline.alignment.config import AlignmentConfig
 from pipeline.robot.config import load_robot
 from recorders.cdr.codec import decode, encode
 from recorders.cdr.rosbags_types import schema_text
 from recorders.containers.opening import open_log
 from recorders.errors import LogError
-from recorders.messages.message_types import JointState, PoseStamped
+from recorders.messages.message_types import JointState, PoseStamped, String
 from recorders.messages.phase import LEARN, Phase
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SAMPLE_JOINTS, SESSION_PHASE
 from recorders.reading.reader import LogReader
+from recorders.writing.writer import LogWriter
 
 HAND = "/hand/tip/measured"
 TYPES = {HAND: PoseStamped.TYPE, SAMPLE_JOINTS: JointState.TYPE}
@@ -93,6 +96,52 @@ def test_a_phase_has_the_time_of_the_tick_that_follows_it(robot: Path, tmp_path:
     assert [phase.data for phase in read.phases] == [record.data for record in records if record.topic == SESSION_PHASE]
     assert (read.summary.made, read.summary.episodes, read.summary.restarts) == (5, 2, 0)
     assert [record.sequence for record in read.records(topics=[HAND])] == [0, 1, 2, 4, 5]
+
+
+@pytest.fixture
+def session(robot: Path, tmp_path: Path) -> AlignedSession:
+    """Five ticks from time 0 on, with markers before the first, two between, and one after the last."""
+    records = [
+        marker(0, 0),
+        *moving(robot, 0, 1, 2, log_ms=1),
+        *(marker(number, 39 + number) for number in (1, 2)),
+        *moving(robot, 3, 4, log_ms=42),
+        marker(3, 90),
+    ]
+    latencies = dict.fromkeys(("/tracker", "/joint_states"), START)
+    log = write_foreign(tmp_path / "phases.mcap", records)
+    return AlignedSession(ticks_of(log, robot, AlignmentConfig(latencies_ns=latencies)))
+
+
+def test_a_session_is_the_ticks_with_each_marker_before_the_tick_that_followed_it(session: AlignedSession) -> None:
+    tick, every = [HAND, SAMPLE_JOINTS], list(session)
+    expected = [SESSION_PHASE, *tick * 3, SESSION_PHASE, SESSION_PHASE, *tick * 2, SESSION_PHASE]
+    assert [record.topic for record in every] == expected
+    assert [record.log_time_ns // MS for record in every] == [0, 0, 0, 10, 10, 20, 20, *[30] * 4, 40, 40, 40]
+    for start_ns, end_ns in product([0, 1, 30 * MS, 30 * MS + 1, 40 * MS + 1, 40 * MS + 2], repeat=2):
+        there = [record for record in every if start_ns <= record.log_time_ns < end_ns]
+        assert list(session.records(start_ns=start_ns, end_ns=end_ns, file_order=True)) == there
+    for topics in ([SESSION_PHASE], [HAND], [HAND, SESSION_PHASE, "/other"], []):
+        there = [record for record in every if record.topic in topics]
+        assert list(session.records(topics=iter(topics))) == there
+
+
+def test_a_session_is_described_as_any_log(session: AlignedSession) -> None:
+    assert list(session.topics.items()) == [(SESSION_PHASE, String.TYPE), *TYPES.items()]
+    assert session.counts == {SESSION_PHASE: 4, HAND: 5, SAMPLE_JOINTS: 5}
+    schema = (String.TYPE, "ros2msg", schema_text(String.TYPE).encode())
+    first, *others = [(channel.topic, channel.encoding, channel.schema) for channel in session.channels]
+    assert first == (SESSION_PHASE, "cdr", schema)
+    assert [topic for topic, _, _ in others] == list(TYPES)
+
+
+@pytest.mark.parametrize(("schedule", "stated"), [({"epochs": 2}, True), ("two", False)])
+def test_a_session_has_the_schedule_of_its_log(robot: Path, tmp_path: Path, schedule: Any, stated: bool) -> None:
+    with LogWriter(tmp_path / "log.mcap", manifest={"schedule": schedule, "seed": 3}) as writer:
+        for record in moving(robot, 0, 1, 2):
+            writer.copy(record)
+    session = AlignedSession(read := ticks_of(tmp_path / "log.mcap", robot))
+    assert session.manifest == read.manifest | ({"schedule": schedule} if stated else {})
 
 
 @pytest.mark.parametrize(("first", "fine"), [(3, True), (2, False), (1, False)])

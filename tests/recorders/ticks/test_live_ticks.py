@@ -16,6 +16,7 @@ from recorders.ticks.live import LiveTick, LiveTicks
 from recorders.ticks.stamp_joiner import RejectionError
 
 LEFT, RIGHT, JOINTS = range(3)
+SECOND = 10**9
 MEASURED_TICK = (hand_measured("left"), hand_measured("right"), COMMANDED_TICK[JOINTS])
 
 
@@ -96,6 +97,68 @@ def test_what_was_refused_before_a_new_cycle_is_no_gap_of_it() -> None:
     feed(ticks, 1)
     ticks.feed(record(JOINTS, 8), numbered=False)
     assert not feed(ticks, 9).after_gap
+
+
+def far_behind(ticks: LiveTicks, rank: int, stamps: Iterable[int]) -> None:
+    """Feed messages of one topic that are before the last tick."""
+    for stamp in stamps:
+        assert reject(ticks, record(rank, stamp))[0] == "not after the last tick"
+
+
+def test_a_clock_that_begins_anew_is_followed_once_ten_messages_of_every_topic_go_on_there() -> None:
+    ticks = LiveTicks()
+    feed(ticks, 100 * SECOND)
+    far_behind(ticks, LEFT, range(15))
+    far_behind(ticks, RIGHT, range(10))
+    far_behind(ticks, JOINTS, range(9))
+    assert ticks.restarts == 0
+    far_behind(ticks, JOINTS, [9])
+    assert ticks.restarts == 1
+    assert [feed(ticks, stamp).after_gap for stamp in (20, 21)] == [True, False]
+    ticks.begin()
+    assert not feed(ticks, 1).after_gap
+    assert ticks.restarts == 1
+
+
+def test_ticks_that_wait_are_given_up_where_the_clock_begins_anew() -> None:
+    ticks = LiveTicks()
+    feed(ticks, 100 * SECOND)
+    ticks.feed(record(LEFT, 100 * SECOND + 1), numbered=False)
+    for rank in range(3):
+        far_behind(ticks, rank, range(10))
+    assert (ticks.restarts, ticks.dropped) == (1, 1)
+
+
+def test_a_stamp_that_is_repeated_begins_the_row_of_its_topic_again() -> None:
+    ticks = LiveTicks()
+    feed(ticks, 100 * SECOND)
+    for rank in (LEFT, RIGHT):
+        far_behind(ticks, rank, range(10))
+    far_behind(ticks, JOINTS, [*range(9), 8, *range(9, 17)])
+    assert ticks.restarts == 0
+    far_behind(ticks, JOINTS, [17])
+    assert ticks.restarts == 1
+
+
+def test_what_is_late_by_ten_seconds_at_most_begins_no_clock() -> None:
+    ticks = LiveTicks()
+    feed(ticks, 100 * SECOND)
+    for rank in range(3):
+        far_behind(ticks, rank, range(90 * SECOND - 9, 90 * SECOND + 9))
+    assert ticks.restarts == 0
+    for rank in range(3):
+        far_behind(ticks, rank, range(90 * SECOND - 10, 90 * SECOND))
+    assert ticks.restarts == 1
+
+
+def test_a_tick_between_messages_far_behind_begins_their_count_again() -> None:
+    ticks = LiveTicks()
+    feed(ticks, 100 * SECOND)
+    for start in (0, 9):
+        for rank in range(3):
+            far_behind(ticks, rank, range(start, start + 9))
+        feed(ticks, 100 * SECOND + 1 + start)
+    assert ticks.restarts == 0
 
 
 @pytest.mark.parametrize("rank", [LEFT, RIGHT])

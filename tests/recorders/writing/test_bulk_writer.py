@@ -198,10 +198,11 @@ def test_files_are_those_of_the_library(
 def test_a_chunk_ends_where_it_has_a_mebibyte_unless_another_size_is_given() -> None:
     progress: list[int] = []
     writer = BulkWriter(io.BytesIO(), CHANNELS, profile="", on_chunk=progress.append)
-    sizes = [2**19 - 31, 2**19 - 31, 2**19 - 31, 2**19 - 32, 0]  # with 31 bytes beside its data a message
+    half = 2**19 - 31  # with 31 bytes beside its data a message
+    sizes = [half, half - 1, 0, half, half - 1, 0, half, half]
     found = [RecordedMessage("/a", "", bytes(size), 0, 0) for size in sizes]
     assert writer.write(iter(found), end_ns=1, most_bytes=2**63) is None
-    assert progress == [2, 5]
+    assert progress == [3, 6, 8]
 
 
 @pytest.mark.parametrize(("more", "written"), [(0, 1), (1, 2)])

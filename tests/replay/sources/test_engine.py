@@ -18,6 +18,7 @@ from recorders.messages.topics import (
     LEARNER_TOPICS,
     LEFT_TARGET,
     RIGHT_TARGET,
+    ROBOT_TEXTS,
     SAMPLE_JOINTS,
     SESSION_PHASE,
 )
@@ -25,7 +26,7 @@ from recorders.reading.reader import LogReader
 from recorders.writing.writer import LogWriter
 from replay.sources import scheduled
 from replay.sources.schedule import Schedule
-from replay.sources.scheduled import EpisodeLog, Replay, naming, renamed
+from replay.sources.scheduled import EpisodeLog, Replay, naming, read_robot, renamed
 
 SCHEDULE = Schedule(epochs=2, phases=(("washout", 1), ("learn", 2)))
 
@@ -260,6 +261,25 @@ def test_a_robot_is_text(tmp_path: Path) -> None:
     )
     with pytest.raises(LogError, match=r"odd\.mcap: expected the robot's files to be UTF-8 text, found other bytes"):
         Replay([path], SCHEDULE)
+
+
+def robot_texts(path: Path, *texts: tuple[str, bytes]) -> LogReader:
+    """Write a log of what a robot published of itself, and open it."""
+    found = [RecordedMessage(ROBOT_TEXTS[text], String.TYPE, data, 0, at) for at, (text, data) in enumerate(texts)]
+    return LogReader(write_foreign(path, found))
+
+
+def test_a_robot_without_files_is_what_it_published_of_itself_last(tmp_path: Path) -> None:
+    toml, urdf = ([encode(String(text)) for text in texts] for texts in (("[old]", "[robot]"), ("<robot/>",)))
+    both = robot_texts(tmp_path / "both.mcap", ("toml", toml[0]), ("urdf", urdf[0]), ("toml", toml[1]))
+    assert read_robot(both) == {"toml": "[robot]", "urdf": "<robot/>"}
+    assert read_robot(robot_texts(tmp_path / "one.mcap", ("urdf", urdf[0]))) == {}
+
+
+def test_what_a_robot_published_of_itself_and_is_no_message_is_named(tmp_path: Path) -> None:
+    log = robot_texts(tmp_path / "odd.mcap", ("toml", encode(String("[robot]"))), ("urdf", b""))
+    with pytest.raises(LogError, match=rf"odd\.mcap: {ROBOT_TEXTS['urdf']}: "):
+        read_robot(log)
 
 
 @pytest.mark.parametrize(
