@@ -4,10 +4,11 @@ import io
 from pathlib import Path
 
 import pytest
+from mcap.opcode import Opcode
 from mcap.reader import make_reader
 
 from recorders.errors import LogError
-from recorders.mcap_format.records import Opcode, RawRecord
+from recorders.mcap_format.records import RawRecord
 from recorders.mcap_format.unread import Unread
 from recorders.reading.reader import LogReader
 from recorders.writing.attachment_copy import copy_attachment
