@@ -9,6 +9,7 @@ from typing import Any
 import pytest
 from mutant_codes import changed_functions, statement_at
 from mutant_forks import OUT_OF_TIME, Task, run_in_forks
+from mutant_session import Measured
 from mutant_table import Equivalent, drawn, equivalents, mutated_modules, stale
 from mutation import find_mutants, mutated_tree
 
@@ -54,6 +55,18 @@ def test_what_a_change_concerns(change: str, in_functions: bool) -> None:
 def test_a_statement_is_its_lines_or_its_head() -> None:
     source = "if (a and\n    b):\n    c(\n        d)\n"
     assert [statement_at(source, line) for line in (1, 2, 3, 4)] == [range(1, 3), range(1, 3), range(3, 5), range(3, 5)]
+
+
+def test_tests_of_a_change_are_those_that_reach_it_and_of_a_constant_also_those_that_reach_nothing() -> None:
+    seconds = {"slow": 2.0, "quick": 1.0, "elsewhere": 0.5, "constant": 3.0}
+    lines = {"a.py": {"slow": [3, 4], "quick": [4]}, "b.py": {"elsewhere": [1]}}
+    found = Measured("", seconds, lines)
+    assert [found.tests_of("a.py", range(*span)) for span in ((3, 4), (3, 5), (5, 9))] == [
+        ["slow"],
+        ["quick", "slow"],
+        [],
+    ]
+    assert found.tests_of("a.py", None) == ["quick", "slow", "constant"]
 
 
 def test_what_does_not_end_is_ended() -> None:

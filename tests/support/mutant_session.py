@@ -8,7 +8,7 @@ start run the files as they are: what only they run counts as reached by no test
 import ast
 import sys
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from types import FunctionType
 from typing import Any, NamedTuple
@@ -59,10 +59,19 @@ class Measured(NamedTuple):
     lines: dict[str, dict[str, list[int]]]  # by file, by test
 
     def tests_of(self, file: str, lines: range | None) -> list[str]:
-        """Return the tests that reach any of these lines, or anything in the file; the quickest first."""
+        """Return the tests that reach any of these lines, the quickest first.
+
+        Without lines those that reach anything in the file, and then those that reach no file at all: they look at
+        constants.
+        """
         by_test = self.lines.get(file, {})
-        found = [test for test, reached in by_test.items() if lines is None or any(line in lines for line in reached)]
-        return sorted(found, key=lambda test: (self.seconds[test], test))
+        if lines is None:
+            reaching = {test for tests in self.lines.values() for test in tests}
+            return self._in_order(by_test) + self._in_order(self.seconds.keys() - reaching)
+        return self._in_order(test for test, reached in by_test.items() if any(line in lines for line in reached))
+
+    def _in_order(self, tests: Iterable[str]) -> list[str]:
+        return sorted(tests, key=lambda test: (self.seconds[test], test))
 
 
 class MutantSession:
