@@ -9,6 +9,9 @@ CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipel
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
 EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
+# Every process that tests start reads what the first one compiled, also where the environment asks Python to keep nothing.
+export PYTHONDONTWRITEBYTECODE =
+
 .PHONY: demo test test-all test-core test-arm64 soak coverage check examples simulate bench mutants docs lock clean
 
 demo: .venv/runtime
