@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from enum import IntEnum
 from functools import lru_cache
 from operator import itemgetter
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 from recorders.errors import MessageError
 from recorders.messages.record import RecordedMessage
@@ -68,6 +68,10 @@ class Frame(NamedTuple):
     def end(self) -> int:
         """The stream index after this frame."""
         return self.first + len(self.messages)
+
+    def from_index(self, index: int) -> Self:
+        """Return the part of this frame from a stream index on, which lies in it."""
+        return self._replace(first=index, messages=self.messages[index - self.first :])
 
 
 def size_of(messages: Sequence[RecordedMessage]) -> int:

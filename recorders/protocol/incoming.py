@@ -6,7 +6,7 @@ from recorders.errors import MessageError
 from recorders.protocol.frames import Frame, FrameType, unpack
 from recorders.protocol.packets import Packet
 from recorders.protocol.seals.sealing import ReceiverSeals
-from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
+from recorders.protocol.stream import Offer, Progress, is_acknowledged
 from recorders.protocol.stream_digest import StreamDigest, find_digest
 from recorders.text.wording import escape_control
 
@@ -97,18 +97,20 @@ class IncomingStream:
     def new_part(self, frame: Frame, payload: bytes) -> Frame | None:
         """Return what is new of a frame: what came before is a repeat, what comes after a gap is sent again.
 
-        An end after which other messages have arrived than were sent comes as the reason to give the stream up.
+        An end after which other messages have arrived than were sent comes as the reason to give the stream up. One
+        without a digest from where this consumer began is of before its sender knew of that: another will come.
         """
         received = self._received
         is_end = frame.kind is FrameType.END and not self._has_end and frame.first == received
         if frame.first > received or not (frame.end > received or is_end):
             return None
-        if is_end and find_digest(frame.digests, self._start) != self._digest.digest().hex():
+        if is_end and (sent := find_digest(frame.digests, self._start)) != self._digest.digest().hex():
+            if not sent:
+                return None
             reason = f"what arrived up to message {received} is not what was sent: nothing of it is to be trusted"
             return frame._replace(kind=FrameType.ABORT, reason=reason)
         if frame.first < received:
-            frame = frame._replace(first=received, messages=frame.messages[received - frame.first :])
-            payload = b""
+            frame, payload = frame.from_index(received), b""
         self._looked_at = frame, payload if frame.kind is FrameType.BATCH else b""
         return frame
 
@@ -123,8 +125,7 @@ class IncomingStream:
         """Note that a frame's messages are consumed; True if an acknowledgement is due."""
         self._next = frame.end
         self._consumed_bytes += frame.size
-        due = frame.end - self._acknowledged >= max(1, self.offer.window // 2)
-        if not due and self._consumed_bytes < WINDOW_BYTES // 4:
+        if not is_acknowledged(frame.end - self._acknowledged, self._consumed_bytes, self.offer.window):
             return False
         self._acknowledged, self._consumed_bytes = frame.end, 0
         return True

@@ -3,7 +3,7 @@
 from collections import deque
 
 from recorders.protocol.frames import Frame, FrameType
-from recorders.protocol.stream import WINDOW_BYTES, Progress
+from recorders.protocol.stream import WINDOW_BYTES, Progress, is_acknowledged
 
 
 class Rewind(Exception):
@@ -23,7 +23,7 @@ class SendWindow:
     run : str
         The run that is sent; progress of any other counts for nothing.
     window : int
-        How many messages may be under way unacknowledged.
+        How many messages may be under way unacknowledged; beside less than half of it, one more frame may.
 
     Attributes
     ----------
@@ -38,7 +38,7 @@ class SendWindow:
         self._window = window
         self._frames: deque[Frame] = deque()
         self._sizes: deque[int] = deque()  # of them [bytes]
-        self._bytes = 0  # of all of them
+        self._bytes = 0  # of all of them: of what lies between `consumed` and `sent`
         self._furthest = 0  # what was ever sent
         self.progress: dict[str, Progress] = {}
         self.sent = 0
@@ -74,16 +74,25 @@ class SendWindow:
         self.discard_consumed()  # where nobody is awaited, this very frame
 
     def has_room(self, count: int, size: int) -> bool:
-        """Whether so many more messages, of so many bytes together, may be under way."""
-        fits = self.sent + count - self.consumed <= max(self._window, count)
-        return fits and self._bytes + size <= max(WINDOW_BYTES, size)
+        """Whether so many more messages, of so many bytes together, may be under way.
+
+        They always may while less is under way than consumers acknowledge: no acknowledgement would make more room.
+        """
+        under_way = self.sent - self.consumed
+        if under_way + count <= self._window and self._bytes + size <= WINDOW_BYTES:
+            return True
+        return not is_acknowledged(under_way, self._bytes, self._window)
 
     def discard_consumed(self) -> int:
         """Forget what every consumer has consumed, and return the index up to which that is."""
-        consumed = self.consumed
-        while self._frames and self._frames[0].end <= consumed and self._frames[0].kind is not FrameType.END:
-            self._frames.popleft()
+        consumed, frames = self.consumed, self._frames
+        while frames and frames[0].end <= consumed and frames[0].kind is not FrameType.END:
+            frames.popleft()
             self._bytes -= self._sizes.popleft()
+        if frames and frames[0].first < consumed < frames[0].end:  # consumers, too, count from there on
+            frames[0] = frames[0].from_index(consumed)
+            self._bytes += frames[0].size - self._sizes[0]
+            self._sizes[0] = frames[0].size
         return consumed
 
     def note(self, name: str, progress: Progress) -> bool:

@@ -17,7 +17,8 @@ MAX_MESSAGE = 64 << 20
 """The largest message that travels [bytes]: an uncompressed picture takes 33 MB in 4K."""
 
 WINDOW_BYTES = 64 << 20
-"""How much may be under way unacknowledged, whatever the window allows; a single message may, however large."""
+"""How much may be under way unacknowledged [bytes], whatever the window allows; beside less than a quarter of it, one
+more frame may, however large."""
 
 _MAX_INDEX = 2**63 - 1
 _FAREWELL = b"farewell "
@@ -60,7 +61,8 @@ class Offer:
     sender : str
         32 hexadecimal digits of this sender among others that offer the same run; the transport fills them in.
     window : int
-        How many messages the transport lets be under way; consumers acknowledge at least every half of it.
+        How many messages the transport lets be under way, beside less than half of it one more batch; consumers
+        acknowledge at least every half of it.
     """
 
     run: str
@@ -162,6 +164,21 @@ def asking(offer: Offer, *, farewell: bool = False) -> bytes:
 def asker(asked: bytes) -> str:
     """Return the sender that asks, from the bytes that `asking` returns."""
     return asked.removeprefix(_FAREWELL).decode(errors="replace")
+
+
+def is_acknowledged(count: int, size: int, window: int) -> bool:
+    """Whether a consumer acknowledges so many messages, of so many bytes: half a window, or a quarter of the bytes.
+
+    Both ends go by it: a sender waits for what consumers acknowledge, and for nothing less.
+
+    Parameters
+    ----------
+    count, size : int
+        How many messages were consumed since the last acknowledgement, and their size [bytes].
+    window : int
+        How many messages may be under way, as the offer gives it.
+    """
+    return count >= max(1, window // 2) or size >= WINDOW_BYTES // 4
 
 
 def is_identifier(text: str) -> bool:

@@ -27,7 +27,7 @@ class SenderConfig:
     keys : TopicKeys
         Keys of the topics, and the namespace.
     window : int
-        How many messages may be under way unacknowledged.
+        How many messages may be under way unacknowledged; beside less than half of it, one more batch may.
     batch_size : int
         How many messages travel in one payload; with 1, each travels on the key of its own topic.
     wait_s : float

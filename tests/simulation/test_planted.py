@@ -19,8 +19,8 @@ HANDFUL = (
     ),
     (
         "send_window.SendWindow.has_room",
-        "fits = self.sent + count - self.consumed <= max(self._window, count)",
-        "self.sent + count - self.consumed -> self.sent + count + self.consumed",
+        "under_way = self.sent - self.consumed",
+        "self.sent - self.consumed -> self.sent + self.consumed",
     ),
     ("seals.sealing.SenderSeals.is_answer", "return False", "False -> True"),
 )

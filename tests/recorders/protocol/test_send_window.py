@@ -4,12 +4,13 @@ import random
 
 import pytest
 from sealed import Sealing, receiver
+from simulation.limits import lowered_limits
 
 from recorders.messages.record import RecordedMessage
 from recorders.protocol.answers import Offered
-from recorders.protocol.frames import Frame, FrameType
+from recorders.protocol.frames import Frame, FrameType, size_of
 from recorders.protocol.send_window import Rewind, SendWindow
-from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress
+from recorders.protocol.stream import WINDOW_BYTES, Offer, Progress, is_acknowledged
 from recorders.protocol.stream_digest import StreamDigests
 
 COUNT = 60
@@ -142,6 +143,74 @@ def test_no_more_than_so_many_bytes_are_under_way(size: int, room: bool) -> None
     assert window.has_room(1, size) == room
     window.note("anna", Progress(OFFER.run, next=1, received=1))
     assert window.has_room(1, size)
+
+
+@pytest.mark.parametrize(
+    ("count", "size", "room"),
+    [
+        (1, WINDOW_BYTES // 4 - 1, True),
+        (1, WINDOW_BYTES // 4, False),
+        (3, 3, True),
+        (4, 3, False),
+        (3, WINDOW_BYTES // 4, False),
+    ],
+)
+def test_a_frame_waits_only_for_what_consumers_acknowledge(count: int, size: int, room: bool) -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run)}
+    sizes = [size - count + 1] + [1] * (count - 1)
+    window.add(Frame(FrameType.BATCH, *OFFER.identity, 0, tuple(frame(0, size).messages[0] for size in sizes)))
+    assert is_acknowledged(count, size, 8) != room
+    assert window.has_room(8, WINDOW_BYTES) == room
+
+
+def test_half_of_a_window_of_one_message_is_one() -> None:
+    assert [is_acknowledged(count, 0, 1) for count in (0, 1)] == [False, True]
+
+
+@pytest.mark.parametrize("seed", range(30))
+def test_no_sender_waits_for_an_acknowledgement_that_is_not_due(seed: int) -> None:
+    """Frames of any size go at once to consumers that take all at once, wherever in the stream each of them begins."""
+    draw = random.Random(seed)
+    window, sealing = SendWindow(OFFER.run, OFFER.window), Sealing(OFFER)
+    machines = {name: receiver() for name in ("anna", "bob")}
+    for name, machine in machines.items():
+        offered = sealing.hello(machine)
+        assert isinstance(offered, Offered)
+        machine.accept(offered, draw.randrange(12), 0.0)
+        window.progress[name] = machine.progress
+    window.begin(window.start())
+    most = draw.choice((8, 40, 150))
+    with lowered_limits(window_bytes=120):
+        while window.sent < COUNT:
+            indices = range(window.sent, window.sent + draw.randint(1, OFFER.window))
+            messages = tuple(frame(index, draw.randint(0, most)).messages[0] for index in indices)
+            assert window.has_room(len(messages), size_of(messages))
+            sent = Frame(FrameType.BATCH, *OFFER.identity, window.sent, messages)
+            window.add(sent)
+            for name, machine in machines.items():
+                new = machine.on_sample(*sealing.frame(sent), 0.0)
+                if new is not None:
+                    machine.arrived(new)
+                    acknowledgement = machine.consume(new)
+                    if acknowledgement is not None:
+                        window.note(name, Progress.from_json(acknowledgement.payload))
+
+
+def test_of_a_frame_that_is_consumed_in_part_the_rest_is_under_way() -> None:
+    window = SendWindow(OFFER.run, 8)
+    window.progress = {"anna": Progress(OFFER.run), "bob": Progress(OFFER.run, next=2, received=2)}
+    messages = tuple(frame(index, WINDOW_BYTES // 8).messages[0] for index in range(3))
+    window.add(Frame(FrameType.BATCH, *OFFER.identity, 0, messages))
+    assert not window.has_room(1, WINDOW_BYTES)
+    window.note("anna", Progress(OFFER.run, next=3, received=3))
+    assert window.has_room(1, WINDOW_BYTES)
+    (rest,) = window.missing("bob", Progress(OFFER.run, next=2, received=2))
+    assert (rest.first, rest.messages) == (2, messages[2:])
+    window.note("bob", Progress(OFFER.run, next=3, received=3))
+    window.add(frame(3, WINDOW_BYTES // 2))
+    assert window.has_room(1, WINDOW_BYTES // 2)
+    assert not window.has_room(1, WINDOW_BYTES // 2 + 1)
 
 
 def test_a_window_that_is_new_has_sent_nothing() -> None:

@@ -3,10 +3,13 @@
 import hashlib
 
 import pytest
+from sealed import Sealing, receiver
 
 from recorders.messages.record import RecordedMessage
+from recorders.protocol.answers import Offered
 from recorders.protocol.frames import Frame, FrameType, records
-from recorders.protocol.stream_digest import StreamDigest
+from recorders.protocol.stream import Offer
+from recorders.protocol.stream_digest import StreamDigest, StreamDigests
 
 RUN, SENDER = bytes(16), bytes(range(16))
 START = 5
@@ -64,3 +67,19 @@ def test_messages_of_any_size_are_in_it(size: int) -> None:
     for place, message in enumerate(messages):
         digest.add(batch(START + place, (message,)))
     assert digest.digest() == hashlib.sha256(records(messages)).digest()
+
+
+def test_an_end_of_before_a_consumer_was_started_anew_is_passed_over() -> None:
+    """It has no digest from where that consumer begins now; the next one has, and is compared."""
+    offer = Offer(RUN.hex(), {}, [], sender=SENDER.hex())
+    machine, sealing, digests = receiver(), Sealing(offer), StreamDigests()
+    offered = sealing.hello(machine)
+    assert isinstance(offered, Offered)
+    machine.accept(offered, START, 0.0)
+    new = []
+    for start in (0, START):
+        digests.begin("learner", start)
+        end = Frame(FrameType.END, RUN, SENDER, START, digests=digests.packed())
+        digests.begin("another", start)
+        new.append(machine.on_sample(*sealing.frame(end), 0.0))
+    assert new == [None, end]

@@ -3,11 +3,11 @@
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-from recorders.protocol import incoming, known_streams, send_window
+from recorders.protocol import known_streams, send_window, stream
 
 PAST_STREAMS = 2
 
-_LOWERED = (send_window, "WINDOW_BYTES"), (incoming, "WINDOW_BYTES"), (known_streams, "_MAX_PAST")
+_LOWERED = (send_window, "WINDOW_BYTES"), (stream, "WINDOW_BYTES"), (known_streams, "_MAX_PAST")
 
 
 @contextmanager

@@ -40,8 +40,10 @@ class Promises:
         of_sender = [fault for fault in faults if fault.where == SENDER]
         self._jumps = sum(fault.kind == "clock jump" and fault.amount > 0 for fault in of_sender)
         self._stalls_s = sum(fault.amount for fault in of_sender if fault.kind == "stall") / SECOND
-        self._most = max(scenario.window, scenario.batch_size)
-        self._most_bytes = max(scenario.window_bytes, scenario.batch_size * scenario.most_bytes)
+        batch, batch_bytes = scenario.batch_size, scenario.batch_size * scenario.most_bytes
+        # What need not be acknowledged yet, and a frame; or all that the window holds.
+        self._most = max(scenario.window, max(1, scenario.window // 2) - 1 + batch)
+        self._most_bytes = max(scenario.window_bytes, scenario.window_bytes // 4 - 1 + batch_bytes)
         self._sender = sender
         self._receivers = {receiver.name: receiver for receiver in receivers}
 
