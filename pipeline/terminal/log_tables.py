@@ -177,19 +177,20 @@ def _of_topic(topic: TopicSummary, begin_ns: int) -> Iterator[str]:
     yield _missing(topic)
     if topic.log_times.falls:
         yield f"log time falls {_often(topic.log_times.falls)} in the order of the file"
-    if topic.restarts:
-        yield f"numbers begin anew {_often(topic.restarts)}"
+    if topic.numbers.restarts:
+        yield f"numbers begin anew {_often(topic.numbers.restarts)}"
     if topic.ahead_ns is not None:
         yield from _ahead(*topic.ahead_ns)
 
 
 def _missing(topic: TopicSummary) -> str:
-    places = ", ".join(f"{before}..{after}" for before, after in topic.gaps)
-    by_number = f"{topic.missing} missing by number" + (
-        f" ({places}{', …' if topic.more_gaps else ''})" if places else ""
+    numbers = topic.numbers
+    places = ", ".join(f"{before}..{after}" for before, after in numbers.gaps)
+    by_number = f"{numbers.missing} missing by number" + (
+        f" ({places}{', …' if numbers.more_gaps else ''})" if places else ""
     )
-    text = by_number if topic.numbered or topic.missing else "no numbers of its own"
-    if topic.dropped is None or topic.dropped == topic.missing:
+    text = by_number if topic.numbered or numbers.missing else "no numbers of its own"
+    if topic.dropped is None or topic.dropped == numbers.missing:
         return text
     return f"{text}, about {topic.dropped} missing by time"
 

@@ -9,9 +9,8 @@ from recorders.errors import MessageError
 from recorders.mcap_format.channels import DeclaredChannel
 from recorders.recovery.clocks import ClockLine
 from recorders.recovery.intervals import Intervals, rate_hz
+from recorders.recovery.number_series import NumberSeries
 from recorders.recovery.salvage import Salvaged
-
-_GAPS_NAMED = 5
 
 
 @dataclass(slots=True)
@@ -26,14 +25,8 @@ class TopicSummary:
         Number of messages.
     first_ns, last_ns : int
         Log time of the earliest and the latest message [ns].
-    missing : int
-        Messages that its producer numbered and that are not there.
-    gaps : list of pairs of int
-        The first few places of those: the sequences before and after.
-    more_gaps : bool
-        Whether there are more places.
-    restarts : int
-        How often the numbers began anew, as they do with each cycle of a replay.
+    numbers : NumberSeries
+        Those of its messages by which some are missing.
     numbered : bool
         Whether the messages have numbers of their own: not where all are 0, or where all topics share them.
     log_times, stamps : Intervals
@@ -50,16 +43,12 @@ class TopicSummary:
     count: int = 0
     first_ns: int = 0
     last_ns: int = 0
-    missing: int = 0
-    gaps: list[tuple[int, int]] = field(default_factory=list)
-    more_gaps: bool = False
-    restarts: int = 0
+    numbers: NumberSeries = field(default_factory=NumberSeries)
     numbered: bool = False
     log_times: Intervals = field(default_factory=Intervals)
     stamps: Intervals = field(default_factory=Intervals)
     ahead_ns: tuple[int, int] | None = None
     clock: ClockLine = field(default_factory=ClockLine)
-    _sequences: dict[DeclaredChannel | None, int] = field(default_factory=dict)
     _channel: DeclaredChannel | None = None
     _stamp_of: Callable[[bytes], int | None] = lambda data: None
 
@@ -91,26 +80,13 @@ class TopicSummary:
         self.last_ns = max(self.last_ns, time_ns)
         self.count += 1
         self.log_times.add(time_ns)
-        self._compare(message)
+        self.numbered |= message.sequence > 0
+        self.numbers.add(message.channel, message.sequence)
         self._add_stamp(message)
 
     def take_no_numbers(self) -> None:
-        """Forget the gaps in the numbers of the messages: they are not this topic's own."""
-        self.missing, self.gaps, self.more_gaps, self.numbered = 0, [], False, False
-
-    def _compare(self, message: Salvaged) -> None:
-        """Compare a number with the one before on the same channel: a topic may have several, each with its own."""
-        sequence = message.sequence
-        self.numbered |= sequence > 0
-        before = self._sequences.get(message.channel, sequence)
-        self._sequences[message.channel] = sequence
-        if sequence > before + 1:
-            self.missing += sequence - before - 1
-            if len(self.gaps) < _GAPS_NAMED:
-                self.gaps.append((before, sequence))
-            else:
-                self.more_gaps = True
-        self.restarts += sequence < before
+        """Forget the numbers of the messages: they are not this topic's own."""
+        self.numbers, self.numbered = NumberSeries(), False
 
     def _add_stamp(self, message: Salvaged) -> None:
         if message.channel is not None and message.channel is not self._channel:
@@ -138,9 +114,9 @@ class TopicSummary:
             "last_ns": self.last_ns,
             "rate_hz": self.rate_hz,
             "stamp_rate_hz": self.stamp_rate_hz,
-            "missing": self.missing,
-            "gaps": [{"after": before, "next": after} for before, after in self.gaps],
-            "restarts": self.restarts,
+            "missing": self.numbers.missing,
+            "gaps": [{"after": before, "next": after} for before, after in self.numbers.gaps],
+            "restarts": self.numbers.restarts,
             "numbered": self.numbered,
             "dropped": self.dropped,
             "longest_gap_s": _seconds(self.longest_gap_ns),

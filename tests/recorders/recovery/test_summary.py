@@ -43,6 +43,11 @@ def written(path, sequences, *, stamps=None, log_times=None):
     return path
 
 
+def numbers_of(path):
+    (topic,) = summarise(path).topics.values()
+    return topic.numbers
+
+
 def test_a_sound_log(log):
     summary = summarise(log)
     said = summary.to_dict()
@@ -78,15 +83,40 @@ def test_a_sound_log(log):
 
 
 def test_gaps_are_named_and_counted(tmp_path):
-    (topic,) = summarise(written(tmp_path / "x.mcap", [0, 1, 4, 5, 7])).topics.values()
-    assert (topic.missing, topic.gaps, topic.more_gaps, topic.restarts) == (3, [(1, 4), (5, 7)], False, 0)
-    (topic,) = summarise(written(tmp_path / "y.mcap", range(0, 40, 2))).topics.values()
-    assert (topic.missing, len(topic.gaps), topic.more_gaps) == (19, 5, True)
+    found = numbers_of(written(tmp_path / "x.mcap", [0, 1, 4, 5, 7]))
+    assert (found.missing, found.gaps, found.more_gaps, found.restarts) == (3, [(1, 4), (5, 7)], 0, 0)
+    found = numbers_of(written(tmp_path / "y.mcap", range(0, 40, 2)))
+    assert (found.missing, len(found.gaps), found.more_gaps) == (19, 5, 14)
 
 
 def test_numbers_that_begin_anew_are_no_gap(tmp_path):
-    (topic,) = summarise(written(tmp_path / "x.mcap", [0, 1, 2, 0, 1, 2, 0, 1, 2])).topics.values()
-    assert (topic.missing, topic.restarts) == (0, 2)
+    found = numbers_of(written(tmp_path / "x.mcap", [0, 1, 2, 0, 1, 2, 0, 1, 2]))
+    assert (found.missing, found.restarts) == (0, 2)
+
+
+def test_the_gaps_of_each_cycle_count(tmp_path):
+    cycles = [[number for number in range(30) if number not in lost] for lost in ((2,), (27, 28), (2, 20))]
+    found = numbers_of(written(tmp_path / "x.mcap", itertools.chain(*cycles)))
+    assert (found.missing, found.gaps, found.restarts) == (5, [(1, 3), (26, 29), (1, 3), (19, 21)], 2)
+
+
+@pytest.mark.parametrize(
+    ("numbers", "restarts"),
+    [
+        ([1000, 0, 1001, 1, 1002, 2], 1),
+        ([57, 1000, 58, 1001, 59, 1002], 0),  # a gap until 58 comes
+        ([4, 4, 5, 5, 6, 6], 0),
+        ([1, 2, 4, 3, 5], 0),  # one is late
+    ],
+)
+def test_two_publishers_of_a_topic_and_messages_that_come_late_leave_no_gap(tmp_path, numbers, restarts):
+    found = numbers_of(written(tmp_path / "x.mcap", numbers))
+    assert (found.missing, found.gaps, found.more_gaps, found.restarts) == (0, [], 0, restarts)
+
+
+def test_what_one_of_two_publishers_lost_is_counted(tmp_path):
+    found = numbers_of(written(tmp_path / "x.mcap", [1000, 0, 1001, 1, 1003, 2, 1004, 5, 1005]))
+    assert (found.missing, found.gaps, found.restarts) == (3, [(1001, 1003), (2, 5)], 1)
 
 
 def test_rates_by_log_time_and_by_stamp_differ_in_a_replay(tmp_path):
@@ -115,7 +145,7 @@ def test_samples_that_are_dropped_before_they_are_numbered_are_found_by_their_ti
         for sequence, time_ns in enumerate(times):
             log.write("/camera", b"frame", log_time_ns=time_ns, sequence=sequence, opaque=True)
     (topic,) = summarise(path).topics.values()
-    assert (topic.missing, topic.dropped) == (0, 3)
+    assert (topic.numbers.missing, topic.dropped) == (0, 3)
     assert (topic.longest_gap_ns, topic.log_times.longest_after_ns) == (3 * TICK_NS, start_ns + 39 * TICK_NS)
 
 
@@ -123,7 +153,7 @@ def test_messages_in_bursts_miss_none(tmp_path):
     """A learner's outputs: 64 at a time, and then nothing for a while."""
     times = [burst * 20 * TICK_NS + place * 2000 for burst in range(7) for place in range(64)]
     (topic,) = summarise(written(tmp_path / "x.mcap", range(len(times)), stamps=times, log_times=times)).topics.values()
-    assert (topic.missing, topic.dropped, topic.log_times.jitter_ns) == (0, None, None)
+    assert (topic.numbers.missing, topic.dropped, topic.log_times.jitter_ns) == (0, None, None)
 
 
 @given(st.lists(st.integers(-(10**6), 10**6), min_size=30, max_size=60))
@@ -255,7 +285,12 @@ def test_two_channels_of_a_topic_are_numbered_apart(tmp_path):
             log.write("/x", b"a", log_time_ns=2 * number, sequence=5000 + 2 * number, opaque=True)
             log.write("/x", b"a", log_time_ns=2 * number + 1, opaque=True)
     (topic,) = summarise(path).topics.values()
-    assert (topic.count, topic.missing, topic.gaps[0], topic.restarts) == (20, 9, (5000, 5002), 0)
+    assert (topic.count, topic.numbers.missing, topic.numbers.gaps[0], topic.numbers.restarts) == (
+        20,
+        9,
+        (5000, 5002),
+        0,
+    )
 
 
 def test_a_pipe_is_refused_and_not_waited_for(tmp_path):
