@@ -22,7 +22,7 @@ from recorders.protocol.receiver import ReceiverMachine
 from recorders.protocol.seals import authentication
 from recorders.protocol.seals.authentication import Signer, Verifier, consumer_key, sender_key
 from recorders.protocol.seals.opening import Opening
-from recorders.protocol.seals.sealing import ConsumerKeys, SenderSeals
+from recorders.protocol.seals.sealing import ConsumerKeys, SenderSeals, instance_of
 from recorders.protocol.states import ReceiverState, SenderState
 from recorders.protocol.stream import Offer, Progress, asking
 
@@ -195,6 +195,12 @@ def test_an_acknowledgement_of_anybody_else_is_refused_and_named() -> None:
     opening = Opening(SenderSeals(KEY, SENDER), lambda what, why: refused.append((what, why)))
     assert opening.acknowledgement("learner", Packet(Progress().to_json())) is None
     assert refused == [("learner/ack", "an acknowledgement that is not sealed by the consumer")]
+
+
+def test_an_answer_names_the_instance_that_has_sealed_it() -> None:
+    for instance in (INSTANCE, b"another instance"):
+        answer = ConsumerKeys(KEY, "learner", instance).seals(SENDER).answer(Packet(b""), Progress().to_json())
+        assert instance_of(answer) == instance
 
 
 @pytest.mark.parametrize("size", [0, 15, 17])

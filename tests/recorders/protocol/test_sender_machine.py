@@ -216,6 +216,27 @@ def test_an_answer_counts_once_and_none_after_the_end() -> None:
     assert not failed.sender.outbox
 
 
+def test_an_offer_that_nobody_answers_is_made_again_in_a_twentieth_of_a_second() -> None:
+    sender = World({"anna": Consumer()}).sender
+    sender.start(0.0)
+    (ask,) = sender.outbox.take()
+    assert isinstance(ask, Ask)
+    sender.on_answer(ask, None, 0.0)
+    assert sender.deadline_s == 0.05
+
+
+def test_an_answer_to_an_offer_that_cannot_be_read_is_asked_for_again() -> None:
+    class Odd(Consumer):
+        def answer(self, ask: Ask, now_s: float) -> Packet:
+            if now_s > 0.0:
+                return super().answer(ask, now_s)
+            return ConsumerKeys(KEY, "anna", b"anna".ljust(16)).seals(OFFER.identity[1]).answer(ask.packet, b"odd")
+
+    world = World({"anna": Odd()})
+    assert world.run().results == {"anna": {"count": COUNT}}
+    assert 0.0 < world.now_s < 1.0
+
+
 def test_a_result_of_another_stream_than_was_sent_is_not_trusted() -> None:
     class Wrong(Consumer):
         def answer(self, ask: Ask, now_s: float) -> Packet:

@@ -205,6 +205,7 @@ def test_the_line_of_errors_over_leverage_is_a_least_squares_line_that_falls_now
     through_zero = (w @ (x * squares)) / (w @ (x * x))
     assert fitted(squares, x, w) == pytest.approx((0.0, through_zero))  # it would begin below zero: through zero
     assert fitted([1.0, 3.0], [2.0, 2.0], [1.0, 1.0]) == pytest.approx((2.0, 0.0))  # one leverage: the mean
+    assert fitted([1.0, 3.0], [0.0, 0.0], [1.0, 1.0]) == pytest.approx((2.0, 0.0))  # and so is one of none
     assert fitted([2.0, 4.0], [1.0, 2.0], [1.0, 1.0]) == pytest.approx((0.0, 2.0), abs=1e-12)  # both ends of the range
 
 
