@@ -98,6 +98,22 @@ def test_a_tick_comes_in_time_after_a_repetition_before_the_first(robot: Path) -
     assert [len(messages) for messages in made] == [0, 0, 0, 2]
 
 
+def test_a_tick_comes_in_time_where_one_topic_alone_is_late(robot: Path) -> None:
+    names, late_ns = load_robot(robot).joints, 7 * MS
+    records = []
+    for step in range(4):
+        at = START + step * 10 * MS
+        joints = JointState(at + late_ns, names, np.full(len(names), 0.1 * step))
+        hand = PoseStamped(at, np.array([0.01 * step, 0.0, 0.0]))
+        records += [RecordedMessage("/joint_states", joints.TYPE, encode(joints), step, at)]
+        records += [RecordedMessage("/tracker", hand.TYPE, encode(hand), step, at)]
+    config = AlignmentConfig(ticks_of=SAMPLE_JOINTS, latencies_ns={"/joint_states": late_ns})
+    live = aligner_of(robot, config)
+    made = [live.feed(record) for record in records]
+    assert made == one_by_one(robot, config, records)
+    assert [len(messages) for messages in made] == [0, 2] * 4
+
+
 @pytest.mark.parametrize(
     ("config", "ticks"), [({"period_ns": 100 * MS}, 20), ({}, 60), ({"ticks_of": SAMPLE_JOINTS}, 200)]
 )
