@@ -252,9 +252,11 @@ def test_a_stream_that_begins_again_has_nothing_under_way() -> None:
     assert window.sent == 1
     assert window.can_be(Progress(OFFER.run, received=3))  # as much was sent once
     assert window.missing("anna", Progress(OFFER.run)) == []
-    window.add(frame(1, WINDOW_BYTES // 2))
-    assert window.has_room(1, WINDOW_BYTES // 2)
-    assert not window.has_room(1, WINDOW_BYTES // 2 + 1)
+    for index in (1, 2):  # of which the first is then consumed
+        window.add(frame(index, WINDOW_BYTES // 2))
+        assert window.has_room(1, WINDOW_BYTES // 2)
+        assert not window.has_room(1, WINDOW_BYTES // 2 + 1)
+        window.note("anna", Progress(OFFER.run, next=index + 1, received=index + 1))
 
 
 @pytest.mark.parametrize("ended", [False, True])
