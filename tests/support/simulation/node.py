@@ -85,8 +85,12 @@ class Node:
 
     def hand(self, do: Callable[..., None], *arguments: Any) -> None:
         """Let the process do something: now, after a stall, or not at all if it is gone by then."""
-        if self.is_up:
-            self._hand(self._life, do, arguments)
+        if not self.is_up:
+            return
+        if self._stalled_until_ns > self.world.now_ns:
+            self.world.at(self._stalled_until_ns, self._hand, self._life, do, arguments)
+        else:
+            self._run(do, arguments)
 
     def later(self, delay_ns: int, do: Callable[..., None], *arguments: Any) -> None:
         """Let the process do something after a time, unless it is gone by then."""
@@ -116,12 +120,8 @@ class Node:
         raise NotImplementedError
 
     def _hand(self, life: int, do: Callable[..., None], arguments: tuple[Any, ...]) -> None:
-        if life != self._life:
-            return
-        if self._stalled_until_ns > self.world.now_ns:
-            self.world.at(self._stalled_until_ns, self._hand, life, do, arguments)
-        else:
-            self._run(do, arguments)
+        if life == self._life:
+            self.hand(do, *arguments)
 
     def _run(self, do: Callable[..., None], arguments: tuple[Any, ...]) -> None:
         try:

@@ -50,21 +50,24 @@ class Promises:
     def check_sender(self) -> None:
         """Check what holds whenever the sender has done something."""
         machine = self._sender.machine
-        sent, consumed = machine.sent, machine.consumed
+        window, state = machine._window, machine.state
+        sent, consumed = window.sent, window.consumed
         if not 0 <= consumed <= self._whole or not 0 <= sent <= self._whole:
             _break("nothing is sent beyond the end", f"message {sent} of {self._whole}, {consumed} are consumed")
-        self._check_questions()
-        if machine.state is SenderState.GREETING:
+        if self._sender.has_asked:
+            self._sender.has_asked = False
+            self._check_questions()
+        if state is SenderState.GREETING:
             self._check_greeted()
-        if machine.state in _COUNTING:
-            self._check_window(sent, consumed)
-            had = [each.consumer.had.get(self._sender.offer.sender, 0) for each in self._receivers.values()]
-            if consumed > min(had):
-                _break("acknowledged means consumed", f"up to {consumed}, while the consumers have {had}")
+        elif state in _COUNTING:
+            self._check_window(sent, consumed, len(window._frames))
+            for receiver in self._receivers.values():
+                had = receiver.consumer.had.get(self._sender.offer.sender, 0)
+                if consumed > had:
+                    _break("acknowledged means consumed", f"up to {consumed}, while {receiver.name} has {had}")
 
-    def _check_window(self, sent: int, consumed: int) -> None:
+    def _check_window(self, sent: int, consumed: int, frames: int) -> None:
         under_way, size = sent - consumed, self._source.sizes[sent] - self._source.sizes[consumed]
-        frames = len(self._sender.machine._window._frames)
         most_frames = 2 * self._most + 1  # some may be consumed already, which is noted with the next answer
         if under_way > self._most or size > self._most_bytes or frames > most_frames:
             _break(
@@ -74,6 +77,7 @@ class Promises:
             )
 
     def _check_questions(self) -> None:
+        """Check how many questions there are; without a new one there cannot be too many, as time allows for more."""
         since_s = self._sender.now_s - self._sender.begun_s
         for (name, verb), count in self._sender.questions_asked.items():
             most = 10 + 25 * since_s if verb == "hello" else 10 + 2 * since_s + self._sender.acknowledgements[name]

@@ -35,6 +35,8 @@ class SenderNode(Node):
         When that began, on the sender's clock.
     questions_asked, acknowledgements : counter of (str, str), counter of str
         How often it asked each consumer what, and how often something was published as its acknowledgement.
+    has_asked : bool
+        Whether it has asked anything since that was last checked.
     waits_since_s : float
         Since when messages, or the end, wait for the consumers, on its clock.
     doubted : set of str
@@ -76,6 +78,7 @@ class SenderNode(Node):
         self._greeted_since_ns, self._greeted = 0, ""
         self.waits_since_s = math.inf
         self.questions_asked: Counter[tuple[str, str]] = Counter()
+        self.has_asked = False
         self.acknowledgements: Counter[str] = Counter()
         self.doubted: set[str] = set()
         self.aborts: dict[Packet, str] = {}
@@ -176,6 +179,7 @@ class SenderNode(Node):
 
     def _note_question(self, ask: Ask) -> None:
         self.questions_asked[ask.consumer, ask.verb] += 1
+        self.has_asked = True
         if ask.verb != "hello":
             self._greeted = "" if ask.consumer == self._greeted else self._greeted
         elif ask.consumer != self._greeted:
@@ -232,21 +236,21 @@ class SenderNode(Node):
 
     def _send(self) -> bool:
         """Send what comes next; False if there is no room, or it is not there yet."""
-        machine, messages = self.machine, self._source.messages
-        if machine.sent == len(messages):
+        machine, messages, begun = self.machine, self._source.messages, self.machine.sent
+        if begun == len(messages):
             machine.end()
             self.waits_since_s = self.now_s
             return True
-        self._meet_source_fault(machine.sent)
-        if machine.state is not SenderState.SENDING:
-            return True
+        if begun in self._source_faults:
+            self._meet_source_fault(self._source_faults.pop(begun))
+            if machine.state is not SenderState.SENDING:
+                return True
         if self.world.now_ns < self._ready_ns:
             if self._woken_ns != self._ready_ns:
                 self._woken_ns = self._ready_ns
                 self.later(self._ready_ns - self.world.now_ns, lambda: None)
             return False
-        begun = machine.sent
-        chunk = tuple(messages[machine.sent : machine.sent + self._scenario.batch_size])
+        chunk = tuple(messages[begun : begun + self._scenario.batch_size])
         if not machine.send(chunk):
             self.waits_since_s = min(self.waits_since_s, self.now_s)
             return False
@@ -256,10 +260,7 @@ class SenderNode(Node):
         self._ready_ns = self.world.now_ns + self._scenario.gap_ns * len(chunk)
         return True
 
-    def _meet_source_fault(self, index: int) -> None:
-        fault = self._source_faults.pop(index, None)
-        if fault is None:
-            return
+    def _meet_source_fault(self, fault: Fault) -> None:
         self.occurred[fault.kind] += 1
         if fault.kind == "source fails":
             self.machine.abort("the log ends in the middle of a message")
