@@ -148,15 +148,15 @@ def test_a_check_waits_for_a_thread_that_writes(tmp_path, monkeypatch):
 
 def _failed(folder):
     """Return a writer whose file went away under it, once its thread has met that."""
-    log = LogWriter(folder / "log.mcap", manifest={})
-    phases(log, range(10))
-    read_only = os.open(os.devnull, os.O_RDONLY)
-    os.dup2(read_only, _descriptor(log.part))  # as a file system does that turns read-only
-    os.close(read_only)
-    deadline = time.monotonic() + 120
-    while log._file.sound:
-        assert time.monotonic() < deadline, "the thread meets nothing"
-        time.sleep(0.01)
+    with stepped_threads() as threads:
+        log = LogWriter(folder / "log.mcap", manifest={})
+        phases(log, range(10))
+        read_only = os.open(os.devnull, os.O_RDONLY)
+        os.dup2(read_only, _descriptor(log.part))  # as a file system does that turns read-only
+        os.close(read_only)
+        for _ in range(2):
+            threads.step("log flush")
+    assert not log._file.sound
     return log
 
 
