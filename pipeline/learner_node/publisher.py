@@ -49,16 +49,18 @@ class LearnerPublisher:
         self.digests: dict[str, str] = {}
 
     def __enter__(self) -> Self:
-        self._stack.enter_context(self._producer)
-        self._outputs = self._stack.enter_context(
-            self._keys.publishing(
-                self._session,
-                LEARNER_OUTPUT,
-                Float64MultiArray.TYPE,
-                encoding=f"application/cdr;{Float64MultiArray.TYPE}",
-                **LOSSY,
+        with ExitStack() as stack:
+            stack.enter_context(self._producer)
+            self._outputs = stack.enter_context(
+                self._keys.publishing(
+                    self._session,
+                    LEARNER_OUTPUT,
+                    Float64MultiArray.TYPE,
+                    encoding=f"application/cdr;{Float64MultiArray.TYPE}",
+                    **LOSSY,
+                )
             )
-        )
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(

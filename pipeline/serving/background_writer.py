@@ -3,12 +3,13 @@
 import logging
 import queue
 import threading
-from collections.abc import Callable
-from types import TracebackType
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Self
 
 from recorders.errors import ReenactError
 from recorders.messages.record import RecordedMessage
+from recorders.threads import background_thread
 from recorders.writing.writer import LogWriter
 
 logger = logging.getLogger(__name__)
@@ -18,7 +19,7 @@ UNNUMBERED = -1
 
 
 class BackgroundWriter:
-    """Takes records to write, lines to report and work to do, from any thread; a context manager.
+    """Takes records to write, lines to report and work to do, from any thread, while the block of `running` runs.
 
     A signal, which Python handles on the main thread, cannot cut a record in two. A log that cannot be written any
     longer is given up, and what it is of goes on; the error is raised at the end.
@@ -32,37 +33,39 @@ class BackgroundWriter:
     ----------
     written : int
         Messages written so far.
-
-    Raises
-    ------
-    LogError
-        At the end of the block, if the log could not be written.
     """
 
     def __init__(self, writer: LogWriter | None) -> None:
         self._writer = writer
         self._inbox: queue.SimpleQueue[RecordedMessage | str | Callable[[], None] | None] = queue.SimpleQueue()
-        self._thread = threading.Thread(target=self._work, name="background writer")
         self._error: ReenactError | None = None
         self.written = 0
 
-    def __enter__(self) -> Self:
-        try:
-            self._thread.start()
-        except BaseException:  # of a signal: the thread may run all the same
-            self._inbox.put(None)
-            raise
-        return self
+    @contextmanager
+    def running(self) -> Iterator[Self]:
+        """Write and work while the block runs; at its end finish everything handed in so far, and the log.
 
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Finish everything handed in so far, and the log."""
-        self._inbox.put(None)
-        self._thread.join()
+        Raises
+        ------
+        LogError
+            At the end of the block, if the log could not be written.
+        """
+        failed = False
+        try:
+            with background_thread(
+                self._work, name="background writer", stop=lambda: self._inbox.put(None), daemon=False
+            ):
+                yield self
+        except Exception:  # which those of signals are not
+            failed = True
+            raise
+        finally:
+            self._finish(failed)
+
+    def _finish(self, failed: bool) -> None:
         if self._writer is None:
             return
-        if self._error is None and (error is None or isinstance(error, KeyboardInterrupt | SystemExit)):
+        if self._error is None and not failed:
             self._writer.close()
             return
         self._writer.abort()

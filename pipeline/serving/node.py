@@ -31,6 +31,7 @@ from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
+from recorders.threads import background_thread
 from recorders.wire.session import SessionConfig, has_subscribers, open_session
 from recorders.wire.sim_time import NO_TIME
 
@@ -78,7 +79,7 @@ def serve(
     writer = BackgroundWriter(config.log(controller))
     node = None
     try:
-        with writer:
+        with writer.running():
             node = Node(controller, config, writer, on_command)
             with (
                 open_session(session) as opened,
@@ -210,7 +211,7 @@ class Node:
             self.serves = True  # before anybody can know, and end it
             logger.info(f"{name} serves {keys.described(commands.topic, commands.type_name)} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
-            stack.enter_context(self._looking_after_held())
+            stack.enter_context(background_thread(self._look_after_held, name="held", stop=self._stop.set))
             yield robot
 
     def wait(self, robot: RobotCheck) -> None:
@@ -339,17 +340,6 @@ class Node:
     def _take_held(self) -> None:
         """Take what is held although nothing follows it."""
         self._take(None, time.perf_counter_ns())
-
-    @contextmanager
-    def _looking_after_held(self) -> Iterator[None]:
-        # A daemon, as a signal may end `start` when the thread is there already.
-        thread = threading.Thread(target=self._look_after_held, name="held", daemon=True)
-        thread.start()
-        try:
-            yield
-        finally:
-            self._stop.set()
-            thread.join()
 
     def _look_after_held(self) -> None:
         """See that nothing is held for long: it may be something to reject."""

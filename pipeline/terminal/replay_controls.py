@@ -7,13 +7,14 @@ import termios
 import threading
 import tty
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from pathlib import Path
 
 from recorders.containers.opening import open_log
 from recorders.messages.record import RecordedMessage
 from recorders.messages.topics import SESSION_PHASE
 from recorders.protocol.stream import Offer
+from recorders.threads import background_thread
 from replay.diff.divergence import guard
 from replay.sources.schedule import Schedule
 from replay.transports.clock import Pausable
@@ -71,14 +72,13 @@ def keyboard(clock: Pausable, *, enabled: bool) -> Iterator[None]:
         yield
         return
     leaving = threading.Event()
-    listening = threading.Thread(target=_obey, args=(clock, descriptor, leaving), daemon=True)
-    with ExitStack() as stack:
-        stack.callback(_restore, descriptor, termios.tcgetattr(descriptor))
+    before = termios.tcgetattr(descriptor)
+    try:
         tty.setcbreak(descriptor, termios.TCSANOW)
-        listening.start()
-        stack.callback(listening.join)
-        stack.callback(leaving.set)
-        yield
+        with background_thread(lambda: _obey(clock, descriptor, leaving), name="keyboard", stop=leaving.set):
+            yield
+    finally:
+        _restore(descriptor, before)
 
 
 def _obey(clock: Pausable, descriptor: int, leaving: threading.Event) -> None:

@@ -44,8 +44,10 @@ def until_stopped() -> Iterator[Callable[[], bool]]:
         nonlocal stopped
         stopped = True
 
-    earlier = {number: signal.signal(number, note) for number in _endings()}
+    earlier = {number: signal.getsignal(number) for number in _endings()}
     try:
+        for number in earlier:
+            signal.signal(number, note)
         yield lambda: stopped
     finally:
         for number, handler in earlier.items():

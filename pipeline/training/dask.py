@@ -15,6 +15,7 @@ from distributed import Client, Security, rpc
 from distributed.utils import silence_logging_cmgr
 
 from recorders.errors import ConfigError, WireError
+from recorders.threads import background_thread
 
 _CONNECT_S = 10.0  # a busy scheduler answers within seconds
 _LOOK_S = 0.5  # between two looks at the workers
@@ -79,13 +80,8 @@ def cancel_without_workers(client: Any, pool: Executor, wait_s: float) -> Iterat
                 pool.shutdown(wait=False)
                 return
 
-    thread = threading.Thread(target=watch, name="workers", daemon=True)
-    thread.start()
-    try:
+    with background_thread(watch, name="workers", stop=is_over.set):
         yield given_up
-    finally:
-        is_over.set()
-        thread.join()
 
 
 def _host_and_port(address: str) -> tuple[str, int]:

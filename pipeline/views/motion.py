@@ -1,7 +1,6 @@
 """View of a moving robot, from the messages of its session, without holding it up."""
 
 import queue
-import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -17,6 +16,7 @@ from recorders.messages.topics import JOINT_COMMANDS
 from recorders.rerun_scene.blueprint import motion_blueprint, stack_points
 from recorders.rerun_scene.hands import HandScene
 from recorders.rerun_scene.robot import RobotModel
+from recorders.threads import background_thread
 
 _ROWS = 50  # to a send: a second of a robot's state
 _REACH_M = 0.12  # about the middle of a pattern: what is to be in sight
@@ -113,10 +113,5 @@ def answers_shown(
             if not waiting.full():
                 waiting.put_nowait(record._replace(log_time_ns=now_ns))
 
-    thread = threading.Thread(target=show, name="viewer")
-    thread.start()
-    try:
+    with background_thread(show, name="viewer", stop=lambda: waiting.put(None), daemon=False):
         yield answered
-    finally:
-        waiting.put(None)
-        thread.join()

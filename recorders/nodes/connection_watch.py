@@ -12,6 +12,7 @@ from typing import Self
 import zenoh
 
 from recorders.nodes.keys import NodeId, node_key, node_of
+from recorders.threads import background_thread
 from recorders.wire.session import SessionConfig, endpoint_of, watching_tokens
 
 logger = logging.getLogger(__name__)
@@ -38,17 +39,17 @@ class _Losses:
         self._is_there: dict[str, bool] = {}
         self._lines: queue.Queue[tuple[float, int, str]] = queue.Queue(_MAX_WAITING)  # when due, level
         self._over = threading.Event()
-        self._thread = threading.Thread(target=self._work, name="losses", daemon=True)
 
-    def __enter__(self) -> Self:
-        self._thread.start()
-        return self
+    @contextmanager
+    def reported(self) -> Iterator[Self]:
+        """Report losses while the block runs."""
+        with background_thread(self._work, name="losses", stop=self._end):
+            yield self
 
-    def __exit__(self, *error: object) -> None:
+    def _end(self) -> None:
         self._over.set()
         with suppress(queue.Full):
             self._lines.put_nowait((0.0, logging.INFO, ""))
-        self._thread.join()
 
     def note(self, what: str, *, is_there: bool) -> None:
         """Note that something is there, or is not any more; report it if that is a change."""
@@ -105,7 +106,7 @@ def watching_connections(
 
     tokens = node_key(namespace, "*", "*", "alive")
     with (
-        _Losses() as losses,
+        _Losses().reported() as losses,
         session.info.declare_link_events_listener(on_link, history=True),
         watching_tokens(session, tokens, on_token, history=True),
     ):

@@ -5,7 +5,7 @@ import threading
 import time
 from collections import deque
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, contextmanager
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field
 from typing import Any, Self
 
@@ -14,6 +14,7 @@ import zenoh
 from recorders.errors import WireError
 from recorders.nodes.keys import NodeId, node_key
 from recorders.text.wording import value_text
+from recorders.threads import background_thread
 
 MAX_STATUS = 1 << 16
 """Larger answers are not read [bytes]; those of ours take less than 2 kB."""
@@ -189,10 +190,12 @@ def declared_node(session: zenoh.Session, source: NodeSource, *, namespace: str)
         with query:
             query.reply(key, json.dumps(meter.status().to_dict()), encoding=zenoh.Encoding.APPLICATION_JSON)
 
-    with ExitStack() as stack:
-        stack.enter_context(_sampling(meter))
-        stack.enter_context(session.declare_queryable(key, answer))
-        stack.enter_context(session.liveliness().declare_token(node_key(namespace, source.kind, source.name, "alive")))
+    token = node_key(namespace, source.kind, source.name, "alive")
+    with (
+        _sampling(meter),
+        session.declare_queryable(key, answer),
+        session.liveliness().declare_token(token),
+    ):
         yield meter
 
 
@@ -204,13 +207,8 @@ def _sampling(meter: NodeMeter) -> Iterator[None]:
         while not over.wait(_PERIOD_S):
             meter.sample()
 
-    thread = threading.Thread(target=sample, name="rates", daemon=True)
-    thread.start()
-    try:
+    with background_thread(sample, name="rates", stop=over.set):
         yield
-    finally:
-        over.set()
-        thread.join()
 
 
 def _object(data: bytes) -> dict[str, Any]:

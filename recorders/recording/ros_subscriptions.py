@@ -1,9 +1,10 @@
 """Subscriptions of a recorder in a ROS domain: its graph has one for each topic that is recorded."""
 
 import logging
+import threading
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
-from typing import Self, TypeAlias
+from contextlib import ExitStack, closing, contextmanager
+from typing import TypeAlias
 
 from recorders.errors import MessageError, WireError
 from recorders.recording.ros_channels import RosChannels
@@ -11,11 +12,11 @@ from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import Endpoint, EntityType
 from recorders.rmw_zenoh.qos import Qos, matching
 from recorders.text.once import OnceWarner
+from recorders.threads import background_thread
 from recorders.wire.keys.ros_graph import GraphView
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import TopicKeys
 from recorders.wire.session import Session
-from recorders.writing.periodic_thread import PeriodicThread
 from recorders.writing.writer import MAX_CHANNELS
 
 logger = logging.getLogger(__name__)
@@ -27,7 +28,7 @@ _MAX_LINES = 1000  # anyone may publish on as many topics as they like
 
 
 class RecordedTopics:
-    """Declares a subscription of each topic that is published in a ROS domain and recorded, while the block runs.
+    """Declares a subscription of each topic that is published in a ROS domain and recorded, until it is closed.
 
     Messages come by one subscriber of the whole domain: these are for whoever looks at the graph, or waits there. Each
     requests what matches all publishers of its topic, and is gone once those are.
@@ -47,6 +48,8 @@ class RecordedTopics:
     ----------
     topics : set of str
         Topics that were published and recorded at any time, as a recording names them.
+    over : Event
+        Ends `keep_up`.
     """
 
     def __init__(
@@ -59,19 +62,20 @@ class RecordedTopics:
         self._seen: GraphView | None = None
         self._declared: dict[_Key, tuple[Qos, ExitStack]] = {}
         self.topics: set[str] = set()
+        self.over = threading.Event()
         self._lines = OnceWarner(logger, limit=_MAX_LINES, level=logging.INFO)
 
-    def __enter__(self) -> Self:
-        self._update()
-        self._thread = PeriodicThread(self._update, name="recorded topics", every_s=_EVERY_S)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._thread.stop()
+    def close(self) -> None:
+        """Undeclare all of them."""
         for key in tuple(self._declared):
             self._undeclare(key)
 
-    def _update(self) -> None:
+    def keep_up(self) -> None:
+        """Update again and again until it is over."""
+        while not self.over.wait(_EVERY_S):
+            self.update()
+
+    def update(self) -> None:
         """Declare what is published by now, and undeclare what no longer is."""
         view = self._view()
         if view is self._seen:
@@ -129,5 +133,7 @@ def recorded_topics(
     if channels is None or not isinstance(keys, RosKeys):
         yield set()
         return
-    with RecordedTopics(session, keys, channels.view, wants) as recorded:
-        yield recorded.topics
+    with closing(RecordedTopics(session, keys, channels.view, wants)) as recorded:
+        recorded.update()
+        with background_thread(recorded.keep_up, name="recorded topics", stop=recorded.over.set):
+            yield recorded.topics

@@ -108,13 +108,15 @@ class HistorySubscriber:
 
     def __enter__(self) -> Self:
         history = HistoryConfig(detect_late_publishers=True, max_samples=_MAX_TAKEN)
-        for key in sorted(self._keys):
-            tokens = watching_tokens(self._session, f"{key}{_STAMPING}*/uhlc/**", self._on_token, history=True)
-            self._stack.enter_context(tokens)  # first: what is cached comes after them
-            subscriber = declare_advanced_subscriber(
-                self._session, key, self._on_history, history=history, allowed_origin=zenoh.Locality.REMOTE
-            )
-            self._stack.enter_context(subscriber)
+        with ExitStack() as stack:
+            for key in sorted(self._keys):
+                tokens = watching_tokens(self._session, f"{key}{_STAMPING}*/uhlc/**", self._on_token, history=True)
+                stack.enter_context(tokens)  # first: what is cached comes after them
+                subscriber = declare_advanced_subscriber(
+                    self._session, key, self._on_history, history=history, allowed_origin=zenoh.Locality.REMOTE
+                )
+                stack.enter_context(subscriber)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(

@@ -70,10 +70,12 @@ class ConsumerQueries:
         self._stack = ExitStack()
 
     def __enter__(self) -> Self:
-        enter, blocking = self._stack.enter_context, zenoh.CongestionControl.BLOCK
-        self._ack = enter(publishing(self._session, self._keys["ack"], congestion_control=blocking))
-        enter(self._session.declare_queryable(self._keys["status"], self._on_status))
-        enter(self._session.declare_queryable(self._keys["hello"], self._on_hello))
+        with ExitStack() as stack:
+            enter, blocking = stack.enter_context, zenoh.CongestionControl.BLOCK
+            self._ack = enter(publishing(self._session, self._keys["ack"], congestion_control=blocking))
+            enter(self._session.declare_queryable(self._keys["status"], self._on_status))
+            enter(self._session.declare_queryable(self._keys["hello"], self._on_hello))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *error: object) -> None:

@@ -149,11 +149,12 @@ class Receiver:
         WireError
             If a consumer of this name is there already: a sender could not distinguish the two.
         """
-        enter = self._stack.enter_context
-        enter(only_of_its_name(self._session, self._config.namespace, self._config.name))
-        enter(self.channels)
-        enter(self._subscription)
-        enter(self._queries)
+        with ExitStack() as stack:
+            stack.enter_context(only_of_its_name(self._session, self._config.namespace, self._config.name))
+            stack.enter_context(self.channels)
+            stack.enter_context(self._subscription)
+            stack.enter_context(self._queries)
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(

@@ -3,7 +3,7 @@
 import threading
 import time
 from collections.abc import Callable, Iterator, Mapping
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from types import MappingProxyType
 from typing import Any, Self, TypeAlias
 
@@ -15,6 +15,7 @@ from recorders.protocol.packets import Action, Ask, Packet, Publish
 from recorders.protocol.sender import SenderMachine
 from recorders.protocol.states import SenderState
 from recorders.rmw_zenoh.qos import Qos
+from recorders.threads import background_thread
 from recorders.wire.bounded_queue import LONGEST_WAIT_S
 from recorders.wire.keys.namespace import control_key
 from recorders.wire.keys.topic_keys import EVERY_TOPIC, MessagePublisher, TopicKeys
@@ -39,7 +40,7 @@ def find_listener(session: zenoh.Session, keys: TopicKeys) -> bool:
 
 
 class StreamSender:
-    """Sends one stream over Zenoh, while the block runs.
+    """Sends one stream over Zenoh, while the block of `running` runs.
 
     The stream is read on the caller's thread, which may take its time; another keeps the machine's time meanwhile.
     Zenoh's threads only hand in what came.
@@ -87,20 +88,17 @@ class StreamSender:
         self._publishers: dict[tuple[str, str], MessagePublisher] = {}
         self._stack = ExitStack()
 
-    def __enter__(self) -> Self:
-        for name in self._consumers:
-            key = control_key(self._keys.namespace, name, "ack")
-            self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
-        # No daemon: the threads on which Zenoh hands in answers would be daemons as well, as it is this one that asks,
-        # and a daemon that returns from Zenoh while the interpreter ends aborts the process.
-        timing = threading.Thread(target=self._keep_time, daemon=False)
-        timing.start()
-        self._stack.callback(timing.join)
-        self._stack.callback(self._leave)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._stack.close()
+    @contextmanager
+    def running(self) -> Iterator[Self]:
+        """Take acknowledgements and keep time while the block runs."""
+        with self._stack:
+            for name in self._consumers:
+                key = control_key(self._keys.namespace, name, "ack")
+                self._stack.enter_context(self._session.declare_subscriber(key, self._on_ack(name)))
+            # No daemon: the threads on which Zenoh hands in answers would be daemons as well, as it is this one that
+            # asks, and a daemon that returns from Zenoh while the interpreter ends aborts the process.
+            with background_thread(self._keep_time, name="stream", stop=self._leave, daemon=False):
+                yield self
 
     def publisher(self, topic: str, type_name: str = "") -> MessagePublisher:
         """Return the publisher of a topic's messages of a type."""

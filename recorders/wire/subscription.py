@@ -126,10 +126,11 @@ class Subscription:
         self._subscribers, self._stack = ExitStack(), ExitStack()
 
     def __enter__(self) -> Self:
-        self._subscribers = self._declared(self._selected)
-        self._stack.enter_context(self._history)
-        for topic, kind in self._topics.items():  # last: who sees it may publish
-            self._stack.enter_context(self._keys.announced(self._session, topic, kind))
+        with self._declared(self._selected) as subscribers, ExitStack() as stack:
+            stack.enter_context(self._history)
+            for topic, kind in self._topics.items():  # last: who sees it may publish
+                stack.enter_context(self._keys.announced(self._session, topic, kind))
+            self._subscribers, self._stack = subscribers.pop_all(), stack.pop_all()
         return self
 
     def __exit__(self, *error: object) -> None:

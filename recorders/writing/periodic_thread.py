@@ -22,7 +22,11 @@ class PeriodicThread:
         self._every_s = every_s
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        self._thread.start()
+        try:
+            self._thread.start()
+        except BaseException:  # of a signal: the thread may run all the same
+            self._stopped.set()
+            raise
 
     def stop(self) -> None:
         """Let what is being done come to its end, and do it no more."""

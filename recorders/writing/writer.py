@@ -101,7 +101,7 @@ class LogWriter:
         self.part = self._file.part
         try:
             self._file.change(lambda: self._begin(attachments))
-        except LogError:
+        except BaseException:
             self._file.abort()
             raise
 

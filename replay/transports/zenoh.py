@@ -87,7 +87,7 @@ class ZenohTransport:
         with (
             published_channels(self._session, namespace, offer.sender, self._channels),
             AwaitedControllers(self._session, namespace) as controllers,
-            self._sender(offer) as sender,
+            self._sender(offer).running() as sender,
         ):
             try:
                 self._join_domain(sender)

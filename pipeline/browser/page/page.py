@@ -21,6 +21,7 @@ from pipeline.browser.page.visitor_bar import VisitorBar, set_theme
 from pipeline.browser.page.visitors import Visitors
 from pipeline.browser.session.play import Play
 from pipeline.browser.teaching.teaching import Teaching
+from recorders.threads import background_thread
 
 FRAME_S = 1.0 / 30.0
 """Time from picture to picture [s]."""
@@ -67,12 +68,11 @@ class Page:
 
     def run(self, stopped: Callable[[], bool] = lambda: False) -> None:
         """Show what runs until `end` is called, or somebody has stopped it, which is asked for every picture."""
-        asking = threading.Thread(target=self._ask, name="status", daemon=True)
-        asking.start()
-        frame, due_s = 0, time.monotonic()
-        while not (self._over.wait(max(0.0, due_s - time.monotonic())) or stopped()):
-            self.show(panel=frame % _PANEL_EVERY == 0, paths=frame % _PATHS_EVERY == _PATHS_EVERY // 2)
-            frame, due_s = frame + 1, max(due_s + FRAME_S, time.monotonic() - _BEHIND_S)
+        with background_thread(self._ask, name="status", stop=self.end):
+            frame, due_s = 0, time.monotonic()
+            while not (self._over.wait(max(0.0, due_s - time.monotonic())) or stopped()):
+                self.show(panel=frame % _PANEL_EVERY == 0, paths=frame % _PATHS_EVERY == _PATHS_EVERY // 2)
+                frame, due_s = frame + 1, max(due_s + FRAME_S, time.monotonic() - _BEHIND_S)
 
     def end(self) -> None:
         """End `run`."""

@@ -1,19 +1,21 @@
 """The simulated robot as a process of its own, started again whenever it has ended."""
 
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
-from types import TracebackType
 from typing import Self
 
 from pipeline.deployment.verb_process import IN_NAMESPACE, VerbProcess
 from pipeline.robot.config import TOML_FILE, URDF_FILE, RobotConfig
+from recorders.threads import background_thread
 
 _LOOK_S = 0.2
 _PAUSE_S = 1.0  # before it is started again
 
 
 class OwnRobot:
-    """Runs `reenact robot --real-time`, and whatever ends it runs it again, while the block runs.
+    """Runs `reenact robot --real-time`, and whatever ends it runs it again, while the block of `running` runs.
 
     Parameters
     ----------
@@ -51,18 +53,15 @@ class OwnRobot:
         self.report = ""
         self.restarts = 0
 
-    def __enter__(self) -> Self:
+    @contextmanager
+    def running(self) -> Iterator[Self]:
+        """Run it while the block runs."""
         self._process = self._started()
-        self._thread = threading.Thread(target=self._look_after, name="robot", daemon=True)
-        self._thread.start()
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        self._over.set()
-        self._thread.join()
-        self._process.stop()
+        try:
+            with background_thread(self._look_after, name="robot", stop=self._over.set):
+                yield self
+        finally:
+            self._process.stop()
 
     @property
     def pid(self) -> int:

@@ -183,7 +183,7 @@ def _own(config: PlayConfig, folder: Path, stack: ExitStack, meanwhile: Callable
     """Return a simulated robot of our own, and controllers beside it."""
     robot = load_robot(config.robot or "asimo") if config.texts is None else parse_robot(*config.texts)
     endpoint, keys = free_endpoint(), config.keys
-    own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=keys.namespace))
+    own = stack.enter_context(OwnRobot(robot, folder, endpoint=endpoint, namespace=keys.namespace).running())
     meanwhile()
     drive = Drive(robot)
     try:

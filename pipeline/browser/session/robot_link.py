@@ -81,9 +81,11 @@ class RobotLink:
         self.deviations_m: Floats | None = None
 
     def __enter__(self) -> Self:
-        self._publisher = self._stack.enter_context(TopicPublisher(self._session, keys=self._keys))
-        for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
-            self._stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
+        with ExitStack() as stack:
+            self._publisher = stack.enter_context(TopicPublisher(self._session, keys=self._keys))
+            for topic, take in ((JOINT_STATES, self._on_state), (CONTROLLER_DEVIATION, self._on_deviation)):
+                stack.enter_context(self._keys.subscribing(self._session, topic, type_of(topic), take))
+            self._stack = stack.pop_all()
         return self
 
     def __exit__(

@@ -43,7 +43,7 @@ def test_errors_count_whatever_the_commands_are_and_nobody_takes_these_from_the_
     with (
         open_session(SessionConfig(listen=(endpoint,))) as there,
         open_session(SessionConfig(connect=(endpoint,))) as here,
-        BackgroundWriter(None) as writer,
+        BackgroundWriter(None).running() as writer,
         RobotLink(here, drive, keys=keys) as link,
         TopicPublisher(there, keys=keys) as states,
     ):

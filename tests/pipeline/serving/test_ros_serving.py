@@ -62,7 +62,7 @@ def ends() -> Iterator[Ends]:
 
 @contextmanager
 def serving(session: zenoh.Session, controller: Controller, config: ServeConfig) -> Iterator[Node]:
-    with BackgroundWriter(None) as writer:
+    with BackgroundWriter(None).running() as writer:
         node = Node(controller, config, writer)
         with config.keys.joined(session), node.declared(session, where="here"):
             yield node

@@ -43,7 +43,7 @@ def test_the_log_has_the_time_of_the_clock(log: Path, controller: Controller, tm
     writer = BackgroundWriter(config.log(controller))
     node = Node(controller, config, writer)
     with (
-        writer,
+        writer.running(),
         open_session(SessionConfig(listen=(endpoint,))) as session,
         node.declared(session, where="here"),
         open_session(SessionConfig(connect=(endpoint,))) as other,
