@@ -43,11 +43,11 @@ def executable() -> str:
 
 
 @contextmanager
-def chromium() -> Iterator[Browser]:
-    """Run Chromium while the block runs."""
+def chromium(*arguments: str) -> Iterator[Browser]:
+    """Run Chromium while the block runs, with more arguments of its own."""
     where = executable()
     with sync_playwright() as playwright:
-        browser = playwright.chromium.launch(executable_path=where, args=_ARGUMENTS)
+        browser = playwright.chromium.launch(executable_path=where, args=[*_ARGUMENTS, *arguments])
         try:
             yield browser
         finally:

@@ -11,7 +11,7 @@ from chromium import chromium, executable
 from processes import start, wait_for_line
 from proxy import Proxy
 from small_inverse import taught
-from visit import Visit, await_arrival, shown_page
+from visit import PANEL_ALONE, Visit, await_arrival, shown_page
 from waiting import wait_until
 
 from pipeline.browser.session.drive import Mode
@@ -82,7 +82,7 @@ def page(nodes, proxy):
 
 @pytest.fixture(scope="module")
 def visit(page):
-    with chromium() as browser:
+    with chromium(*PANEL_ALONE) as browser:
         yield Visit(browser, page)
 
 

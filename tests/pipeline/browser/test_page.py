@@ -6,7 +6,7 @@ import signal
 import numpy as np
 import pytest
 from chromium import chromium, executable
-from visit import ARRIVED_CM, Visit, await_arrival, shown_page
+from visit import ARRIVED_CM, PANEL_ALONE, Visit, await_arrival, shown_page
 from waiting import wait_until
 
 pytestmark = pytest.mark.timeout(1500)  # software WebGL on a machine that is busy with something else
@@ -24,7 +24,7 @@ def page(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def browser():
-    with chromium() as browser:
+    with chromium(*PANEL_ALONE) as browser:
         yield browser
 
 
