@@ -12,7 +12,7 @@ from simulation.scenario import SENDER, Fault, Scenario
 from simulation.sender_node import PATIENCE_S, SenderNode
 from simulation.world import MS, SECOND, BrokenPromiseError
 
-_CALM_NS = 900 * MS  # for greeting and farewell; what waits for a question to be asked again takes longer
+_CALM_NS = 50 * MS  # for greeting, farewell and round trips: waiting for the next question takes up to a second
 _AWAKE_NS = 2_000 * MS  # until a consumer that has ended is there again
 _SHORT_NS = 4_000 * MS  # together; a sender waits 10 s for a consumer, and some of that goes to offers that are lost
 _ABORT_BYTES = ITEM_BYTES + MAX_REASON + 100  # it is queued whatever waits

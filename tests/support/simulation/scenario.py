@@ -107,7 +107,7 @@ def draw_scenario(seed: int) -> Scenario:
     return Scenario(
         seed=seed,
         messages=draw.randint(18, 48),
-        most_bytes=draw.choice((8, 40)),
+        most_bytes=draw.choice((8, 100 if calm else 40)),
         window=window,
         window_bytes=draw.choice((120, 1_000, 1 << 20)),
         batch_size=draw.randint(1, window) if draw.random() < 0.7 else 1,
