@@ -90,14 +90,15 @@ def nodes(lab: Lab, capsys: pytest.CaptureFixture[str], until: Callable[[list[di
     return found
 
 
-def test_every_node_is_there_with_what_it_counts(lab: Lab, capsys: pytest.CaptureFixture[str]) -> None:
-    def all_busy(found: list[dict[str, Any]]) -> bool:
-        by_kind = {node["kind"]: node for node in found}
-        return list(by_kind) == KINDS and all(
-            by_kind[kind]["rates_hz"][what] > 0.0
-            for kind, what in (("controller", "commands"), ("recorder", "messages"), ("replay", "messages"))
-        )
+def all_busy(found: list[dict[str, Any]]) -> bool:
+    by_kind = {node["kind"]: node for node in found}
+    return list(by_kind) == KINDS and all(
+        by_kind[kind]["rates_hz"][what] > 0.0
+        for kind, what in (("controller", "commands"), ("recorder", "messages"), ("replay", "messages"))
+    )
 
+
+def test_every_node_is_there_with_what_it_counts(lab: Lab, capsys: pytest.CaptureFixture[str]) -> None:
     found = nodes(lab, capsys, all_busy)
     assert all(set(node) == FIELDS and node["since_s"] > 0.0 for node in found)
     robot, controller, learner, recorder, replay = found
@@ -170,7 +171,10 @@ def test_a_watch_begins_before_anybody_is_there(tmp_path: Path) -> None:
     assert process.returncode == 0
 
 
-def test_whoever_is_connected_says_that_the_robot_is_lost_and_back(lab: Lab) -> None:
+def test_whoever_is_connected_says_that_the_robot_is_lost_and_back(
+    lab: Lab, capsys: pytest.CaptureFixture[str]
+) -> None:
+    nodes(lab, capsys, all_busy)
     lab.processes["robot"].kill()
     others = [process for kind, process in lab.processes.items() if kind != "robot"]
     for process in others:
