@@ -200,6 +200,35 @@ def test_no_thread_outlives_its_log(tmp_path):
     assert threading.active_count() == before
 
 
+def test_a_log_of_which_the_threads_are_not_all_started_leaves_nothing(tmp_path, monkeypatch):
+    def started(action, *, name, every_s):
+        if name == "log sync":
+            raise KeyboardInterrupt
+        return PeriodicThread(action, name=name, every_s=every_s)
+
+    before = threading.active_count()
+    monkeypatch.setattr("recorders.writing.log_file.PeriodicThread", started)
+    with pytest.raises(KeyboardInterrupt):
+        LogWriter(tmp_path / "log.mcap", manifest={})
+    assert threading.active_count() == before
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_thread_that_is_cut_short_as_it_starts_ends(monkeypatch):
+    start, begun = threading.Thread.start, []
+
+    def cut(thread):
+        begun.append(thread)
+        start(thread)
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(threading.Thread, "start", cut)
+    with pytest.raises(KeyboardInterrupt):
+        PeriodicThread(lambda: None, name="never", every_s=3600)
+    begun[0].join(120)
+    assert not begun[0].is_alive()
+
+
 def test_what_is_promised_of_the_time_until_a_message_is_safe():
     assert 2 * LOOK_EVERY_S <= 0.1
     assert SYNC_EVERY_S <= 1.0
