@@ -60,7 +60,8 @@ def _endings() -> tuple[signal.Signals, ...]:
 
 
 def _exit(signum: int, frame: FrameType | None) -> None:
-    sys.exit(128 + signum)
+    if threading.main_thread().is_alive():  # else it waits for the last threads, which no exception may cut short
+        sys.exit(128 + signum)
 
 
 def _send_again(otherwise: Callable[[Any], Any], unraisable: Any) -> None:
