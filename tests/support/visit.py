@@ -21,12 +21,10 @@ ARRIVED_CM = 0.2
 _PATIENCE_MS = 120_000
 _NEAR_M, _SHAKING_M = 0.015, 0.005  # a few pixels
 _NO_PICTURES = """
-window.requestAnimationFrame = frame => setTimeout(() => frame(performance.now()), 150);
-window.cancelAnimationFrame = clearTimeout;
 for (const name of ["clear", "drawArrays", "drawArraysInstanced", "drawElements", "drawElementsInstanced"])
   WebGL2RenderingContext.prototype[name] = () => {};
 """
-"""The page does all of its work, 6 times a second, but draws no robot: no test looks at one, and software WebGL takes
+"""The page does all of its work, but draws no robot: no test looks at one, and software WebGL takes
 more of a processor than all else that runs for a test."""
 PANEL_ALONE = ("--disable-gpu-compositing", "--disable-gpu-rasterization")
 """Arguments of a Chromium that draws the panel without software WebGL, which takes ten times as long."""
