@@ -13,7 +13,8 @@ def background_thread(
 
     A signal raises its exception anywhere: while the thread starts, and while it is stopped. Whatever is cut short,
     the thread is stopped. That holds for a block that is never left, too, whose generator is dropped: so the thread
-    must hold nothing by which what this returns is reached.
+    must hold nothing by which what this returns is reached. It does not hold within Python's own locks: one that was
+    just taken there is never released.
 
     Parameters
     ----------

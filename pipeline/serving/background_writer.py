@@ -39,6 +39,7 @@ class BackgroundWriter:
         self._writer = writer
         self._inbox: queue.SimpleQueue[RecordedMessage | str | Callable[[], None] | None] = queue.SimpleQueue()
         self._error: ReenactError | None = None
+        self._at_work = False
         self.written = 0
 
     @contextmanager
@@ -63,7 +64,8 @@ class BackgroundWriter:
             self._finish(failed)
 
     def _finish(self, failed: bool) -> None:
-        if self._writer is None:
+        """Finish the log, unless a second signal has cut the wait for its thread short: it stays a part, as written."""
+        if self._writer is None or self._at_work:
             return
         if self._error is None and not failed:
             self._writer.close()
@@ -96,13 +98,17 @@ class BackgroundWriter:
         done.wait()
 
     def _work(self) -> None:
-        while (item := self._inbox.get()) is not None:
-            if isinstance(item, str):
-                logger.warning(item)
-            elif callable(item):
-                item()
-            else:
-                self._write(item)
+        self._at_work = True
+        try:
+            while (item := self._inbox.get()) is not None:
+                if isinstance(item, str):
+                    logger.warning(item)
+                elif callable(item):
+                    item()
+                else:
+                    self._write(item)
+        finally:
+            self._at_work = False
 
     def _write(self, record: RecordedMessage) -> None:
         if self._writer is None or self._error is not None:

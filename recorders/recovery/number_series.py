@@ -1,9 +1,23 @@
 """The numbers of a topic's messages: what is missing in them, however many publishers number theirs."""
 
+from dataclasses import dataclass, field
+
 from recorders.mcap_format.channels import DeclaredChannel
 
-_WITHIN = 16  # so many messages of the topic a series has to go on, or is over
+_WITHIN = 16  # so many messages of its channel a series has to go on, or is over
 _GAPS_NAMED = 5
+
+
+@dataclass(slots=True)
+class _Channel:
+    """The latest number of each series, with the place of its message, and how many are missing behind some of them.
+
+    What went on last stands last.
+    """
+
+    latest: dict[int, int] = field(default_factory=dict)
+    behind: dict[int, int] = field(default_factory=dict)
+    place: int = 0
 
 
 class NumberSeries:
@@ -28,38 +42,38 @@ class NumberSeries:
     def __init__(self) -> None:
         self.missing = self.more_gaps = self.restarts = 0
         self.gaps: list[tuple[int, int]] = []
-        self._place = 0  # of a message in the topic
-        # By channel: the latest number of each series and its place, and how many are missing behind some of them.
-        self._channels: dict[DeclaredChannel | None, tuple[dict[int, int], dict[int, int]]] = {}
+        self._channels: dict[DeclaredChannel | None, _Channel] = {}
 
     def add(self, channel: DeclaredChannel | None, number: int) -> None:
         """Take in the number of the next message on a channel; it may be repeated."""
-        self._place += 1
-        latest, behind = self._channels.get(channel) or self._channels.setdefault(channel, ({}, {}))
+        known = self._channels.get(channel) or self._channels.setdefault(channel, _Channel())
+        latest, behind = known.latest, known.behind
+        known.place += 1
         if len(latest) > 1:
-            self._end_series(latest, behind)
+            self._end_series(known)
         if latest.pop(number - 1, None) is None:
-            self._begin_or_jump(latest, behind, number)
+            self._begin_or_jump(known, number)
         elif number - 1 in behind:
             self._close_gap(number - 1, behind.pop(number - 1))
-        latest.pop(number, None)  # what went on last stands last
-        latest[number] = self._place
+        if latest.pop(number, None) is not None:
+            behind.pop(number, None)
+        latest[number] = known.place
 
-    def _end_series(self, latest: dict[int, int], behind: dict[int, int]) -> None:
-        for number in [number for number, place in latest.items() if place < self._place - _WITHIN]:
-            if len(latest) > 1:
-                del latest[number]
-                behind.pop(number, None)
+    def _end_series(self, known: _Channel) -> None:
+        for number in [number for number, place in known.latest.items() if place < known.place - _WITHIN]:
+            if len(known.latest) > 1:
+                del known.latest[number]
+                known.behind.pop(number, None)
 
-    def _begin_or_jump(self, latest: dict[int, int], behind: dict[int, int], number: int) -> None:
-        if number in latest:
+    def _begin_or_jump(self, known: _Channel, number: int) -> None:
+        if known.latest.get(number) == known.place - 1:  # a message that is repeated, or of another who is as far
             return
-        before = max((each for each in latest if each < number), default=None)
+        before = max((each for each in known.latest if each < number), default=None)
         if before is None:
-            self.restarts += bool(latest)
-        elif before not in behind:
-            behind[before] = number - before - 1
-            self.missing += behind[before]
+            self.restarts += bool(known.latest)
+        elif before not in known.behind:
+            known.behind[before] = number - before - 1
+            self.missing += known.behind[before]
             if len(self.gaps) < _GAPS_NAMED:
                 self.gaps.append((before, number))
             else:

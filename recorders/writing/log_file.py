@@ -77,10 +77,13 @@ class LogFile:
         # Until there is another:
         self._unreported: LogError | None = self._unwritable("an earlier write was interrupted")
         self._seen: int | None = None  # messages written when the last look found others that wait
-        self._threads: list[PeriodicThread] = []
+        self._threads = (
+            PeriodicThread(self._flush_late, name="log flush", every_s=LOOK_EVERY_S),
+            PeriodicThread(self._sync, name="log sync", every_s=SYNC_EVERY_S),
+        )
         try:
-            self._threads.append(PeriodicThread(self._flush_late, name="log flush", every_s=LOOK_EVERY_S))
-            self._threads.append(PeriodicThread(self._sync, name="log sync", every_s=SYNC_EVERY_S))
+            for thread in self._threads:
+                thread.start()
         except BaseException:
             self.abort()
             raise

@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class PeriodicThread:
-    """Calls a function until it is stopped. An interpreter that ends does not wait for it.
+    """Calls a function from its start until it is stopped. An interpreter that ends does not wait for it.
 
     Parameters
     ----------
@@ -22,16 +22,16 @@ class PeriodicThread:
         self._every_s = every_s
         self._stopped = threading.Event()
         self._thread = threading.Thread(target=self._run, name=name, daemon=True)
-        try:
-            self._thread.start()
-        except BaseException:  # of a signal: the thread may run all the same
-            self._stopped.set()
-            raise
+
+    def start(self) -> None:
+        """Begin; a start that the exception of a signal cuts short may have begun, and is to be stopped."""
+        self._thread.start()
 
     def stop(self) -> None:
-        """Let what is being done come to its end, and do it no more."""
+        """Let what is being done come to its end, and do it no more; one that was never started stays so."""
         self._stopped.set()
-        self._thread.join()
+        if self._thread.is_alive():  # one that was cut short while it started may be about to begin
+            self._thread.join()
 
     def _run(self) -> None:
         while not self._stopped.wait(self._every_s):

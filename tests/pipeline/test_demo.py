@@ -115,8 +115,10 @@ def hand_over_kernels(there: Path) -> None:
         (copied,) = (there / "venv").rglob(str(here.relative_to(ROOT)))
         assert copied.read_bytes() == here.read_bytes()
         shutil.copystat(here, copied)  # what is compiled is of a file's time and size
+        cache = copied.parent / "__pycache__"
+        cache.mkdir(exist_ok=True)
         for compiled in (here.parent / "__pycache__").glob("kernels.*.nb[ic]"):
-            shutil.copy(compiled, copied.parent / "__pycache__")
+            shutil.copy(compiled, cache)
 
 
 def demo_elsewhere(folder: Path, *options: str) -> Path:

@@ -17,10 +17,13 @@ class SteppedThreads:
         """Have a thread do once what it does."""
         self._actions[name]()
 
-    def started(self, action: Callable[[], None], *, name: str, every_s: float) -> Self:
-        """Stand in the place of a thread that is started."""
+    def made(self, action: Callable[[], None], *, name: str, every_s: float) -> Self:
+        """Stand in the place of a thread."""
         self._actions[name] = action
         return self
+
+    def start(self) -> None:
+        """Nothing runs."""
 
     def stop(self) -> None:
         """Nothing runs."""
@@ -31,5 +34,5 @@ def stepped_threads() -> Iterator[SteppedThreads]:
     """Have the threads of all log writers stepped by hand; what waits at two steps of `log flush` is handed over."""
     threads = SteppedThreads()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("recorders.writing.log_file.PeriodicThread", threads.started)
+        patch.setattr("recorders.writing.log_file.PeriodicThread", threads.made)
         yield threads

@@ -11,8 +11,6 @@ from waiting import wait_until
 
 from pipeline.robot.config import load_robot
 from pipeline.serving.background_writer import BackgroundWriter
-from pipeline.views.live import LiveView
-from pipeline.views.motion import answers_shown
 from recorders.nodes.connection_watch import watching_connections
 from recorders.nodes.status import NodeSource, declared_node
 from recorders.protocol.sender import SenderMachine
@@ -60,11 +58,16 @@ asimo = cache(lambda: load_robot("asimo"))
 
 
 def viewer(_session: Session) -> AbstractContextManager[object]:
+    from pipeline.views.live import LiveView
+    from pipeline.views.motion import answers_shown
+
     view = LiveView("nowhere")
     view.attempt(lambda: 1 / 0)  # nothing is sent from now on
     return answers_shown(view, asimo(), title="asimo serves")
 
 
-@pytest.mark.parametrize("block", [thread, stream, writer, node, connections, viewer])
+@pytest.mark.parametrize(
+    "block", [thread, stream, writer, node, connections, pytest.param(viewer, marks=pytest.mark.extra)]
+)
 def test_wherever_a_block_is_cut_short_its_thread_ends(block: Block, session: Session) -> None:
     assert cut_everywhere(lambda: block(session)) > 10

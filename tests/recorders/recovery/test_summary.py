@@ -101,6 +101,32 @@ def test_the_gaps_of_each_cycle_count(tmp_path):
 
 
 @pytest.mark.parametrize(
+    ("numbers", "missing", "restarts"),
+    [
+        ([0, 1, 2, 5, 0, 1, 2, 3, 4, 5], 2, 1),
+        ([0, 1, 2, 3, 0, 1, 3], 1, 1),
+        ([*range(10), *range(8), 9], 1, 1),
+        (3 * [*range(5), *range(6, 12)], 3, 2),
+    ],
+)
+def test_so_do_those_of_short_cycles(tmp_path, numbers, missing, restarts):
+    found = numbers_of(written(tmp_path / "x.mcap", numbers))
+    assert (found.missing, found.restarts) == (missing, restarts)
+
+
+def test_series_on_one_channel_go_on_whatever_comes_on_another(tmp_path):
+    path = tmp_path / "x.mcap"
+    with LogWriter(path, manifest={}) as log:
+        for number in range(30):
+            for sequence in (5000 + number, number):
+                log.write("/x", b"a", log_time_ns=number, sequence=sequence, opaque=True)
+            for _ in range(20):
+                log.write("/x", b"a", log_time_ns=number, opaque=True)
+    found = numbers_of(path)
+    assert (found.missing, found.restarts) == (0, 1)
+
+
+@pytest.mark.parametrize(
     ("numbers", "restarts"),
     [
         ([1000, 0, 1001, 1, 1002, 2], 1),

@@ -200,33 +200,25 @@ def test_no_thread_outlives_its_log(tmp_path):
     assert threading.active_count() == before
 
 
-def test_a_log_of_which_the_threads_are_not_all_started_leaves_nothing(tmp_path, monkeypatch):
-    def started(action, *, name, every_s):
-        if name == "log sync":
-            raise KeyboardInterrupt
-        return PeriodicThread(action, name=name, every_s=every_s)
-
-    before = threading.active_count()
-    monkeypatch.setattr("recorders.writing.log_file.PeriodicThread", started)
-    with pytest.raises(KeyboardInterrupt):
-        LogWriter(tmp_path / "log.mcap", manifest={})
-    assert threading.active_count() == before
-    assert list(tmp_path.iterdir()) == []
-
-
-def test_a_thread_that_is_cut_short_as_it_starts_ends(monkeypatch):
+@pytest.mark.parametrize("name", ["log flush", "log sync"])
+@pytest.mark.parametrize("runs", [False, True])
+def test_a_log_whose_threads_are_cut_short_as_they_start_leaves_nothing(tmp_path, monkeypatch, name, runs):
     start, begun = threading.Thread.start, []
 
     def cut(thread):
         begun.append(thread)
-        start(thread)
-        raise KeyboardInterrupt
+        if thread.name != name or runs:
+            start(thread)
+        if thread.name == name:
+            raise KeyboardInterrupt
 
     monkeypatch.setattr(threading.Thread, "start", cut)
     with pytest.raises(KeyboardInterrupt):
-        PeriodicThread(lambda: None, name="never", every_s=3600)
-    begun[0].join(120)
-    assert not begun[0].is_alive()
+        LogWriter(tmp_path / "log.mcap", manifest={})
+    assert [thread.name for thread in begun] == ["log flush", "log sync"][: len(begun)]
+    assert begun[-1].name == name
+    assert not any(thread.is_alive() for thread in begun)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_what_is_promised_of_the_time_until_a_message_is_safe():
@@ -362,6 +354,7 @@ def test_a_thread_that_is_stopped_has_done_what_it_was_doing_and_holds_up_nobody
 
     started, stopping = threading.Event(), threading.Event()
     thread = PeriodicThread(act, name="slow", every_s=0.0)
+    thread.start()
     assert started.wait(120)
     assert thread._thread.daemon  # an interpreter that ends does not wait for it
     stopping.set()
