@@ -39,3 +39,26 @@ def background_thread(
             raise
         if thread.is_alive():  # one that was cut short while it started may be about to begin
             thread.join()
+
+
+@contextmanager
+def periodic_thread(action: Callable[[], object], *, name: str, every_s: float) -> Iterator[None]:
+    """Call a function again and again on a thread of its own while the block runs; as `background_thread` ends.
+
+    Parameters
+    ----------
+    action : callable
+        What is done.
+    name : str
+        Name of the thread.
+    every_s : float
+        Time until it is done first, and from the end of one time to the next [s].
+    """
+    over = threading.Event()
+
+    def repeat() -> None:
+        while not over.wait(every_s):
+            action()
+
+    with background_thread(repeat, name=name, stop=over.set):
+        yield

@@ -31,7 +31,7 @@ from recorders.nodes.keys import controller_key
 from recorders.nodes.node import running_node
 from recorders.nodes.status import NodeSource
 from recorders.protocol.frames import live_attachment
-from recorders.threads import background_thread
+from recorders.threads import periodic_thread
 from recorders.wire.session import SessionConfig, has_subscribers, open_session
 from recorders.wire.sim_time import NO_TIME
 
@@ -143,7 +143,6 @@ class Node:
         self._config = config
         self._writer = writer
         self._lock = threading.Lock()  # several connections have several reading threads
-        self._stop = threading.Event()
         self._held: Arrival | None = None
         self._failure: Exception | None = None
         self._commands = 0
@@ -211,7 +210,7 @@ class Node:
             self.serves = True  # before anybody can know, and end it
             logger.info(f"{name} serves {keys.described(commands.topic, commands.type_name)} {where}")
             stack.enter_context(session.liveliness().declare_token(controller_key(namespace, name, "alive")))
-            stack.enter_context(background_thread(self._look_after_held, name="held", stop=self._stop.set))
+            stack.enter_context(periodic_thread(self._look_after_held, name="held", every_s=_HELD_S))
             yield robot
 
     def wait(self, robot: RobotCheck) -> None:
@@ -343,9 +342,8 @@ class Node:
 
     def _look_after_held(self) -> None:
         """See that nothing is held for long: it may be something to reject."""
-        while not self._stop.wait(_HELD_S):
-            with self._lock:
-                self._take_held()
+        with self._lock:
+            self._take_held()
 
     def _publish(self, stamp_ns: int, command: bytes, arrival_ns: int) -> None:
         """Send a command."""

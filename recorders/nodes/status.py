@@ -14,7 +14,7 @@ import zenoh
 from recorders.errors import WireError
 from recorders.nodes.keys import NodeId, node_key
 from recorders.text.wording import value_text
-from recorders.threads import background_thread
+from recorders.threads import periodic_thread
 
 MAX_STATUS = 1 << 16
 """Larger answers are not read [bytes]; those of ours take less than 2 kB."""
@@ -192,23 +192,11 @@ def declared_node(session: zenoh.Session, source: NodeSource, *, namespace: str)
 
     token = node_key(namespace, source.kind, source.name, "alive")
     with (
-        _sampling(meter),
+        periodic_thread(meter.sample, name="rates", every_s=_PERIOD_S),
         session.declare_queryable(key, answer),
         session.liveliness().declare_token(token),
     ):
         yield meter
-
-
-@contextmanager
-def _sampling(meter: NodeMeter) -> Iterator[None]:
-    over = threading.Event()
-
-    def sample() -> None:
-        while not over.wait(_PERIOD_S):
-            meter.sample()
-
-    with background_thread(sample, name="rates", stop=over.set):
-        yield
 
 
 def _object(data: bytes) -> dict[str, Any]:

@@ -1,7 +1,6 @@
 """Subscriptions of a recorder in a ROS domain: its graph has one for each topic that is recorded."""
 
 import logging
-import threading
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, closing, contextmanager
 from typing import TypeAlias
@@ -12,7 +11,7 @@ from recorders.rmw_zenoh.keys import TopicKey
 from recorders.rmw_zenoh.liveliness import Endpoint, EntityType
 from recorders.rmw_zenoh.qos import Qos, matching
 from recorders.text.once import OnceWarner
-from recorders.threads import background_thread
+from recorders.threads import periodic_thread
 from recorders.wire.keys.ros_graph import GraphView
 from recorders.wire.keys.ros_keys import RosKeys
 from recorders.wire.keys.topic_keys import TopicKeys
@@ -48,8 +47,6 @@ class RecordedTopics:
     ----------
     topics : set of str
         Topics that were published and recorded at any time, as a recording names them.
-    over : Event
-        Ends `keep_up`.
     """
 
     def __init__(
@@ -62,18 +59,12 @@ class RecordedTopics:
         self._seen: GraphView | None = None
         self._declared: dict[_Key, tuple[Qos, ExitStack]] = {}
         self.topics: set[str] = set()
-        self.over = threading.Event()
         self._lines = OnceWarner(logger, limit=_MAX_LINES, level=logging.INFO)
 
     def close(self) -> None:
         """Undeclare all of them."""
         for key in tuple(self._declared):
             self._undeclare(key)
-
-    def keep_up(self) -> None:
-        """Update again and again until it is over."""
-        while not self.over.wait(_EVERY_S):
-            self.update()
 
     def update(self) -> None:
         """Declare what is published by now, and undeclare what no longer is."""
@@ -135,5 +126,5 @@ def recorded_topics(
         return
     with closing(RecordedTopics(session, keys, channels.view, wants)) as recorded:
         recorded.update()
-        with background_thread(recorded.keep_up, name="recorded topics", stop=recorded.over.set):
+        with periodic_thread(recorded.update, name="recorded topics", every_s=_EVERY_S):
             yield recorded.topics
