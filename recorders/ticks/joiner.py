@@ -203,11 +203,14 @@ class JointMap:
         JointError
             If a joint that is asked for is missing or occurs twice in the message, or the message holds no positions.
         """
+        if len(joints.position) != len(joints.name):
+            self._find(joints.name)  # what is wrong with the names is more to the point
+            raise JointError(f"expected {len(joints.name)} joint positions, found {len(joints.position)}")
+        if joints.name == self.names:
+            return joints.position
         places = self._places.get(joints.name)
         if places is None:
             places = self._find(joints.name)
-        if len(joints.position) != len(joints.name):
-            raise JointError(f"expected {len(joints.name)} joint positions, found {len(joints.position)}")
         return read_only(joints.position[places])
 
     def _find(self, found: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.intp]]:

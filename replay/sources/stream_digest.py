@@ -11,14 +11,16 @@ _FRAME = struct.Struct("<HII")  # topic length, sequence, data length
 
 def frame_for_digest(record: RecordedMessage) -> bytes:
     """Return topic, sequence and bytes of a message, unambiguously joined. Its log time does not enter."""
-    name, _, data, sequence, _ = record
-    topic = name.encode()
-    return _FRAME.pack(len(topic), sequence, len(data)) + topic + data
+    return digest_link((record,))
 
 
 def digest_link(records: Iterable[RecordedMessage]) -> bytes:
     """Return what one link of the stream digest hashes: a tick's records in canonical order, or one phase marker."""
-    return b"".join(map(frame_for_digest, records))
+    parts: list[bytes] = []
+    for name, _, data, sequence, _ in records:
+        topic = name.encode()
+        parts += _FRAME.pack(len(topic), sequence, len(data)), topic, data
+    return b"".join(parts)
 
 
 class StreamDigest:

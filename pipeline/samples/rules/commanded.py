@@ -22,39 +22,33 @@ class CommandedPairs:
     """
 
     def __init__(self, robot: RobotConfig) -> None:
-        self._joints, self._size = JointMap(robot.joints), robot.input_centre.size
-        self._held: Floats = np.empty(self._size)
+        self._joints = JointMap(robot.joints)
+        self._held: tuple[Floats, ...] = ()  # u(k), in parts; none before the first tick of a cycle
         self._held_since_ns = 0
-        self._waiting = False
         self.stamp_ns = 0
 
     @property
     def pending(self) -> Floats:
         """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) before the first tick of a cycle."""
-        return self._held.copy() if self._waiting else np.empty(0)
+        return np.concatenate(self._held) if self._held else np.empty(0)
 
     def resume(self, pending: Floats) -> None:
         """Go on from what was pending, shape (3 hands,) or (0,)."""
-        self._waiting = len(pending) > 0
-        if self._waiting:
-            self._held[:] = pending
+        self._held = (pending.copy(),) if len(pending) else ()
 
     def begin(self) -> None:
         """Start a cycle: nothing is pending."""
-        self._waiting = False
+        self._held = ()
 
     def fill(self, tick: Tick, u: Floats, d: Floats) -> bool:
         """Complete the step that the tick before has begun; False for the first tick of a cycle."""
-        complete = self._waiting
-        joints = self._joints.positions(tick.joints)
-        if complete:
-            u[:] = self._held
-        np.concatenate(tick.hands, out=self._held)
-        d[: self._size] = self._held
-        d[self._size :] = joints
-        self._waiting = True
+        held, joints = self._held, self._joints.positions(tick.joints)
+        if held:
+            np.concatenate(held, out=u)
+            np.concatenate((*tick.hands, joints), out=d)
+        self._held = tick.hands
         self.stamp_ns, self._held_since_ns = self._held_since_ns, tick.stamp_ns
-        return complete
+        return bool(held)
 
 
 RULE = PairingRule(COMMANDED, commanded_tick, CommandedPairs)

@@ -181,6 +181,12 @@ def test_joints_are_mapped_by_name_never_by_place(order):
     assert not joint_map.positions(message).flags.writeable
 
 
+def test_joints_that_come_as_they_are_wanted_cannot_be_changed_either():
+    found = JointMap(NAMES).positions(JointState(0, NAMES, np.array([1.0, 2.0, 3.0])))
+    assert found.tolist() == [1.0, 2.0, 3.0]
+    assert not found.flags.writeable
+
+
 def test_joints_that_nobody_asks_for_may_be_many_and_have_one_name():
     strangers = ("", "", *("mimic",) * 100_000)
     message = JointState(0, (*strangers, *NAMES), np.array([*[np.nan] * len(strangers), 1.0, 2.0, 3.0]))
