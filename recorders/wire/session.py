@@ -43,9 +43,10 @@ _DEFAULTS: dict[str, object] = {
     "connect/exit_on_failure": True,
     "listen/timeout_ms": 0,
     "transport/unicast/open_timeout": 3_000,  # how long Ctrl-C may have to wait for an end that never answers
-    # Room for some 1400 commands: after a stall they are answered faster than a busy machine may send them, and what
-    # finds no room is dropped.
+    # Room for some 1400 commands, and for as many outputs that a learner publishes: after a stall they come faster than
+    # a busy machine may send them, and what finds no room is dropped.
     "transport/link/tx/queue/size/real_time": 16,
+    "transport/link/tx/queue/size/data": 16,
     # After a cut: soon, and never more than a second apart.
     "connect/retry": {"period_init_ms": 100, "period_max_ms": 1_000, "period_increase_factor": 2},
 }
