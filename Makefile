@@ -7,6 +7,7 @@ PIP := $(BIN)/python -m pip --disable-pip-version-check
 CORE := .venv-core-$(VERSION)
 CORE_TESTS := tests/recorders tests/replay/diff tests/replay/sources tests/pipeline/terminal \
 	tests/pipeline/learner_node/test_nodes.py::test_over_zenoh_and_from_the_file_are_one_state
+SEED_TESTS := tests/simulation/test_simulation.py
 EXAMPLES = $(shell grep -rl --include='*.py' '>>> ' pipeline replay recorders)
 
 # Every process that tests start reads what the first one compiled, also where the environment asks Python to keep nothing.
@@ -17,9 +18,11 @@ export PYTHONDONTWRITEBYTECODE =
 demo: .venv/runtime
 	$(BIN)/reenact demo --out out/demo
 
-# Three processes of tests keep two processors busy: many of them wait for other processes.
+# First the simulated worlds, which take all processors. Three processes of the other tests keep two processors busy: many of them wait
+# for other processes.
 test: check examples
-	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign"
+	$(BIN)/python -m pytest -m "not campaign" $(SEED_TESTS)
+	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder -m "not campaign" --ignore $(SEED_TESTS)
 
 test-all: check examples
 	$(BIN)/python -m pytest -n 3 --dist loadfile --no-loadscope-reorder

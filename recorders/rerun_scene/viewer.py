@@ -13,8 +13,7 @@ from pathlib import Path
 from urllib.parse import urlsplit
 
 from recorders.errors import ConfigError, WireError
-
-HOST = "127.0.0.1"
+from recorders.loopback import HOST, free_port
 
 _START_S = 20.0  # a cold start reads a program of 290 MB
 _POLL_S = 0.05
@@ -80,7 +79,7 @@ def open_viewer() -> str:
     """
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         raise ConfigError(_no_window("this machine has no display"))
-    port = _free_port()
+    port = free_port()
     minder = subprocess.Popen(  # noqa: S603  # our own module, no shell
         [sys.executable, "-m", __name__, str(port)],
         stdin=subprocess.DEVNULL,
@@ -151,12 +150,6 @@ def _no_window(why: str) -> str:
         f"cannot open a window: {why}; `reenact view LOG|CONTROLLER --save FILE.rrd` writes a recording to look at "
         "elsewhere"
     )
-
-
-def _free_port() -> int:
-    with socket.socket() as probe:
-        probe.bind((HOST, 0))
-        return int(probe.getsockname()[1])
 
 
 def _mind(port: int) -> int:
