@@ -17,7 +17,7 @@ from functools import partial
 
 import numpy as np
 import zenoh
-from waiting import matches, wait_until
+from waiting import wait_until
 
 from pipeline.arrays import Floats
 from pipeline.robot.config import load_robot
@@ -31,7 +31,7 @@ from recorders.nodes.status import NodeSource
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.keys.namespace import DEFAULT_NAMESPACE, message_key
 from recorders.wire.publisher import TopicPublisher
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 
 _RADIUS_M, _TURN_S = 0.05, 4.0
 _ANSWER_S = 600.0  # a command, or an answer, that has not come by then is lost
@@ -75,7 +75,7 @@ def _first_state(session: zenoh.Session) -> bytes:
 def _await_subscriber(session: zenoh.Session, topic: str) -> None:
     """Wait until somebody takes a topic: what is put before reaches nobody."""
     with session.declare_publisher(message_key(DEFAULT_NAMESPACE, topic)) as probe:
-        wait_until(lambda: matches(probe))
+        wait_until(lambda: has_subscribers(probe))
 
 
 def drive(session: zenoh.Session, counts: Counts, *, over: Callable[[], bool], period_ns: int, lockstep: bool) -> None:

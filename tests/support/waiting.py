@@ -2,11 +2,11 @@
 
 import time
 from collections.abc import Callable
-from typing import Any
 
 import zenoh
 
 from recorders.wire.keys.namespace import control_key
+from recorders.wire.session import has_subscribers
 
 _DEADLINE_S = 120.0
 _POLL_S = 0.01
@@ -20,16 +20,10 @@ def wait_until(holds: Callable[[], object], *, timeout_s: float = _DEADLINE_S) -
         time.sleep(_POLL_S)
 
 
-def matches(publisher: zenoh.Publisher) -> bool:
-    """Whether a publisher knows of anybody who subscribes to what it puts."""
-    status: Any = publisher.matching_status  # typed as a bool, which it is not
-    return bool(status.matching)
-
-
 def wait_for_subscriber(session: zenoh.Session, *, namespace: str = "reenact") -> None:
     """Wait until somebody who subscribes to a whole namespace is known: what is put before reaches nobody."""
     with session.declare_publisher(f"{namespace}/anything") as publisher:
-        wait_until(lambda: matches(publisher))
+        wait_until(lambda: has_subscribers(publisher))
 
 
 def wait_for_arrival(session: zenoh.Session, consumer: str, *, namespace: str = "reenact") -> None:

@@ -3,7 +3,7 @@
 from collections import defaultdict
 
 import numpy as np
-from waiting import matches, wait_until
+from waiting import wait_until
 
 from pipeline.learner_node.publisher import LearnerPublisher
 from pipeline.training.run import Steps
@@ -11,7 +11,7 @@ from recorders.messages.topics import LEARNER_OUTPUT
 from recorders.wire.keys.topic_keys import NamespaceKeys
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 from recorders.wire.subscription import LiveMessage
 
 
@@ -33,7 +33,7 @@ def test_the_outputs_of_each_learner_have_numbers_of_their_own() -> None:
         LearnerPublisher(elsewhere, keys=keys) as one,
         LearnerPublisher(elsewhere, keys=keys) as other,
     ):
-        wait_until(lambda: matches(one._outputs) and matches(other._outputs))
+        wait_until(lambda: has_subscribers(one._outputs) and has_subscribers(other._outputs))
         for publisher in (one, other, one):
             publisher.show(steps)
         wait_until(all_came)

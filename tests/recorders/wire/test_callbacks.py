@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 import zenoh
-from waiting import matches, wait_until
+from waiting import wait_until
 
 from recorders.wire.callbacks import on_network_thread
 from recorders.wire.loopback import free_endpoint
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 
 COUNT = 50
 
@@ -33,7 +33,7 @@ def test_a_thread_of_zenohs_keeps_its_state_between_two_calls() -> None:
         on_network_thread(partial(listening.declare_subscriber, "a/b"), count),
         sending.declare_publisher("a/b") as publisher,
     ):
-        wait_until(lambda: matches(publisher))
+        wait_until(lambda: has_subscribers(publisher))
         for number in range(COUNT):
             publisher.put(bytes([number]))
         calls = [heard.get(timeout=120) for _ in range(COUNT)]
@@ -58,7 +58,7 @@ def connected() -> Iterator[tuple[zenoh.Session, zenoh.Session]]:
 def put(sending: zenoh.Session) -> None:
     """Put a sample where somebody subscribes."""
     with sending.declare_publisher("a/b") as publisher:
-        wait_until(lambda: matches(publisher))
+        wait_until(lambda: has_subscribers(publisher))
         publisher.put(b"1")
 
 

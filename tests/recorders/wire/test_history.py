@@ -5,7 +5,7 @@ from contextlib import ExitStack, contextmanager
 
 import pytest
 import zenoh
-from waiting import matches, wait_until
+from waiting import wait_until
 from zenoh.ext import AdvancedPublisher, CacheConfig, MissDetectionConfig, declare_advanced_publisher
 
 from recorders.messages.topics import ROBOT_DESCRIPTION
@@ -13,7 +13,7 @@ from recorders.wire import history
 from recorders.wire.keys.namespace import message_key
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.receiver import Receiver, ReceiverConfig
-from recorders.wire.session import SessionConfig, open_session
+from recorders.wire.session import SessionConfig, has_subscribers, open_session
 from recorders.wire.subscription import LiveMessage
 
 KEY = message_key("reenact", ROBOT_DESCRIPTION)
@@ -74,7 +74,7 @@ def test_who_was_there_first_hears_each_once(sessions: tuple[zenoh.Session, zeno
 def test_messages_of_plain_publishers_all_pass(sessions: tuple[zenoh.Session, zenoh.Session]) -> None:
     with Receiver(sessions[1], config=KEPT) as receiver, ExitStack() as stack:
         plain = stack.enter_context(sessions[0].declare_publisher(KEY, congestion_control=BLOCK))
-        wait_until(lambda: matches(plain))  # before, what is put reaches nobody
+        wait_until(lambda: has_subscribers(plain))  # before, what is put reaches nobody
         always_one = zenoh.SourceInfo(plain.id, 1)
         for text in (b"a", b"a", b"b"):
             plain.put(text)

@@ -20,11 +20,14 @@ from visitor import PATIENCE_S, await_ready, outcome, refusal, visitor
 from waiting import wait_until
 
 from recorders.errors import WireError
+from recorders.wire.callbacks import on_network_thread
 from recorders.wire.loopback import free_endpoint
 from recorders.wire.session import (
+    LOSSY,
     SessionConfig,
     _unlinked,
     beyond_loopback,
+    has_subscribers,
     open_session,
     publishing,
     single_network_thread,
@@ -282,6 +285,27 @@ def test_a_publisher_ends_cleanly_in_the_middle_of_a_put() -> None:
             putting.result(timeout=120)
             over.clear()
             begun.clear()
+
+
+def test_who_listens_may_stall_while_thousands_of_outputs_come() -> None:
+    endpoint, received, goes_on = f"{free_endpoint()}#so_sndbuf=4096;so_rcvbuf=4096", list[bytes](), threading.Event()
+
+    def stalled(sample: zenoh.Sample) -> None:
+        goes_on.wait()
+        received.append(sample.payload.to_bytes())
+
+    with ExitStack() as stack:
+        listener = stack.enter_context(open_session(SessionConfig(listen=(endpoint,))))
+        session = stack.enter_context(open_session(SessionConfig(connect=(endpoint,))))
+        stack.enter_context(on_network_thread(partial(listener.declare_subscriber, "outputs"), stalled))
+        stack.callback(goes_on.set)
+        publisher = stack.enter_context(publishing(session, "outputs", **LOSSY))
+        wait_until(lambda: has_subscribers(publisher))
+        for number in range(2_000):
+            publisher.put(number.to_bytes(2) + bytes(250))
+        goes_on.set()
+        wait_until(lambda: len(received) == 2_000)
+    assert [int.from_bytes(each[:2]) for each in received] == list(range(2_000))
 
 
 def test_a_client_may_read_what_comes_on_the_thread_that_notices_it(monkeypatch: pytest.MonkeyPatch) -> None:

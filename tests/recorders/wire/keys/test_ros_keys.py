@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import zenoh
 from ros_peer import RosPeer, ros_peer
-from waiting import matches, wait_until
+from waiting import wait_until
 from zenoh.ext import CacheConfig, declare_advanced_publisher
 
 from recorders.cdr.codec import encode
@@ -263,7 +263,7 @@ def test_what_is_stamped_and_not_latched_keeps_its_order(ends: Ends) -> None:
             keys().key("/numbers", String.TYPE), congestion_control=zenoh.CongestionControl.BLOCK
         ) as publisher,
     ):
-        wait_until(lambda: matches(publisher))
+        wait_until(lambda: has_subscribers(publisher))
         for number in range(1, 51):
             publisher.put(b"", attachment=Attachment(number, 5, bytes(16)).pack())
         assert [live(receiver).record.sequence for _ in range(50)] == list(range(1, 51))
