@@ -31,6 +31,7 @@ NO_POSES: Mapping[str, PoseReader] = MappingProxyType({})
 """Readers of a robot whose hands are asked for positions alone."""
 
 _Reader: TypeAlias = Callable[[bytes], tuple[int, Any]]
+_Places: TypeAlias = np.ndarray[tuple[int], np.dtype[np.intp]] | slice
 
 _RECORD, _VALUE = itemgetter(0), itemgetter(1)  # of what the stamp joiner returns for a message
 
@@ -192,7 +193,7 @@ class JointMap:
 
     def __init__(self, names: Iterable[str]) -> None:
         self.names = tuple(names)
-        self._places: dict[tuple[str, ...], np.ndarray[tuple[int], np.dtype[np.intp]]] = {}
+        self._places: dict[tuple[str, ...], _Places] = {}
         _refuse_repeated(self.names, self.names, "the joints asked for")
 
     def positions(self, joints: JointState) -> FloatArray:
@@ -203,17 +204,14 @@ class JointMap:
         JointError
             If a joint that is asked for is missing or occurs twice in the message, or the message holds no positions.
         """
-        if len(joints.position) != len(joints.name):
-            self._find(joints.name)  # what is wrong with the names is more to the point
-            raise JointError(f"expected {len(joints.name)} joint positions, found {len(joints.position)}")
-        if joints.name == self.names:
-            return joints.position
         places = self._places.get(joints.name)
         if places is None:
             places = self._find(joints.name)
+        if len(joints.position) != len(joints.name):
+            raise JointError(f"expected {len(joints.name)} joint positions, found {len(joints.position)}")
         return read_only(joints.position[places])
 
-    def _find(self, found: tuple[str, ...]) -> np.ndarray[tuple[int], np.dtype[np.intp]]:
+    def _find(self, found: tuple[str, ...]) -> _Places:
         _refuse_repeated(self.names, found, "the joints of the message")
         at = {name: place for place, name in enumerate(found)}
         missing = [name for name in self.names if name not in at]
@@ -221,7 +219,9 @@ class JointMap:
             raise JointError(f"no joint {names_text(missing)} in the message; there are: {names_text(found) or 'none'}")
         if len(self._places) >= _MAX_LAYOUTS:
             self._places.clear()
-        places = self._places[found] = np.array([at[name] for name in self.names], dtype=np.intp)
+        in_order = found == self.names  # nothing is copied then
+        places: _Places = slice(None) if in_order else np.array([at[name] for name in self.names], dtype=np.intp)
+        self._places[found] = places
         return places
 
 
