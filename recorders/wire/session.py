@@ -43,8 +43,8 @@ _DEFAULTS: dict[str, object] = {
     "connect/exit_on_failure": True,
     "listen/timeout_ms": 0,
     "transport/unicast/open_timeout": 3_000,  # how long Ctrl-C may have to wait for an end that never answers
-    # Room for some 1400 commands, and for as many outputs that a learner publishes: after a stall they come faster than
-    # a busy machine may send them, and what finds no room is dropped.
+    # Room for some 1400 commands, and as much for all else, such as what a learner publishes: after a stall they come
+    # faster than a busy machine may send them, and what finds no room is dropped. Zenoh has no more than 16.
     "transport/link/tx/queue/size/real_time": 16,
     "transport/link/tx/queue/size/data": 16,
     # After a cut: soon, and never more than a second apart.

@@ -30,7 +30,8 @@ class CommandedPairs:
     @property
     def pending(self) -> Floats:
         """u(k) that waits for its teaching signal [m], shape (3 hands,), or (0,) before the first tick of a cycle."""
-        return np.concatenate(self._held) if self._held else np.empty(0)
+        held = self._held
+        return np.concatenate(held) if held else np.empty(0)
 
     def resume(self, pending: Floats) -> None:
         """Go on from what was pending, shape (3 hands,) or (0,)."""
