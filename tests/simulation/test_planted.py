@@ -9,7 +9,7 @@ import pytest
 from planted import all_bugs, draw_bugs, seeds_to_find
 
 SEEDS = range(2_000)
-BUGS = 60
+BUGS = 70
 
 HANDFUL = (
     (

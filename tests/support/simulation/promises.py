@@ -1,7 +1,9 @@
 """The promises of the protocol, checked after every event of a simulated world."""
 
+import hashlib
 from collections.abc import Sequence
 
+from recorders.protocol.frames import records
 from recorders.protocol.incoming import MAX_REASON
 from recorders.protocol.states import SenderState
 from recorders.wire.bounded_queue import ITEM_BYTES
@@ -120,6 +122,7 @@ class Promises:
         for name, result in results.items():
             expected = {"messages": self._whole, "digest": self._source.digests[-1]}
             _expect(result == expected, "one digest", f"{name} reports {result}, the source has {expected}")
+            self._check_digest(name)
             consumer = self._receivers[name].consumer
             _expect(consumer.durable == self._whole, "what is reported is durable", f"{name} has {consumer.durable}")
         errors = [*self._sender.errors, *(error for each in self._receivers.values() for error in each.errors)]
@@ -134,6 +137,14 @@ class Promises:
             )
         if self._scenario.gentle and self._outages_ns <= _SHORT_NS:
             _expect(not errors, "nobody gives up without need", f"found {errors}")
+
+    def _check_digest(self, name: str) -> None:
+        """Check that the digest that both ends compared is of all messages from where the consumer began."""
+        compared = self._sender.machine.outbox.digests
+        start = compared._starts[name]
+        expected = hashlib.sha256(records(self._source.messages[start:])).hexdigest()
+        found = compared.digest(name)
+        _expect(found == expected, "what is compared is the whole stream", f"{found} for {name} from {start} on")
 
 
 def _expect(holds: bool, promise: str, found: str) -> None:
