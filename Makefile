@@ -61,7 +61,8 @@ check: .venv/dev
 examples: .venv/dev
 	$(BIN)/python -m pytest -q --doctest-modules --durations=0 $(EXAMPLES)
 
-# The protocol of streams in simulated worlds, a seed each: `make simulate SEEDS=10000 FROM=2000`.
+# The protocol of streams in simulated worlds, a seed each: `make simulate SEEDS=10000 FROM=2000`; one seed with some of its faults:
+# `make simulate FROM=7 SEEDS=1 ONLY=3,41`.
 SEEDS ?= 2000
 FROM ?= 0
 simulate: .venv/dev

@@ -111,7 +111,7 @@ class SendWindow:
     def lacks(self, answer: Progress) -> bool:
         """Whether a consumer lacks something that was sent.
 
-        Once everything has arrived, it may take its time; the end has arrived when there is a result.
+        Once everything has arrived, it may take its time to consume it; then it lacks the end until there is a result.
         """
         sent_end = bool(self._frames) and self._frames[-1].kind is FrameType.END
         return answer.received < self.sent or (sent_end and answer.next == self.sent)

@@ -22,7 +22,7 @@ console = Console(highlight=False, soft_wrap=True)
 def main(arguments: list[str] | None = None) -> int:
     """Simulate, report, and return 1 if a promise was broken, or if the seeds prove too little."""
     parser = argparse.ArgumentParser(prog="make simulate", description=__doc__)
-    parser.add_argument("--seeds", type=int, default=1_000)
+    parser.add_argument("--seeds", type=int, default=2_000)
     parser.add_argument("--from", type=int, default=0, dest="first")
     parser.add_argument("--only", default="", help="places in the schedule, or none")
     asked = parser.parse_args(arguments)
